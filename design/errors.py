@@ -1,0 +1,42 @@
+"""Errors of the design side.
+
+::
+
+    DesignError                 anything a user can mend on the design side
+    ├── TissueError             mesh empty, open, of absurd size, too thin
+    ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
+    ├── GrowthError             a tree that can't be grown as asked
+    ├── FlowError               no inlet, no outlet, isolated part
+    ├── SolidError              a surface that isn't watertight
+    └── ToolpathError           vessel thinner than the needle, empty path
+"""
+
+from __future__ import annotations
+
+
+class DesignError(ValueError):
+    """Bad input to the design side; the message says what, value, limit, unit and remedy."""
+
+
+class TissueError(DesignError):
+    """A tissue that can't be used."""
+
+
+class NetworkError(DesignError):
+    """A vessel network that can't be used."""
+
+
+class GrowthError(DesignError):
+    """A tree that can't be grown as asked."""
+
+
+class FlowError(DesignError):
+    """A flow problem without a solution."""
+
+
+class SolidError(DesignError):
+    """A surface that isn't a closed, oriented solid."""
+
+
+class ToolpathError(DesignError):
+    """A path that can't be written."""

@@ -1,0 +1,35 @@
+"""The solution of a flow problem on a network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FlowSolution:
+    """Steady 0D flow; conserved to rounding at every node.
+
+    Attributes
+    ----------
+    pressure : (m,) float64, Pa
+        At the network's nodes.
+    flow : (v,) float64, µL/s
+        In each vessel, positive from its first node to its last.
+    velocity : (v,) float64, mm/s
+        Mean over the cross-section at the length-weighted mean radius, signed like `flow`.
+    wall_shear : (v,) float64, Pa
+        4 μ Q / (π r³) at the mean radius, signed like `flow`.
+    resistance : (v,) float64, Pa·s/µL
+        Of each vessel.
+    """
+
+    pressure: FloatArray
+    flow: FloatArray
+    velocity: FloatArray
+    wall_shear: FloatArray
+    resistance: FloatArray

@@ -1,0 +1,81 @@
+"""What the needle does, move by move, before it becomes any firmware's language."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class MoveKind(IntEnum):
+    """Why a move is there."""
+
+    WRITE = 0
+    """Needle moves and ink flows."""
+    TRAVEL = 1
+    """Needle moves, no ink."""
+    PRIME = 2
+    """Needle stands, plunger pushes (volume above 0)."""
+    RETRACT = 3
+    """Needle stands, plunger relieves (volume below 0)."""
+    DWELL = 4
+    """Needle and plunger stand for `duration_s`."""
+    RELOAD = 5
+    """A safe point to change the syringe; nothing moves."""
+
+
+@dataclass(frozen=True)
+class Toolpath:
+    """Moves as arrays, in the part's frame.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+        Needle tip; ``start[i] == end[i - 1]``. Equal where the needle stands.
+    volume_ul : (n,) float64, µL
+        Ink pushed out by the move (below 0: taken back).
+    speed_mm_s : (n,) float64, mm/s
+        Along the path; 0 where the needle stands.
+    duration_s : (n,) float64, s
+        Of a move in which the needle stands (prime, retract, dwell); 0 elsewhere.
+    tool : (n,) int64
+        Which head.
+    kind : (n,) int64
+        A `MoveKind` each.
+    source : (n,) int64
+        The layer or vessel the move was made for; -1 for none.
+    source_kind : "layer" or "vessel"
+        What `source` counts.
+    layer_height_mm : float, mm
+        Height of a layer; 0 for embedded writing.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    volume_ul: FloatArray
+    speed_mm_s: FloatArray
+    duration_s: FloatArray
+    tool: IntArray
+    kind: IntArray
+    source: IntArray
+    source_kind: Literal["layer", "vessel"]
+    layer_height_mm: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Length of each move, (n,), mm."""
+        return np.linalg.norm(self.end - self.start, axis=1)
+
+    @property
+    def written_ul(self) -> float:
+        """Ink written into the part, µL (retractions and their primes cancel)."""
+        return float(self.volume_ul.sum())

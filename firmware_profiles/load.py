@@ -1,0 +1,64 @@
+"""Find profiles by name among the shipped ones, or by the path of the user's own file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.schema import Bath, Facts, Ink, Needle, Printer, Syringe
+
+Profile = TypeVar("Profile", bound=Facts)
+
+DATA: Final = Path(__file__).resolve().parent / "data"
+FOLDERS: Final[dict[type[Facts], str]] = {
+    Printer: "printers",
+    Needle: "needles",
+    Syringe: "syringes",
+    Ink: "inks",
+    Bath: "baths",
+}
+
+
+def shipped(model: type[Facts]) -> list[str]:
+    """Names of the shipped profiles of one sort, sorted."""
+    return sorted(path.stem for path in (DATA / FOLDERS[model]).glob("*.yaml"))
+
+
+def load(model: type[Profile], name: str) -> Profile:
+    """Load a profile by shipped name, or by path when ``name`` ends in ``.yaml``.
+
+    Raises
+    ------
+    ProfileError
+        When there is no such profile, a key is unknown or a value out of its bounds.
+    """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else _shipped_path(model, name)
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as exc:
+        raise ProfileError(f"profile file {path} doesn't exist; check the path") from exc
+    except yaml.YAMLError as exc:
+        raise ProfileError(f"{path} isn't YAML: {exc}") from exc
+    try:
+        return model.model_validate(data)
+    except ValidationError as exc:
+        problems = "; ".join(
+            f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']} "
+            f"(is {problem['input']!r})"
+            for problem in exc.errors()
+        )
+        raise ProfileError(f"{path.name}: {problems}") from exc
+
+
+def _shipped_path(model: type[Facts], name: str) -> Path:
+    names = shipped(model)
+    if name not in names:
+        raise ProfileError(
+            f"no {FOLDERS[model][:-1]} profile {name!r}; shipped: {', '.join(names)}; "
+            "or give the path of a .yaml file of your own"
+        )
+    return DATA / FOLDERS[model] / f"{name}.yaml"
