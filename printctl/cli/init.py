@@ -1,0 +1,24 @@
+"""`printctl init`: a commented recipe to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.files import write_text
+from printctl.cli.options import print_lines
+from printctl.errors import UsageError
+
+STARTER = Path(__file__).resolve().parents[1] / "recipe" / "starter.yaml"
+
+
+def init(
+    path: Annotated[Path, typer.Argument(help="Where to write the recipe.")] = Path("recipe.yaml"),
+) -> None:
+    """Write a commented starter recipe that runs as it stands."""
+    if path.exists():
+        raise UsageError(f"{path} exists and isn't overwritten; give another name")
+    write_text(path, STARTER.read_text(encoding="utf-8"))
+    print_lines(f"{path}", f"next: printctl run {path}")

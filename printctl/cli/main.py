@@ -1,0 +1,89 @@
+"""The command line: what the subcommands are, and how failures leave it.
+
+Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed.
+"""
+
+from __future__ import annotations
+
+import errno
+import sys
+
+import typer
+from registration.errors import RegistrationError
+from rich.console import Console
+
+from design.errors import DesignError
+from firmware_profiles import ProfileError
+from printctl.cli import (
+    design,
+    doctor,
+    init,
+    ports,
+    print_job,
+    profiles,
+    register,
+    run,
+    sim_printer,
+    simulate,
+    toolpath,
+)
+from printctl.errors import PrintctlError
+from printctl.link.errors import LinkError
+
+app = typer.Typer(
+    name="printctl",
+    help="From a tissue's shape to a perfusable print, and the proof that the print is right.",
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+app.command("run")(run.run)
+app.command("design")(design.design)
+app.command("toolpath")(toolpath.toolpath)
+app.command("simulate")(simulate.simulate)
+app.command("print")(print_job.print_job)
+app.command(
+    "sim-printer", context_settings={"allow_extra_args": True, "ignore_unknown_options": True}
+)(sim_printer.sim_printer)
+app.command("register")(register.register)
+app.command("ports")(ports.ports)
+app.command("profiles")(profiles.profiles)
+app.command("doctor")(doctor.doctor)
+app.command("init")(init.init)
+
+
+def main() -> None:
+    """Run the command line; a user's mistake ends in one message, never in a traceback."""
+    try:
+        app(standalone_mode=True)
+    except PrintctlError as exc:
+        _fail(str(exc), exc.exit_code)
+    except LinkError as exc:
+        _fail(str(exc), 4)
+    except ProfileError as exc:
+        _fail(str(exc), 2)
+    except (DesignError, RegistrationError) as exc:
+        _fail(str(exc), 1)
+    except OSError as exc:
+        _fail(_disk_message(exc), 1)
+    except KeyboardInterrupt:
+        _fail("interrupted; run the same command again to go on from the last finished stage", 1)
+
+
+def _fail(message: str, code: int) -> None:
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        f"[bold red]printctl:[/] {message.replace('[', chr(92) + '[')}"
+    )
+    sys.exit(code)
+
+
+def _disk_message(exc: OSError) -> str:
+    """Name the file and the remedy of a failed read or write."""
+    place = f" ({exc.filename})" if exc.filename else ""
+    if exc.errno == errno.ENOSPC:
+        return (
+            f"the disk is full{place}; free some space and run the same command again: files that "
+            "were there before are untouched"
+        )
+    return f"{exc.strerror or exc}{place}"

@@ -1,0 +1,111 @@
+"""What the stages share: the recipe, the profiles it names, the folder, and the values made.
+
+A value is read from the run folder when the stage that makes it was reused, so that a resumed
+run and an uninterrupted one go on from the same bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from design.network_csv import read_network_csv
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.solids import Solid, read_solid
+from design.tissue import Tissue
+from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
+from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.tissue_source import make_tissue
+from printctl.recipe import Recipe
+
+NETWORK = "network.csv"
+LUMEN = "lumen.stl"
+SOLID = "solid.stl"
+
+
+@dataclass
+class RunContext:
+    """One run of one recipe in one folder."""
+
+    recipe: Recipe
+    recipe_folder: Path
+    folder: Path
+    manifest: Manifest
+    reused: set[str] = field(default_factory=set)
+
+    @cached_property
+    def printer(self) -> Printer:
+        """The printer's profile."""
+        return load(Printer, self.recipe.printer.profile)
+
+    @cached_property
+    def needle(self) -> Needle:
+        """The needle on it."""
+        return load(Needle, self.recipe.toolpath.needle)
+
+    @cached_property
+    def syringe(self) -> Syringe:
+        """The syringe in it."""
+        return load(Syringe, self.recipe.printer.syringe)
+
+    @cached_property
+    def ink(self) -> Ink:
+        """What is in the syringe."""
+        return load(Ink, self.recipe.printer.ink)
+
+    @cached_property
+    def bath(self) -> Bath:
+        """What is in the dish."""
+        return load(Bath, self.recipe.printer.bath)
+
+    @cached_property
+    def tissue(self) -> Tissue:
+        """The tissue, made anew from its source."""
+        return make_tissue(self.recipe.tissue, self.recipe_folder)
+
+    @cached_property
+    def network(self) -> VesselNetwork:
+        """The network, as it stands in the run folder."""
+        return read_network_csv(self.folder / NETWORK, unit="mm")
+
+    @cached_property
+    def lumen(self) -> Solid:
+        """The lumens as a solid, in the tissue's frame."""
+        return read_solid(self.folder / LUMEN, unit="mm")
+
+    @cached_property
+    def solid(self) -> Solid:
+        """The construct (body minus lumens), in the tissue's frame."""
+        return read_solid(self.folder / SOLID, unit="mm")
+
+    @cached_property
+    def place_mm(self) -> NDArray[np.float64]:
+        """Where the part's origin stands in the printer's frame, (3,), mm.
+
+        By default the part's middle is in the middle of the work area, and its lowest point one
+        floor clearance of the bath above the dish.
+        """
+        if self.recipe.printer.place_mm is not None:
+            return np.array(self.recipe.printer.place_mm)
+        low, high = self.tissue.bounds
+        middle = np.array(
+            [(span.low + span.high) / 2 for span in (self.printer.x_mm, self.printer.y_mm)]
+        )
+        floor = self.printer.z_mm.low + self.bath.floor_clearance_mm
+        # Whole microns, so that the numbers in the G-code stay short.
+        return np.round(np.append(middle - (low + high)[:2] / 2, floor - low[2]), 3)
+
+    @cached_property
+    def start_mm(self) -> NDArray[np.float64]:
+        """Where the tip stands before the print, printer's frame, (3,), mm.
+
+        Touched off by the operator: homing is blocked while the needle stands in the bath. The
+        point lies above the middle of the part, clear of it.
+        """
+        low, high = self.tissue.bounds + self.place_mm
+        above = min(high[2] + 5.0, self.printer.z_mm.high)
+        return np.round(np.append((low + high)[:2] / 2, above), 3)

@@ -1,0 +1,66 @@
+"""Progress on stderr: a bar per stage on a terminal, a line per stage elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+
+class Report(Protocol):
+    """What a stage tells while it works."""
+
+    def __call__(self, fraction: float, note: str = "") -> None:
+        """Say how much is done (0 to 1) and, in a few words, what."""
+
+
+class StageBars:
+    """A progress bar for each stage as it runs."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bars = Progress(
+            TextColumn("{task.description:<14}"),
+            BarColumn(bar_width=28),
+            TimeElapsedColumn(),
+            TextColumn("[dim]{task.fields[note]}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+
+    @contextmanager
+    def all(self) -> Iterator[None]:
+        """Keep the bars on the screen while the run lasts."""
+        with self._bars:
+            yield
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Take the bars off the screen, so that a question can be asked."""
+        self._bars.stop()
+        try:
+            yield
+        finally:
+            self._bars.start()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Report]:
+        """A bar for one stage; it fills up when the stage ends well."""
+        task = self._bars.add_task(name, total=None, note="")
+
+        def report(fraction: float, note: str = "") -> None:
+            self._bars.update(task, total=1.0, completed=fraction, note=note)
+
+        yield report
+        self._bars.update(task, total=1.0, completed=1.0)
+
+    def say(self, name: str, note: str) -> None:
+        """Close a stage with a word about it."""
+        for task in self._bars.tasks:
+            if task.description == name:
+                self._bars.update(task.id, note=note)
+        if not self._console.is_terminal:
+            self._console.print(f"{name:<14} {note}", highlight=False)

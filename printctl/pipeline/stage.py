@@ -1,0 +1,89 @@
+"""A stage of the run, and running the stages in order without doing anything twice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import StageRecord, digest_bytes, digest_file, digest_json
+from printctl.pipeline.meter import Meter
+from printctl.pipeline.progress import Report, StageBars
+
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage.
+
+    Attributes
+    ----------
+    name : str
+        As the user sees it.
+    depends : function of the context
+        JSON-able value of everything from the recipe that the stage reads.
+    reads : names
+        Files of the run folder that the stage reads.
+    code : names
+        Packages whose sources take part; a changed source makes the stage run again.
+    work : function of the context and a progress report
+        Does the work, returns the stage's summary (JSON-able) and the files it wrote.
+    """
+
+    name: str
+    depends: Callable[[RunContext], Any]
+    reads: tuple[str, ...]
+    code: tuple[str, ...]
+    work: Callable[[RunContext, Report], tuple[dict[str, Any], Sequence[str]]]
+
+    def key(self, context: RunContext) -> str:
+        """Hash of all that goes into the stage."""
+        files = {name: digest_file(context.folder / name) for name in self.reads}
+        return digest_json([self.name, self.depends(context), files, source_digest(self.code)])
+
+
+@cache
+def source_digest(packages: tuple[str, ...]) -> str:
+    """Hash of the sources (code and data) of some of our packages."""
+    return digest_bytes(
+        b"".join(
+            str(path.relative_to(_ROOT)).encode() + path.read_bytes()
+            for package in sorted(packages)
+            for path in sorted((_ROOT / package).rglob("*"))
+            if path.suffix in {".py", ".yaml", ".html", ".css", ".js"}
+        )
+    )
+
+
+def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) -> None:
+    """Run each stage whose inputs have changed; reuse the others.
+
+    The record of a stage is dropped before it runs, so that a stage that fails half-way isn't
+    taken for done.
+    """
+    with bars.all():
+        for stage in stages:
+            with bars.stage(stage.name) as report:
+                note = _run_one(context, stage, report)
+            bars.say(stage.name, note)
+
+
+def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
+    key = stage.key(context)
+    record = context.manifest.stages.get(stage.name)
+    if record is not None and record.still_valid(key, context.folder):
+        context.reused.add(stage.name)
+        return f"unchanged ({record.seconds:.1f} s when made)"
+    context.manifest.stages.pop(stage.name, None)
+    with Meter() as meter:
+        summary, outputs = stage.work(context, report)
+    digests = {name: digest_file(context.folder / name) for name in outputs}
+    context.manifest.stages[stage.name] = StageRecord(
+        key, digests, summary, round(meter.seconds, 3), round(meter.peak_mb, 1)
+    )
+    context.manifest.save()
+    return f"{meter.seconds:.1f} s"

@@ -1,0 +1,96 @@
+"""The sections of a recipe that make and measure: toolpath, printer, scan, registration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from printctl.recipe.parts import Part, Point, Seed
+
+Speed = Annotated[float, Field(gt=0, le=1000)]
+
+
+class Fresh(Part):
+    """Layers of the solid, lumens left open, in a support bath."""
+
+    method: Literal["fresh"]
+    needle: str = "fresh_150um"
+    layer_um: Annotated[float, Field(ge=10, le=2000)] = 60.0
+    line_um: Annotated[float, Field(ge=20, le=5000)] = 150.0
+    write_speed_mm_s: Speed = 20.0
+    travel_speed_mm_s: Speed = 40.0
+
+
+class Embedded(Part):
+    """Vessels written along their centrelines into a cell matrix."""
+
+    method: Literal["embedded"]
+    needle: str = "30g"
+    write_speed_mm_s: Speed = 5.0
+    travel_speed_mm_s: Speed = 20.0
+
+
+ToolpathPart = Annotated[Fresh | Embedded, Field(discriminator="method")]
+
+
+class PrinterPart(Part):
+    """Which machine, with what in it."""
+
+    profile: str = Field(default="generic_marlin", description="Shipped name or path of a .yaml.")
+    port: str = Field(
+        default="simulated", min_length=1, description="A serial port, tcp:HOST:PORT or simulated."
+    )
+    syringe: str = "hamilton_1ml"
+    ink: str = "collagen_fresh"
+    bath: str = "gelatin_support"
+    place_mm: Point | None = Field(
+        default=None,
+        description="Where the part's origin stands in the printer's frame; centred by default.",
+    )
+
+
+class SimulatedScan(Part):
+    """A scan of what the simulated printer deposited."""
+
+    simulated: Literal["oct", "microct"]
+    voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
+    shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
+    seed: Seed | None = Field(default=None, description="Of the noise and the pose; else derived.")
+
+    @model_validator(mode="after")
+    def _voxels_are_sensible(self) -> SimulatedScan:
+        for value in self.voxel_um:
+            if not 1 <= value <= 1000:
+                raise ValueError(f"voxel {value:g} µm lies outside 1 to 1000 µm; mend voxel_um")
+        return self
+
+
+class FileScan(Part):
+    """A scan from a file."""
+
+    file: str = Field(min_length=1, description="Path, relative to the recipe.")
+    voxel_um: tuple[float, float, float] | None = Field(
+        default=None, description="x, y, z; where the file doesn't say."
+    )
+    refractive_index: Annotated[float, Field(ge=1, le=2)] | None = None
+    modality: Literal["oct", "microct", "confocal"] | None = None
+
+
+def _scan_kind(value: Any) -> str:
+    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
+    return "file" if get("file") is not None else "simulated"
+
+
+ScanPart = Annotated[
+    Annotated[SimulatedScan, Tag("simulated")] | Annotated[FileScan, Tag("file")],
+    Discriminator(_scan_kind),
+]
+
+
+class RegistrationPart(Part):
+    """What the print is held against."""
+
+    tolerance_um: Annotated[float, Field(gt=0, le=5000)] = Field(
+        default=100.0, description="RMS deviation, scaled fit, above which the verdict is fail."
+    )

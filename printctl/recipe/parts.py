@@ -1,0 +1,151 @@
+"""The sections of a recipe, each typed and bounded; an unknown key is refused.
+
+Every number carries its unit in its key. Lengths of tissue are mm, of writing µm where the lab
+says µm; flows mL/min and pressures mmHg as the lab says them. They are converted once, in the
+pipeline.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from design.units import LengthUnit
+
+Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+Point = Annotated[
+    tuple[float, float, float], Field(description="x, y, z in mm in the tissue's frame")
+]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+
+
+class Part(BaseModel):
+    """Base of all sections."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class MeshTissue(Part):
+    """Tissue from a surface file (STL, OBJ, PLY, 3MF)."""
+
+    mesh: str = Field(min_length=1, description="Path, relative to the recipe.")
+    unit: LengthUnit = Field(description="Unit of the file; never guessed.")
+    size_limits_mm: tuple[Length, Length] = Field(
+        default=(5.0, 400.0), description="Refused when the largest extent lies outside."
+    )
+
+
+class Block(Part):
+    """A box with one corner at the origin."""
+
+    shape: Literal["block"]
+    size_mm: tuple[Length, Length, Length]
+
+
+class Cylinder(Part):
+    """An upright cylinder."""
+
+    shape: Literal["cylinder"]
+    radius_mm: Length
+    height_mm: Length
+
+
+class Annulus(Part):
+    """An upright ring."""
+
+    shape: Literal["annulus"]
+    inner_radius_mm: Length
+    outer_radius_mm: Length
+    height_mm: Length
+
+    @model_validator(mode="after")
+    def _has_a_wall(self) -> Annulus:
+        if not self.inner_radius_mm < self.outer_radius_mm:
+            raise ValueError(
+                f"inner_radius_mm {self.inner_radius_mm:g} isn't below "
+                f"outer_radius_mm {self.outer_radius_mm:g}"
+            )
+        return self
+
+
+class Biventricle(Part):
+    """A phantom of both ventricles."""
+
+    shape: Literal["biventricle"]
+    height_mm: Length = 60.0
+
+
+class FoldedCortex(Part):
+    """A folded slab of grey matter."""
+
+    shape: Literal["folded_cortex"]
+    thickness_mm: Length = 3.0
+
+
+def _tissue_kind(value: Any) -> str:
+    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
+    return "mesh" if get("mesh") is not None else str(get("shape"))
+
+
+TissuePart = Annotated[
+    Annotated[MeshTissue, Tag("mesh")]
+    | Annotated[Block, Tag("block")]
+    | Annotated[Cylinder, Tag("cylinder")]
+    | Annotated[Annulus, Tag("annulus")]
+    | Annotated[Biventricle, Tag("biventricle")]
+    | Annotated[FoldedCortex, Tag("folded_cortex")],
+    Discriminator(_tissue_kind),
+]
+
+
+class NamedNetwork(Part):
+    """A network shipped with the product."""
+
+    design: Literal["planar_four_vessel"]
+
+
+class GivenNetwork(Part):
+    """A network from a CSV file of pieces."""
+
+    network: str = Field(min_length=1, description="Path, relative to the recipe.")
+    unit: LengthUnit = Field(description="Unit of the coordinates and radii.")
+    clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
+
+
+class GrownNetwork(Part):
+    """A tree grown by constrained constructive optimisation."""
+
+    grow: Literal["tree"]
+    terminals: Annotated[int, Field(ge=1, le=20_000_000)]
+    murray_exponent: Annotated[float, Field(ge=2, le=3.5)] = 3.0
+    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 4.0
+    pressure_drop_mmhg: Annotated[float, Field(gt=0, le=1000)] = 40.0
+    perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] = 0.8
+    smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = Field(
+        default=None, description="Fixes the smallest lumen; the pressure drop follows."
+    )
+    clearance_mm: float = Field(default=0.1, ge=0, le=10)
+    root_mm: Point | None = None
+    root_direction: Point | None = None
+
+
+def _network_kind(value: Any) -> str:
+    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
+    return next((key for key in ("design", "network", "grow") if get(key) is not None), "none")
+
+
+NetworkPart = Annotated[
+    Annotated[NamedNetwork, Tag("design")]
+    | Annotated[GivenNetwork, Tag("network")]
+    | Annotated[GrownNetwork, Tag("grow")],
+    Discriminator(_network_kind),
+]
+
+
+class FlowPart(Part):
+    """How the network is perfused."""
+
+    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = 0.25
+    outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = 0.0

@@ -1,0 +1,26 @@
+"""A failed write leaves the old file, never half a new one."""
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from design.files import replacing, write_text
+
+
+def test_success_replaces_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "sub" / "a.txt"
+    write_text(path, "old")
+    write_text(path, "new")
+    assert path.read_text() == "new"
+    assert [entry.name for entry in path.parent.iterdir()] == ["a.txt"]
+
+
+def test_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(OSError, match="full"), replacing(path) as draft:
+        draft.write_text("half")
+        raise OSError(errno.ENOSPC, "disk full")
+    assert path.read_text() == "old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]

@@ -1,0 +1,69 @@
+"""Shipped profiles load; wrong ones are refused with key and value."""
+
+from pathlib import Path
+
+import pytest
+
+from firmware_profiles import (
+    Bath,
+    Facts,
+    Ink,
+    Needle,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+    shipped,
+)
+
+MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath)
+SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]
+
+
+@pytest.mark.parametrize(
+    ("model", "name"), SHIPPED, ids=lambda value: getattr(value, "__name__", value)
+)
+def test_every_shipped_profile_loads_and_names_its_source(model: type[Facts], name: str) -> None:
+    assert load(model, name).source
+
+
+def test_every_sort_ships_at_least_one() -> None:
+    assert {model for model, _ in SHIPPED} == set(MODELS)
+
+
+def test_unknown_name_lists_the_shipped_ones() -> None:
+    with pytest.raises(ProfileError, match="hamilton_1ml"):
+        load(Syringe, "no_such")
+
+
+def _needle(tmp_path: Path, **changes: object) -> str:
+    values = {"name": "n", "source": "s", "licence": "l", "inner_mm": 0.1, "outer_mm": 0.2}
+    lines = [f"{key}: {value}" for key, value in ({**values, "length_mm": 10} | changes).items()]
+    path = tmp_path / "needle.yaml"
+    path.write_text("\n".join(lines))
+    return str(path)
+
+
+def test_own_file_is_loaded_by_path(tmp_path: Path) -> None:
+    assert load(Needle, _needle(tmp_path)).inner_mm == 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"inner_m": 1}, "inner_m"),
+        ({"inner_mm": -1}, r"inner_mm.*-1"),
+        ({"inner_mm": 0.3}, "isn't below outer"),
+        ({"inner_mm": ".nan"}, "inner_mm"),
+    ],
+)
+def test_wrong_value_is_refused_with_its_key(
+    tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ProfileError, match=message):
+        load(Needle, _needle(tmp_path, **changes))
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="doesn't exist"):
+        load(Needle, str(tmp_path / "none.yaml"))

@@ -1,0 +1,80 @@
+"""A recipe is refused with the key's path, the value, the limit and the remedy."""
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from printctl.errors import RecipeError
+from printctl.recipe import load_recipe, parse_recipe
+
+ROOT = Path(__file__).parents[3]
+GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
+
+
+def _changed(path: str, value: Any) -> dict[str, Any]:
+    data = deepcopy(GOOD)
+    *folders, key = path.split(".")
+    inner = data
+    for folder in folders:
+        inner = inner[folder]
+    inner[key] = value
+    return data
+
+
+@pytest.mark.parametrize(
+    "path", sorted([*ROOT.glob("examples/*.yaml"), ROOT / "printctl" / "recipe" / "starter.yaml"])
+)
+def test_every_shipped_recipe_is_valid(path: Path) -> None:
+    assert load_recipe(path).schema_version == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("tissue.siz_mm", [1, 1, 1], r"tissue\.siz_mm.*remove it"),
+        ("toolpath.layer_um", 0.06, r"toolpath\.layer_um.*10.*0\.06"),
+        ("toolpath.write_speed_mm_s", float("inf"), r"toolpath\.write_speed_mm_s"),
+        ("flow.inlet_flow_ml_min", -1, r"flow\.inlet_flow_ml_min.*0.*-1"),
+        ("tissue", {"shape": "blok"}, r"tissue: 'blok'.*block"),
+        ("tissue", {"mesh": "a.stl"}, r"tissue\.unit.*add it"),
+        ("tissue", {"mesh": "a.stl", "unit": "inches"}, r"tissue\.unit.*'in'.*inches"),
+        ("vasculature", {}, r"vasculature.*design.*network.*grow"),
+        ("schema", 2, r"schema.*1.*2"),
+        ("name", "../up", r"name.*\.\./up"),
+        ("seed", -1, r"seed.*-1"),
+        ("scan.voxel_um", [25, 25, 0.1], r"scan.*0\.1.*1 to 1000"),
+        ("printer.port", "/dev/ttyACM0", r"scan\.simulated.*scan\.file"),
+        ("tissue", {"shape": "cylinder", "radius_mm": 3, "height_mm": 3}, "made for a block"),
+    ],
+)
+def test_wrong_recipe_names_place_value_and_remedy(path: str, value: Any, message: str) -> None:
+    with pytest.raises(RecipeError, match=message):
+        parse_recipe(_changed(path, value), "test.yaml")
+
+
+def test_all_problems_are_told_at_once() -> None:
+    data = _changed("toolpath.layer_um", 1)
+    data["seed"] = "x"
+    with pytest.raises(RecipeError) as caught:
+        parse_recipe(data, "test.yaml")
+    assert "layer_um" in str(caught.value)
+    assert "seed" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "holds no keys"), ("a: [", "isn't YAML"), ("- 1", "holds no keys")],
+)
+def test_file_that_is_no_recipe_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "recipe.yaml"
+    path.write_text(text)
+    with pytest.raises(RecipeError, match=message):
+        load_recipe(path)
+
+
+def test_missing_file_points_to_init(tmp_path: Path) -> None:
+    with pytest.raises(RecipeError, match="printctl init"):
+        load_recipe(tmp_path / "none.yaml")
