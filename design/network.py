@@ -132,7 +132,11 @@ class VesselNetwork:
 
     @staticmethod
     def from_segments(
-        nodes: FloatArray, vessel_nodes: IntArray, radius: FloatArray, kind: IntArray, tree: IntArray
+        nodes: FloatArray,
+        vessel_nodes: IntArray,
+        radius: FloatArray,
+        kind: IntArray,
+        tree: IntArray,
     ) -> VesselNetwork:
         """Build a network of straight vessels of constant radius ``radius`` (v,), mm."""
         vessel_nodes = np.asarray(vessel_nodes, dtype=np.int64)

@@ -9,7 +9,6 @@ import errno
 import sys
 
 import typer
-from registration.errors import RegistrationError
 from rich.console import Console
 
 from design.errors import DesignError
@@ -29,6 +28,7 @@ from printctl.cli import (
 )
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError
+from registration.errors import RegistrationError
 
 app = typer.Typer(
     name="printctl",

@@ -11,10 +11,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from design.network_csv import read_network_csv
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load

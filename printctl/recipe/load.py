@@ -66,6 +66,6 @@ def _sentence(problem: dict[str, Any]) -> str:
 def _user_path(loc: tuple[int | str, ...]) -> list[int | str]:
     """Drop the union tags that pydantic puts into a path; the user never wrote them."""
     tagged = {"tissue", "vasculature", "toolpath", "scan"}
-    return [
-        part for k, part in enumerate(loc) if not (k == 1 and loc[0] in tagged and len(loc) > 2)
-    ]
+    if len(loc) > 2 and loc[0] in tagged:
+        return [loc[0], *loc[2:]]
+    return list(loc)

@@ -20,9 +20,7 @@ MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath)
 SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]
 
 
-@pytest.mark.parametrize(
-    ("model", "name"), SHIPPED, ids=lambda value: getattr(value, "__name__", value)
-)
+@pytest.mark.parametrize(("model", "name"), SHIPPED)
 def test_every_shipped_profile_loads_and_names_its_source(model: type[Facts], name: str) -> None:
     assert load(model, name).source
 
