@@ -1,0 +1,53 @@
+"""One check before a print, with what it looked at."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from printctl.errors import SafetyError
+
+
+@dataclass(frozen=True)
+class Check:
+    """A question asked of the G-code or the set-up, and its answer.
+
+    Attributes
+    ----------
+    check : str
+        What was looked at.
+    value, limit : float
+        What was found and what is allowed, in `unit`.
+    unit : str
+        Of both.
+    passed : bool
+        Whether the print may go on.
+    place : str
+        Line of the G-code or key of the profile; empty when it has none.
+    remedy : str
+        What to do when it didn't pass.
+    """
+
+    check: str
+    value: float
+    limit: float
+    unit: str
+    passed: bool
+    place: str = ""
+    remedy: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return asdict(self)
+
+    def sentence(self) -> str:
+        """For the user, when it didn't pass."""
+        where = f" ({self.place})" if self.place else ""
+        return f"{self.check}: {self.value:g} {self.unit}, limit {self.limit:g}{where}; {self.remedy}"
+
+
+def refuse_failed(checks: list[Check]) -> None:
+    """Raise `SafetyError` naming every check that didn't pass."""
+    failed = [check.sentence() for check in checks if not check.passed]
+    if failed:
+        raise SafetyError("\n".join(["refused before the first byte was sent:", *failed]))
