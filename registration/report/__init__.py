@@ -1,1 +1,21 @@
-"""report."""
+"""The report: one HTML file of numbers, drawings and a 3D deviation map, open offline."""
+
+from registration.report.errors import ReportError
+from registration.report.figures import (
+    diameter_figure,
+    histogram_figure,
+    layer_figure,
+    network_figure,
+)
+from registration.report.page import write_report_html
+from registration.report.surface import ReportSurface
+
+__all__ = [
+    "ReportError",
+    "ReportSurface",
+    "diameter_figure",
+    "histogram_figure",
+    "layer_figure",
+    "network_figure",
+    "write_report_html",
+]

@@ -1,0 +1,36 @@
+"""`printctl sim-printer`: the simulated printer as a process that any host can talk to."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import PrinterOption
+from printctl.errors import PrintctlError
+
+
+def sim_printer(
+    context: typer.Context,
+    printer: PrinterOption = "generic_marlin",
+    link: Annotated[
+        Path | None, typer.Option("--link", help="Name for the pseudo-terminal.")
+    ] = None,
+    tcp: Annotated[int | None, typer.Option("--tcp", help="Listen on this TCP port.")] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", help="Times real time; 0 is as fast as it goes.", min=0)
+    ] = 1.0,
+) -> None:
+    """Run a simulated printer until interrupted; further options are those of `python -m sim`."""
+    command = [sys.executable, "-m", "sim", "--printer", printer, "--speed", str(speed)]
+    command += ["--link", str(link)] if link else []
+    command += ["--tcp", str(tcp)] if tcp is not None else []
+    try:
+        done = subprocess.run([*command, *context.args], check=False)
+    except KeyboardInterrupt:
+        return
+    if done.returncode:
+        raise PrintctlError("the simulated printer ended with an error; see above")

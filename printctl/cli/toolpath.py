@@ -1,0 +1,41 @@
+"""`printctl toolpath`: the G-code of a recipe."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.files import replacing
+from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.errors import UsageError
+from printctl.pipeline import toolpath_recipe
+from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
+from printctl.recipe import load_recipe
+
+
+def toolpath(
+    recipe: RecipeArg,
+    out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer)."""
+    if out.is_dir():
+        raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
+    loaded = load_recipe(recipe)
+    with tempfile.TemporaryDirectory() as scratch:
+        data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
+        for name, place in ((LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)):
+            with replacing(place) as draft:
+                shutil.copyfile(Path(scratch) / name, draft)
+    if as_json:
+        print_json(data)
+        return
+    print_lines(
+        f"{data['toolpath']['lines']} lines, {data['toolpath']['written_ul']:.4g} µL, "
+        f"{data['dry_run']['duration_s'] / 60:.1f} min",
+        str(out),
+    )

@@ -1,0 +1,90 @@
+"""Stage 2: the network, named, given or grown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from design.network import VesselKind, VesselNetwork
+from design.network_csv import read_network_csv, write_network_csv
+from design.units import MM_PER, PA_PER_MMHG
+from design.vasculature import (
+    GrowthOptions,
+    check_network,
+    grow_tree,
+    planar_four_vessel,
+    tree_to_network,
+)
+from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.manifest import digest_file
+from printctl.pipeline.progress import Report
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.tissue import SURFACE
+from printctl.recipe.parts import GivenNetwork, GrownNetwork, NamedNetwork
+
+
+def depends(context: RunContext) -> Any:
+    """The section, the seed, and the user's file where it names one."""
+    part = context.recipe.vasculature
+    found = part.model_dump(mode="json")
+    if isinstance(part, GivenNetwork) and (context.recipe_folder / part.network).is_file():
+        found["digest"] = digest_file(context.recipe_folder / part.network)
+    return [found, context.recipe.seed]
+
+
+def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    """Make the network and write it; later stages read the file."""
+    network = make_network(context)
+    write_network_csv(context.folder / NETWORK, network)
+    return summarise(network), [NETWORK]
+
+
+def make_network(context: RunContext) -> VesselNetwork:
+    """The network that the recipe asks for, in the tissue's frame."""
+    part = context.recipe.vasculature
+    match part:
+        case NamedNetwork():
+            network, clearance = planar_four_vessel(), 0.0
+        case GivenNetwork():
+            network = read_network_csv(context.recipe_folder / part.network, unit=part.unit)
+            clearance = part.clearance_mm
+        case GrownNetwork():
+            tree = grow_tree(context.tissue, growth_options(part, context.recipe.seed))
+            return tree_to_network(tree, VesselKind.ARTERY)
+    check_network(network, clearance)
+    return network
+
+
+def growth_options(part: GrownNetwork, seed: int) -> GrowthOptions:
+    """The recipe's words in the design's units."""
+    return GrowthOptions(
+        terminals=part.terminals,
+        seed=seed,
+        murray_exponent=part.murray_exponent,
+        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
+        pressure_drop_pa=part.pressure_drop_mmhg * PA_PER_MMHG,
+        perfusion_ml_min_per_ml=part.perfusion_ml_min_per_ml,
+        smallest_radius_mm=part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None,
+        clearance_mm=part.clearance_mm,
+        root_mm=part.root_mm,
+        root_direction=part.root_direction,
+    )
+
+
+def summarise(network: VesselNetwork) -> dict[str, Any]:
+    """What the report says of a network."""
+    start, end, r0, r1, _ = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    return {
+        "vessels": network.vessel_count,
+        "terminals": len(network.outlets()),
+        "length_mm": float(length.sum()),
+        "volume_mm3": float((np.pi / 3 * length * (r0 * r0 + r0 * r1 + r1 * r1)).sum()),
+        "diameter_min_mm": float(2 * network.radius.min()),
+        "diameter_max_mm": float(2 * network.radius.max()),
+    }
+
+
+STAGE = Stage("vasculature", depends, (SURFACE,), ("kernels", "design"), work)

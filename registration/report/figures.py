@@ -1,0 +1,230 @@
+"""The report's drawings, each as the bytes of an SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from registration.report.colours import DIVERGING, NO_DATA, SEQUENTIAL
+from registration.report.drawing import blank, styled, to_svg
+from registration.report.scaled_lines import (
+    aspect,
+    draw_hairs,
+    draw_scaled_lines,
+    set_limits,
+)
+from registration.report.svg import ACCENT, INK, MUTED, PAPER
+
+FloatArray = NDArray[np.float64]
+
+OUTSIDE = "#b85a14"
+LABELLED_VESSELS = 14
+"""A plot with more vessels than this leaves every crowded point without a name."""
+
+
+def histogram_figure(edges_um: Sequence[float], counts: Sequence[float]) -> bytes:
+    """Histogram of the signed deviation, coloured like the 3D view.
+
+    Parameters
+    ----------
+    edges_um : (n + 1,) floats, µm
+        Ascending.
+    counts : (n,) floats
+        Of points, or area; shown as shares of their sum.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    edges, share = np.asarray(edges_um, float), np.asarray(counts, float)
+    share = 100.0 * share / max(share.sum(), 1e-300)
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    reach = max(float(np.abs(edges).max()), 1e-9)
+    colours = DIVERGING(TwoSlopeNorm(0.0, -reach, reach)(middle))
+    with styled():
+        figure, axes = blank(5.2, 3.1)
+        axes.bar(middle, share, np.diff(edges), color=colours, edgecolor=MUTED, linewidth=0.4)
+        axes.axvline(0.0, color=INK, linewidth=0.8)
+        axes.set(xlabel="signed deviation / µm", ylabel="share of the surface / %")
+        axes.set_xlim(edges[0], edges[-1])
+        axes.margins(y=0.06)
+        return to_svg(figure, "histogram")
+
+
+def diameter_figure(
+    names: Sequence[str],
+    designed_um: Sequence[float],
+    measured_um: Sequence[float],
+    tolerance_percent: float = 10.0,
+) -> bytes:
+    """Measured against designed diameter, with the line of agreement and a band around it.
+
+    Parameters
+    ----------
+    names : (n,) str
+    designed_um, measured_um : (n,) floats, µm
+        A vessel whose value is missing (NaN) is left out.
+    tolerance_percent : float, %
+        Half width of the band.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    x, y = np.asarray(designed_um, float), np.asarray(measured_um, float)
+    seen = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    top = 1.08 * float(max(x[seen].max(), y[seen].max())) if len(seen) else 1.0
+    low = 0.88 * float(min(x[seen].min(), y[seen].min())) if len(seen) else 0.0
+    line, part = np.array([low, top]), tolerance_percent / 100.0
+    with styled():
+        figure, axes = blank(5.2, 3.6)
+        axes.fill_between(
+            line, line * (1 - part), line * (1 + part), color=ACCENT, alpha=0.12, linewidth=0.0,
+            label=f"± {tolerance_percent:g} %",
+        )  # fmt: skip
+        axes.plot(line, line, color=MUTED, linewidth=0.8, label="as designed")
+        off = np.abs(y - x) > part * x
+        _mark(axes, x, y, seen[~off[seen]], ACCENT, "within")
+        _mark(axes, x, y, seen[off[seen]], OUTSIDE, "outside")
+        for i in _worth_a_name(x[seen], y[seen], off[seen], 0.04 * (top - low)):
+            axes.annotate(names[seen[i]], (x[seen[i]], y[seen[i]]), (5, -8),
+                          textcoords="offset points", color=MUTED, fontsize=7.5)  # fmt: skip
+        axes.set(xlabel="designed diameter / µm", ylabel="measured diameter / µm")
+        axes.set(xlim=(low, top), ylim=(low, top))
+        axes.legend(loc="upper left")
+        return to_svg(figure, "diameters")
+
+
+def _mark(
+    axes: Axes, x: FloatArray, y: FloatArray, which: NDArray[np.intp], colour: str, label: str
+) -> None:
+    if len(which):
+        axes.plot(x[which], y[which], "o", markersize=5, color=colour, markeredgecolor=PAPER,
+                  markeredgewidth=0.7, label=f"{label} ({len(which)})")  # fmt: skip
+
+
+def _worth_a_name(x: FloatArray, y: FloatArray, off: NDArray[np.bool_], crowd: float) -> list[int]:
+    """Points with none of the others nearer than ``crowd``; of few points, all that are off."""
+    alone = np.array(
+        [(np.hypot(x - a, y - b) < crowd).sum() == 1 for a, b in zip(x, y, strict=True)]
+    )
+    few = len(x) <= LABELLED_VESSELS
+    return [i for i in range(len(x)) if alone[i] or (few and off[i])]
+
+
+def network_figure(
+    network: VesselNetwork,
+    values: NDArray[np.floating[Any]] | None = None,
+    label: str = "diameter / mm",
+) -> bytes:
+    """The network in the plane of its two longest extents, lumens drawn to scale.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    values : (v,) or (p,) float or None
+        A number for each vessel (flow, say) or each point of the polylines (pressure); None
+        colours by the local diameter in mm. NaN is drawn grey.
+    label : str
+        Name and unit of `values`, beside the colour bar.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    start, end, r0, r1, _ = network.pieces()
+    start, end = flush_ends(network, start, end, r0, r1)
+    colour = piece_values(network, values)
+    extent = np.ptp(network.points, axis=0)
+    across, up = sorted(np.argsort(-extent, kind="stable")[:2])
+    # Deep pieces first, so that what lies above is drawn above.
+    depth = ({0, 1, 2} - {int(across), int(up)}).pop()
+    order = np.argsort((start + end)[:, depth], kind="stable")
+    lines = np.stack([start, end], axis=1)[order][:, :, [across, up]]
+    finite = colour[np.isfinite(colour)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    norm = Normalize(low, high if high > low else low + max(abs(low) * 1e-3, 1e-9))
+    rgba = SEQUENTIAL(norm(np.nan_to_num(colour[order], nan=low)))
+    rgba[~np.isfinite(colour[order])] = to_rgba(NO_DATA)
+    with styled():
+        figure, axes = blank(5.2, 5.2 * aspect(extent[[across, up]]) + 0.5)
+        names = "xyz"
+        axes.set(xlabel=f"{names[across]} / mm", ylabel=f"{names[up]} / mm", aspect="equal")
+        set_limits(axes, network.points[:, [across, up]], float(network.radius.max()))
+        bar = figure.colorbar(ScalarMappable(norm, SEQUENTIAL), ax=axes, pad=0.02, shrink=0.9)
+        bar.set_label(label)
+        bar.outline.set_visible(False)
+        draw_scaled_lines(figure, list(lines), (r0 + r1)[order], rgba)
+        return to_svg(figure, "network")
+
+
+def piece_values(network: VesselNetwork, values: NDArray[np.floating[Any]] | None) -> FloatArray:
+    """A number for each straight piece from one per vessel or one per point (its mean)."""
+    vessel = network.pieces()[4]
+    if values is None:
+        values = 2.0 * network.radius
+    if len(values) == network.vessel_count:
+        return np.asarray(values, dtype=np.float64)[vessel]
+    of_point = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
+    first = np.flatnonzero(of_point[:-1] == of_point[1:])
+    return np.asarray((values[first] + values[first + 1]) / 2.0, dtype=np.float64)
+
+
+def layer_figure(
+    written: Sequence[NDArray[np.floating[Any]]],
+    travels: Sequence[NDArray[np.floating[Any]]] = (),
+    width_mm: float | None = None,
+) -> bytes:
+    """One layer seen from above: what is written, and the way between.
+
+    Parameters
+    ----------
+    written, travels : sequences of (k, 2) or (k, 3) float, mm
+        Polylines; a third coordinate is left out.
+    width_mm : float or None, mm
+        Width of the bead, drawn to scale; None draws hairlines.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    lines = [np.asarray(line, float)[:, :2] for line in written]
+    ways = [np.asarray(line, float)[:, :2] for line in travels]
+    everything = np.concatenate([*lines, *ways]) if lines or ways else np.zeros((1, 2))
+    width = 0.0 if width_mm is None else width_mm
+    with styled():
+        figure, axes = blank(5.2, 4.9 * aspect(np.ptp(everything, axis=0)) + 0.5)
+        axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+        set_limits(axes, everything, width / 2.0)
+        # A little under true width, so that beads side by side can be told apart.
+        draw_scaled_lines(figure, lines, np.full(len(lines), 0.82 * width), ACCENT)
+        draw_hairs(axes, ways, MUTED)
+        return to_svg(figure, "layer")
+
+
+def flush_ends(
+    network: VesselNetwork, start: FloatArray, end: FloatArray, r0: FloatArray, r1: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pieces (n, 3) drawn back by their radius at open ends, so that a round cap ends flush."""
+    along = end - start
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    pieces_before = np.concatenate([[0], np.cumsum(np.diff(network.offset) - 1)])
+    is_open = network.degree()[network.vessel_nodes] == 1
+    first, last = pieces_before[:-1][is_open[:, 0]], pieces_before[1:][is_open[:, 1]] - 1
+    back = np.zeros((2, len(start), 1))
+    back[0, first, 0], back[1, last, 0] = r0[first], r1[last]
+    step = along / np.maximum(length, 1e-12)
+    # A stub shorter than its radius keeps a little of itself.
+    back = np.minimum(back, 0.45 * length)
+    return start + back[0] * step, end - back[1] * step

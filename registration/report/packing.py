@@ -1,0 +1,103 @@
+"""Arrays as short text inside the page.
+
+Little-endian integers, deflated (RFC 1950) and in base64; the browser undoes both by itself
+(``DecompressionStream``).
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.report.simplify import simplify
+from registration.report.surface import ReportSurface
+
+MAX_FACES = 400_000
+"""Triangles of all surfaces of a page together."""
+STEPS = 65_534
+"""Quantisation steps of a uint16; the value after the last stands for no data."""
+NO_DATA = 65_535
+
+
+def pack(values: NDArray[Any]) -> str:
+    """Deflate and encode an array whose dtype is already the wanted one."""
+    little = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
+    return base64.b64encode(zlib.compress(little.tobytes(), 6)).decode("ascii")
+
+
+def quantise(values: NDArray[np.float64]) -> tuple[NDArray[np.uint16], list[float], list[float]]:
+    """Put each column of ``values`` (n, k) on 65,535 even levels between its extremes.
+
+    Returns
+    -------
+    levels : (n, k) uint16
+        `NO_DATA` where a value isn't finite.
+    low, step : list of k floats
+        ``value = low + step * level``, off by at most half a step.
+    """
+    finite = np.where(np.isfinite(values), values, np.nan)
+    levels = np.full(values.shape, NO_DATA, dtype=np.uint16)
+    low, step = [], []
+    for k in range(values.shape[1]):
+        ok = ~np.isnan(finite[:, k])
+        column = finite[ok, k] if ok.any() else np.zeros(1)
+        low.append(float(column.min()))
+        step.append(float(np.ptp(column)) / STEPS or 1.0)
+        levels[ok, k] = np.rint((finite[ok, k] - low[k]) / step[k]).astype(np.uint16)
+    return levels, low, step
+
+
+def pack_faces(faces: NDArray[np.int64]) -> str:
+    """Vertex numbers as differences to the number before, which deflate well."""
+    flat = faces.ravel().astype(np.int32)
+    return pack(np.diff(flat, prepend=np.int32(0)).astype(np.int32))
+
+
+def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
+    """All that the page needs to draw one surface, as JSON values."""
+    shown = simplify(surface, max_faces)
+    levels, low, step = quantise(shown.vertices)
+    result: dict[str, Any] = {
+        "name": surface.name,
+        "unit": surface.unit,
+        "limits": list(surface.colour_limits()),
+        "vertex_count": len(shown.vertices),
+        "face_count": len(shown.faces),
+        "full_face_count": len(surface.faces),
+        "cell_mm": shown.cell_mm,
+        # Differences from vertex to vertex, wrapped to 16 bits.
+        "positions": pack(np.diff(levels, axis=0, prepend=np.zeros((1, 3), np.uint16))),
+        "low": low,
+        "step": step,
+        "faces": pack_faces(shown.faces),
+        "scalar": None,
+    }
+    if shown.scalar is not None:
+        value, value_low, value_step = quantise(shown.scalar[:, None])
+        result["scalar"] = {
+            "levels": pack(value[:, 0]),
+            "low": value_low[0],
+            "step": value_step[0],
+        }
+    return result
+
+
+def pack_surfaces(
+    surfaces: list[ReportSurface], max_faces: int = MAX_FACES
+) -> list[dict[str, Any]]:
+    """Pack every surface; together they keep to ``max_faces`` triangles.
+
+    Small surfaces stay whole; what they leave is shared by the large ones.
+    """
+    allowed: dict[int, int] = {}
+    left = max_faces
+    order = sorted(range(len(surfaces)), key=lambda i: len(surfaces[i].faces))
+    for rank, index in enumerate(order):
+        share = max(left // (len(order) - rank), 1)
+        allowed[index] = min(share, len(surfaces[index].faces))
+        left -= allowed[index]
+    return [pack_surface(surface, allowed[i]) for i, surface in enumerate(surfaces)]

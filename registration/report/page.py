@@ -1,0 +1,185 @@
+"""Write the report: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jinja2 import ChainableUndefined, Environment, FileSystemLoader
+from markupsafe import Markup
+
+from design.files import write_text
+from design.network import VesselNetwork
+from registration.report import sections
+from registration.report.colours import NO_DATA, samples
+from registration.report.figures import diameter_figure, histogram_figure, network_figure
+from registration.report.key_figures import key_figures
+from registration.report.network_view import network_view, point_pressure
+from registration.report.packing import pack_surfaces
+from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
+from registration.report.sections import mapping, records
+from registration.report.surface import ReportSurface
+from registration.report.svg import inline_figure
+from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+
+_HERE: Final = Path(__file__).parent
+PLACES: Final = ("flow", "design", "toolpath", "print", "scan", "registration")
+"""Sections a figure can be put into by a prefix of its name, ``toolpath/Layer 12``."""
+
+
+def write_report_html(
+    path: Path,
+    data: dict[str, Any],
+    surfaces: Sequence[ReportSurface],
+    network: VesselNetwork | None,
+    figures: Mapping[str, bytes] | None = None,
+) -> None:
+    """Write the report as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an old one is replaced only by a whole new one.
+    data : dict
+        What report.json holds. Every section and every number may be missing; a share
+        (``within``, ``seen_fraction``) is a fraction of 1. ``registration.sign_convention``, a
+        few words on which side is positive, is shown where it is given.
+    surfaces : sequence of ReportSurface
+        For the 3D view, in the part's frame. The first one with a scalar is shown at first.
+        Above 400,000 triangles together they are simplified for the page, which says so.
+    network : VesselNetwork or None
+        The design, in the part's frame; ``vessel`` in `data` is its number there.
+    figures : mapping of str to bytes, optional
+        Caption to SVG or PNG. A prefix names the section: ``toolpath/Layer 12 of 50``; the
+        sections are `PLACES`, and anything else goes into a section of its own.
+
+    Raises
+    ------
+    ReportError
+        When a figure is neither SVG nor PNG.
+    OSError
+        When the file can't be written.
+    """
+    write_text(path, report_html(data, surfaces, network, figures or {}))
+
+
+def report_html(
+    data: Mapping[str, Any],
+    surfaces: Sequence[ReportSurface],
+    network: VesselNetwork | None,
+    figures: Mapping[str, bytes],
+) -> str:
+    """The text of the page; same input, same text (see `write_report_html`)."""
+    modules = import_map()
+    context = {
+        "data": data,
+        "style": Markup((_HERE / "static" / "report.css").read_text(encoding="utf-8")),
+        "policy": content_policy([modules, ENTRY]),
+        "modules": modules,
+        "entry": Markup(ENTRY),
+        "view": view_data(data, surfaces, network),
+        "figures": placed_figures({**drawn_figures(data, network), **figures}),
+        **section_context(data),
+    }
+    return _environment().get_template("report.html").render(context)
+
+
+def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables and lists of the sections that `data` holds."""
+    registration, flow = mapping(data, "registration"), mapping(data, "flow")
+    return {
+        "key_figures": key_figures(data),
+        "fit_rows": sections.fit_rows(registration),
+        "vessel_summary": sections.vessel_summary(registration),
+        "vessel_table": sections.vessel_table(registration),
+        "flow_table": sections.flow_table(flow),
+        "check_table": sections.check_table(mapping(data, "dry_run")),
+        "timing_rows": sections.timing_rows(mapping(data, "timings")),
+    }
+
+
+def view_data(
+    data: Mapping[str, Any], surfaces: Sequence[ReportSurface], network: VesselNetwork | None
+) -> dict[str, Any] | None:
+    """What the 3D view draws, as JSON values; None when there is nothing to draw."""
+    if not surfaces and network is None:
+        return None
+    shown = pack_surfaces(list(surfaces))
+    return {
+        "surfaces": shown,
+        "network": None if network is None else network_view(network, data),
+        "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
+    }
+
+
+def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dict[str, bytes]:
+    """The drawings that follow from the numbers themselves."""
+    made: dict[str, bytes] = {}
+    registration = mapping(data, "registration")
+    histogram = mapping(registration, "histogram")
+    if histogram.get("counts"):
+        made["histogram/Signed deviation, rigid fit"] = histogram_figure(
+            histogram["edges_um"], histogram["counts"]
+        )
+    gauged = records(registration, "vessels")
+    if any(is_number(r.get("measured_um")) for r in gauged):
+        made["diameters/Measured against designed diameter"] = _diameters(gauged)
+    if network is not None:
+        made["design/Network, coloured by diameter"] = network_figure(network)
+        pressure = point_pressure(network, records(mapping(data, "flow"), "vessels"))
+        if pressure is not None:
+            name = "flow/Pressure along the network, as designed"
+            made[name] = network_figure(network, pressure, "pressure / mmHg")
+    return made
+
+
+def _diameters(gauged: Sequence[Mapping[str, Any]]) -> bytes:
+    designed, measured = (
+        [float(r[key]) if is_number(r.get(key)) else np.nan for r in gauged]
+        for key in ("designed_um", "measured_um")
+    )
+    return diameter_figure([plain(r.get("vessel")) for r in gauged], designed, measured)
+
+
+def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Markup]]]:
+    """Figures by section: caption and HTML each; those without a section under ``other``."""
+    placed: dict[str, list[tuple[str, Markup]]] = {}
+    for index, (name, picture) in enumerate(figures.items()):
+        place, _, caption = name.partition("/")
+        if not caption or place not in (*PLACES, "histogram", "diameters"):
+            place, caption = "other", name
+        html = inline_figure(picture, caption, f"f{index}-")
+        placed.setdefault(place, []).append((caption, html))
+    return placed
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(_HERE / "templates"),
+        autoescape=True,
+        undefined=ChainableUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": number,
+        "plain": lambda value: MISSING if value is None else plain(value),
+        "label": lambda key: label_and_unit(str(key))[0],
+        "unit": lambda key: label_and_unit(str(key))[1],
+        "facts": sections.facts,
+        "script_json": as_script_json,
+    }
+    environment.tests["matrix"] = _is_matrix
+    return environment
+
+
+def _is_matrix(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) > 1
+        and all(isinstance(row, list) and all(is_number(v) for v in row) for row in value)
+    )

@@ -1,0 +1,194 @@
+"""What the page says, section by section, out of report.json's dict; all of it optional."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from registration.report.tables import MAX_ROWS, Column, Record, Table, make_table
+from registration.report.wording import (
+    MISSING,
+    decimals_for,
+    duration,
+    fixed,
+    is_number,
+    label_and_unit,
+    number,
+    plain,
+)
+
+VESSEL_COLUMNS: Final = (
+    Column("vessel", "Vessel", kind="text"),
+    Column("kind", "Kind", kind="text"),
+    Column("designed_um", "Designed", "µm"),
+    Column("measured_um", "Measured", "µm"),
+    Column("error_percent", "Error", "%", "signed"),
+    Column("narrowest_um", "Narrowest", "µm"),
+    Column("offset_um", "Axis offset", "µm"),
+    Column("rms_um", "RMS dev.", "µm"),
+    Column("length_mm", "Length", "mm"),
+    Column("seen_fraction", "Seen", "%", factor=100.0),
+    Column("open", "Open", kind="mark"),
+)
+FLOW_COLUMNS: Final = (
+    Column("vessel", "Vessel", kind="text"),
+    Column("kind", "Kind", kind="text"),
+    Column("diameter_mm", "Diameter", "mm"),
+    Column("length_mm", "Length", "mm"),
+    Column("flow_ml_min", "Flow", "mL/min", digits=4),
+    Column("velocity_mm_s", "Velocity", "mm/s", digits=4),
+    Column("pressure_in_mmhg", "Pressure in", "mmHg"),
+    Column("pressure_out_mmhg", "Pressure out", "mmHg"),
+    Column("wall_shear_pa", "Wall shear", "Pa", digits=4),
+)
+CHECK_COLUMNS: Final = (
+    Column("check", "Check", kind="text"),
+    Column("value", "Value", kind="text"),
+    Column("limit", "Limit", kind="text"),
+    Column("unit", "Unit", kind="text"),
+    Column("passed", "Passed", kind="mark"),
+    Column("place", "Where", kind="text"),
+)
+_SIZES: Final = ("extent", "shape", "voxel")
+FIT_KEYS: Final = ("rms_um", "mean_um", "median_um", "sd_um", "p95_um")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A line of a list of facts."""
+
+    label: str
+    value: str
+    unit: str = ""
+
+
+def mapping(data: Any, key: str) -> Mapping[str, Any]:
+    """The dict under ``key``, or an empty one where there is none."""
+    value = data.get(key) if isinstance(data, Mapping) else None
+    return value if isinstance(value, Mapping) else {}
+
+
+def records(section: Mapping[str, Any], key: str) -> list[Record]:
+    """The list of dicts under ``key``, or an empty one."""
+    value = section.get(key)
+    return [r for r in value if isinstance(r, Mapping)] if isinstance(value, list) else []
+
+
+def facts(section: Mapping[str, Any], skip: Sequence[str] = ()) -> list[Fact]:
+    """Every plain entry of a section, labelled by its key."""
+    result = []
+    for key, value in section.items():
+        if key in skip or isinstance(value, Mapping):
+            continue
+        label, unit = label_and_unit(str(key))
+        if unit == "s" and is_number(value):
+            result.append(Fact(label, duration(value)))
+        else:
+            text = MISSING if value is None else plain(value)
+            if isinstance(value, list) and key.startswith(_SIZES):
+                text = " × ".join(plain(v) for v in value)
+            result.append(Fact(label, text, unit if text != MISSING else ""))
+    return result
+
+
+def fit_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Statistics of the two fits: label, rigid, scaled."""
+    rigid, scaled = mapping(registration, "rigid"), mapping(registration, "scaled")
+    if not rigid and not scaled:
+        return []
+    keys = [k for k in FIT_KEYS if k in rigid or k in scaled]
+    decimals = decimals_for([f.get(k) for f in (rigid, scaled) for k in keys])
+    rows = []
+    for key in keys:
+        label, unit = label_and_unit(key)
+        pair = (fixed(fit.get(key), decimals) for fit in (rigid, scaled))
+        rows.append((f"{label} / {unit}", *pair))
+    for bound in {**mapping(rigid, "within"), **mapping(scaled, "within")}:
+        shares = (mapping(fit, "within").get(bound) for fit in (rigid, scaled))
+        pair = (fixed(100 * s if is_number(s) else None, 1) for s in shares)
+        rows.append((f"Within ± {bound} µm / %", *pair))
+    return [(row[0], row[1], row[2]) for row in rows]
+
+
+def vessel_summary(registration: Mapping[str, Any]) -> list[Fact]:
+    """The vessels together: how many are open, how far off they are at most and on average."""
+    rows = records(registration, "vessels")
+    result = [Fact("Vessels gauged", number(len(rows)))] if rows else []
+    known = [r["open"] for r in rows if isinstance(r.get("open"), bool)]
+    if known:
+        result.append(Fact("Open", f"{sum(known)} of {len(known)}"))
+    errors = numbers(rows, "error_percent")
+    if errors:
+        mean = sum(errors) / len(errors)
+        result.append(Fact("Mean diameter error", number(mean, 3), "%"))
+        result.append(Fact("Mean size of the error", number(_mean_size(errors), 3), "%"))
+    for key, label, pick in (
+        ("narrowest_um", "Narrowest lumen", min),
+        ("offset_um", "Largest axis offset", max),
+        ("rms_um", "Largest RMS deviation", max),
+    ):
+        values = numbers(rows, key)
+        if values:
+            result.append(Fact(label, number(pick(values), 3), "µm"))
+    return result
+
+
+def numbers(rows: Sequence[Record], key: str) -> list[float]:
+    """The finite numbers under ``key``."""
+    return [float(r[key]) for r in rows if is_number(r.get(key))]
+
+
+def _mean_size(values: Sequence[float]) -> float:
+    return sum(abs(v) for v in values) / len(values)
+
+
+def vessel_table(registration: Mapping[str, Any]) -> Table | None:
+    """The gauged vessels; where not all can be shown, the blocked and the worst ones."""
+    rows = records(registration, "vessels")
+    if len(rows) > MAX_ROWS:
+        rows.sort(key=_by_error)
+    bars = ("designed_um", "measured_um")
+    order = "blocked, then by error"
+    return make_table("vessels", rows, VESSEL_COLUMNS, bars, order) if rows else None
+
+
+def _by_error(record: Record) -> tuple[bool, float]:
+    error = record.get("error_percent")
+    return (record.get("open") is not False, -abs(error) if is_number(error) else 0.0)
+
+
+def flow_table(flow: Mapping[str, Any]) -> Table | None:
+    """The flow solution; where not all can be shown, the strongest flows."""
+    rows = records(flow, "vessels")
+    if len(rows) > MAX_ROWS:
+        rows.sort(key=_by_flow)
+    return make_table("flow", rows, FLOW_COLUMNS, order="by flow") if rows else None
+
+
+def _by_flow(record: Record) -> float:
+    flow = record.get("flow_ml_min")
+    return -abs(flow) if is_number(flow) else 0.0
+
+
+def check_table(dry_run: Mapping[str, Any]) -> Table | None:
+    """The dry run's checks, the failed ones first."""
+    rows = sorted(records(dry_run, "checks"), key=lambda r: r.get("passed") is not False)
+    return make_table("checks", rows, CHECK_COLUMNS, order="failed first") if rows else None
+
+
+def timing_rows(timings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Stages with seconds, peak memory, whether reused, and share of the longest."""
+    stages = [(name, t) for name, t in timings.items() if isinstance(t, Mapping)]
+    seconds = [t.get("seconds") for _, t in stages]
+    top = max((s for s in seconds if is_number(s)), default=0.0)
+    return [
+        {
+            "stage": name,
+            "seconds": fixed(t.get("seconds"), 2),
+            "peak_mb": fixed(t.get("peak_mb"), 0),
+            "reused": t.get("reused") is True,
+            "share": 100.0 * t["seconds"] / top if is_number(t.get("seconds")) and top else 0.0,
+        }
+        for name, t in stages
+    ]

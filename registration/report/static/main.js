@@ -1,0 +1,23 @@
+// Starts the page's parts; each works without the others.
+import { startSelection } from "report/selection";
+import { startTables } from "report/tables";
+import { startTheme } from "report/theme";
+import { startViewer } from "report/viewer";
+
+startTheme();
+startTables();
+const block = document.getElementById("view-data");
+if (block) {
+  const viewer = document.getElementById("viewer");
+  try {
+    const data = JSON.parse(block.textContent);
+    await startViewer(data);
+    viewer.dataset.state = "ready";
+    if (data.network) startSelection();
+  } catch (error) {
+    // Without WebGL the tables and drawings still stand; the message in the page says so.
+    viewer.dataset.state = "failed";
+    console.warn(`3D view: ${error.message}`);
+  }
+}
+document.documentElement.dataset.state = "ready";

@@ -1,0 +1,60 @@
+// The 3D view: surfaces, network, markers, and what listens to them.
+import * as THREE from "three";
+import { listen } from "report/bus";
+import { makeMarker, makeNetwork, markVessel } from "report/network";
+import { startOverlays } from "report/overlays";
+import { startPanel } from "report/panel";
+import { startPointer } from "report/pointer";
+import { Stage } from "report/stage";
+import { makeSurface } from "report/surfaces";
+
+export async function startViewer(data) {
+  const stage = new Stage(document.getElementById("stage"));
+  const view = await makeView(data);
+  const bounds = new THREE.Box3();
+  for (const { object } of view.layers) {
+    stage.scene.add(object);
+    bounds.expandByObject(object);
+  }
+  // The stage is laid out beside the panel only once the state says ready.
+  document.getElementById("viewer").dataset.state = "ready";
+  startPanel(stage, view);
+  startOverlays(stage);
+  stage.frame(bounds);
+  startMarkers(stage, view);
+  startPointer(stage, view);
+  startPrinting(stage);
+}
+
+async function makeView(data) {
+  const surfaces = [];
+  for (const surface of data.surfaces) surfaces.push(await makeSurface(surface, data.colours));
+  const network = data.network && (await makeNetwork(data.network, data.colours));
+  const coloured = surfaces.filter((surface) => surface.values);
+  for (const surface of coloured.slice(1)) surface.group.visible = false;
+  const layers = surfaces.map(({ data: { name }, group }) => ({ name, object: group }));
+  if (network) {
+    network.mesh.visible = coloured.length === 0;
+    layers.push({ name: "Designed network", object: network.mesh });
+  }
+  return { surfaces, network, layers, networkLegend: null };
+}
+
+function startMarkers(stage, view) {
+  for (const [name, opacity] of [["hovered", 0.3], ["selected", 0.65]]) {
+    const marker = makeMarker(opacity);
+    stage.scene.add(marker);
+    listen(name, (vessel) => {
+      markVessel(marker, view.network, vessel);
+      stage.draw();
+    });
+  }
+}
+
+function startPrinting(stage) {
+  const picture = document.getElementById("print-picture");
+  window.addEventListener("beforeprint", () => {
+    picture.src = stage.picture();
+    picture.hidden = false;
+  });
+}

@@ -1,0 +1,242 @@
+import base64
+import hashlib
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import html
+from matplotlib import rcParams
+
+from registration.report import ReportSurface, layer_figure, write_report_html
+
+from .sample import block_surface, deviation_surface, planar_network, sample_data
+
+SECTIONS = [key for key in sample_data() if key not in ("schema", "recipe")]
+ROOT = Path(__file__).parents[3] / "registration" / "report"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    layer = layer_figure([np.array([[0, 0], [5, 0]]), np.array([[5, 1], [0, 1]])], (), 0.15)
+    surfaces = [deviation_surface(0.4), block_surface()]
+    figures = {"toolpath/Layer 1 of 50": layer, "Anything else": layer}
+    write_report_html(path, sample_data(), surfaces, planar_network(), figures)
+    return path.read_text(encoding="utf-8")
+
+
+def written(tmp_path: Path, data: dict[str, Any], **more: Any) -> Any:
+    path = tmp_path / "report.html"
+    surfaces, network = more.pop("surfaces", []), more.pop("network", None)
+    write_report_html(path, data, surfaces, network, **more)
+    return html.fromstring(path.read_text(encoding="utf-8"))
+
+
+def words(page: Any) -> str:
+    return " ".join(page.text_content().split())
+
+
+def test_nothing_is_fetched(whole: str) -> None:
+    page = html.fromstring(whole)
+    for attribute in ("src", "href", "data", "action", "srcset", "poster"):
+        for value in page.xpath(f"//@{attribute}"):
+            assert value.startswith(("#", "data:")), value
+    assert not page.xpath("//link | //iframe | //object | //embed | //base")
+    assert "@import" not in whole
+    assert not re.search(r"url\(\s*['\"]?(?!#|data:)", whole)
+    modules = json.loads(page.xpath('//script[@type="importmap"]/text()')[0])["imports"]
+    assert all(url.startswith("data:text/javascript;base64,") for url in modules.values())
+
+
+def test_every_import_of_the_modules_is_in_the_import_map(whole: str) -> None:
+    page = html.fromstring(whole)
+    modules = json.loads(page.xpath('//script[@type="importmap"]/text()')[0])["imports"]
+    for name, url in modules.items():
+        source = base64.b64decode(url.split(",", 1)[1]).decode()
+        if name != "three":
+            wanted = re.findall(r'^(?:import|export)[^;]*?from ["\']([^"\']+)["\']', source, re.M)
+            assert set(wanted) <= set(modules), name
+
+
+def test_policy_forbids_the_network_and_names_the_scripts_that_may_run(whole: str) -> None:
+    page = html.fromstring(whole)
+    policy = page.xpath('//meta[@http-equiv="Content-Security-Policy"]/@content')[0]
+    assert "default-src 'none'" in policy
+    assert "http" not in policy.replace("http-equiv", "")
+    assert "unsafe-inline" not in policy.split("script-src")[1].split(";")[0]
+    running = page.xpath('//script[@type!="application/json"]/text()')
+    assert len(running) == 2
+    for text in running:
+        assert base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() in policy
+
+
+def test_page_is_well_formed(whole: str) -> None:
+    assert whole.startswith("<!doctype html>\n<html")
+    page = html.fromstring(whole)
+    ids = page.xpath("//@id")
+    assert len(ids) == len(set(ids))
+    assert len(page.xpath("//h1")) == 1
+    for target in page.xpath("//nav/a/@href"):
+        assert target[1:] in ids
+    for table in page.xpath('//table[contains(@class, "data")]'):
+        width = len(table.xpath("./thead/tr/th"))
+        assert all(len(row.xpath("./td | ./th")) == width for row in table.xpath("./tbody/tr"))
+
+
+def test_tags_are_closed_in_order(whole: str) -> None:
+    from html.parser import HTMLParser
+
+    void = {"meta", "img", "input", "br", "link"}
+
+    class Stack(HTMLParser):
+        open: list[str] = []  # noqa: RUF012
+
+        def handle_starttag(self, tag: str, attrs: Any) -> None:
+            if tag not in void:
+                self.open.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            assert self.open.pop() == tag
+
+    parser = Stack()
+    parser.feed(whole)
+    assert parser.open == []
+
+
+def test_verdict_and_key_figures_lead(whole: str) -> None:
+    page = html.fromstring(whole)
+    assert page.xpath('//div[contains(@class, "verdict pass")]')
+    keys = words(page.xpath('//dl[@class="keys"]')[0])
+    for expected in ("38.2 µm", "99.6 %", "14 of 14", "0.093 mmHg", "1 h 13 min", "359 µL"):
+        assert expected in keys
+
+
+def test_failed_verdict_shows_its_reasons(tmp_path: Path) -> None:
+    verdict = {"passed": False, "reasons": ["vessel 5 is blocked"]}
+    page = written(tmp_path, {"verdict": verdict})
+    assert "vessel 5 is blocked" in words(page.xpath('//div[contains(@class, "verdict fail")]')[0])
+
+
+def test_without_a_verdict_the_page_doesnt_claim_one(tmp_path: Path) -> None:
+    page = written(tmp_path, {"scan": sample_data()["scan"]})
+    assert "No verdict" in words(page)
+    assert not page.xpath('//div[contains(@class, "verdict pass")]')
+
+
+@pytest.mark.parametrize("key", SECTIONS)
+def test_a_section_can_stand_alone(key: str, tmp_path: Path) -> None:
+    page = written(tmp_path, {key: sample_data()[key]})
+    for target in page.xpath("//nav/a/@href"):
+        assert page.xpath(f'//*[@id="{target[1:]}"]')
+
+
+@pytest.mark.parametrize("key", SECTIONS)
+def test_a_section_can_be_missing(key: str, tmp_path: Path) -> None:
+    data = sample_data()
+    del data[key]
+    page = written(tmp_path, data)
+    for target in page.xpath("//nav/a/@href"):
+        assert page.xpath(f'//*[@id="{target[1:]}"]')
+
+
+def test_an_empty_report_is_still_a_page(tmp_path: Path) -> None:
+    page = written(tmp_path, {})
+    assert page.xpath("//h1")
+    assert not page.xpath("//section")
+
+
+def emptied(value: Any) -> Any:
+    """The same structure with None or NaN for every number."""
+    if isinstance(value, dict):
+        return {
+            k: v if k in ("vessel", "histogram", "transform_scan_to_part") else emptied(v)
+            for k, v in value.items()
+        }
+    if isinstance(value, list):
+        return [emptied(v) for v in value]
+    if isinstance(value, bool | str):
+        return value
+    return None if isinstance(value, int) else math.nan
+
+
+def test_missing_numbers_show_as_dashes(tmp_path: Path) -> None:
+    page = written(tmp_path, emptied(sample_data()), network=planar_network())
+    text = words(page.xpath("//main")[0])
+    assert "–" in text
+    assert not re.search(r"\b(nan|NaN|None|null|Undefined)\b", text)
+    block = page.xpath('//script[@id="view-data"]/text()')[0]
+    assert json.loads(block, parse_constant=pytest.fail)["network"]
+
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)><!-- '\"&"
+
+
+def hostile(value: Any) -> Any:
+    """The same structure with every text replaced by an attack."""
+    if isinstance(value, dict):
+        return {k: HOSTILE if k == "vessel" else hostile(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [hostile(v) for v in value]
+    return HOSTILE if isinstance(value, str) else value
+
+
+def test_names_are_shown_as_text(tmp_path: Path) -> None:
+    data = hostile(sample_data())
+    data["frames"] = {HOSTILE: {HOSTILE: HOSTILE}}
+    data["provenance"] = {HOSTILE: {HOSTILE: HOSTILE}}
+    data["timings"] = {HOSTILE: {"seconds": 1.0}}
+    data["registration"]["rigid"]["within"] = {HOSTILE: 0.5}
+    block = block_surface()
+    values = np.arange(8.0)
+    surface = ReportSurface(HOSTILE, block.vertices, block.faces, values, HOSTILE)
+    figures = {HOSTILE: layer_figure([np.array([[0, 0], [1, 1]])])}
+    page = written(tmp_path, data, surfaces=[surface], network=planar_network(), figures=figures)
+    kinds = [s.get("type") for s in page.xpath("//script")]
+    assert kinds == ["importmap", "application/json", "module"]
+    assert not page.xpath("//img[@onerror] | //*[@onload] | //*[@onclick]")
+    assert page.xpath("//h1/text()")[0] == HOSTILE
+    view = json.loads(page.xpath('//script[@id="view-data"]/text()')[0])
+    assert view["surfaces"][0]["name"] == HOSTILE
+    assert view["surfaces"][0]["unit"] == HOSTILE
+    assert HOSTILE in page.xpath('//table[@id="vessels-table"]')[0].text_content()
+
+
+def test_same_input_gives_the_same_bytes(whole: str, tmp_path: Path) -> None:
+    before = dict(rcParams)
+    paths = [tmp_path / "a.html", tmp_path / "b.html"]
+    for path in paths:
+        write_report_html(path, sample_data(), [deviation_surface(0.4)], planar_network())
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert dict(rcParams) == before
+
+
+def test_simplification_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = deviation_surface(0.4)
+    monkeypatch.setattr("registration.report.packing.pack_surfaces.__defaults__", (500,))
+    page = written(tmp_path, {}, surfaces=[surface])
+    text = words(page.xpath('//section[@id="map"]')[0])
+    assert "simplified for this page" in text
+    assert "vertices merged within cells of" in text
+
+
+def test_large_tables_say_what_they_leave_out(tmp_path: Path) -> None:
+    vessels = [
+        {"vessel": i, "open": i != 700, "error_percent": float(i % 900), "measured_um": 1.0}
+        for i in range(1500)
+    ]
+    page = written(tmp_path, {"registration": {"vessels": vessels}})
+    rows = page.xpath('//table[@id="vessels-table"]/tbody/tr')
+    assert len(rows) == 1000
+    assert rows[0].get("data-vessel") == "700"
+    assert "of 1\u202f500 rows shown" in page.text_content()
+
+
+def test_vendored_scripts_are_the_files_their_readme_names() -> None:
+    readme = (ROOT / "vendor" / "README.md").read_text(encoding="utf-8")
+    for path in sorted((ROOT / "vendor").glob("*.js")):
+        assert f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" in readme
+    assert "MIT" in (ROOT / "vendor" / "LICENSE-three").read_text(encoding="utf-8")
