@@ -1,0 +1,81 @@
+"""``python -m sim``: the simulated printer as a process, behind a pseudo-terminal or TCP."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from firmware_profiles import Printer, ProfileError, load
+from sim.errors import SimError
+from sim.marlin import MarlinPrinter
+from sim.marlin_board import Board, parse_fault
+from sim.ports import Port, PtyPort, TcpPort
+from sim.serve import Server, Serving
+
+
+def _start(text: str) -> tuple[float, float, float]:
+    x, y, z = (float(part) for part in text.split(","))
+    return x, y, z
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's options."""
+    options = argparse.ArgumentParser(
+        prog="python -m sim",
+        description="A simulated Marlin printer. Its port's address is the first line it prints.",
+    )
+    options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
+    port = options.add_mutually_exclusive_group()
+    port.add_argument("--link", type=Path, help="make this path a link to the pseudo-terminal")
+    port.add_argument("--tcp", type=int, metavar="PORT", help="TCP port instead; 0 for any")
+    options.add_argument(
+        "--speed", type=float, default=0.0, help="times real time; 0 (default): as fast as it can"
+    )
+    options.add_argument("--record", type=Path, help="write the executed motion here (.npz)")
+    options.add_argument(
+        "--start",
+        type=_start,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="where the tip stands at power-up, mm",
+    )
+    options.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND@LINE",
+        help="unplug, reset, kill or drop_ok when the firmware takes line number LINE; repeatable",
+    )
+    options.add_argument(
+        "--no-thermistors", action="store_true", help="temperature inputs aren't wired"
+    )
+    options.add_argument(
+        "--exit-on-hangup", action="store_true", help="end when the host closes the port"
+    )
+    options.add_argument("--parent-pid", type=int, help="end when this process does")
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until told to stop; 0 when that went well, 2 for a wrong use."""
+    given = parser().parse_args(arguments)
+    try:
+        printer = MarlinPrinter(
+            load(Printer, given.printer),
+            given.start,
+            Board(thermistors=not given.no_thermistors),
+            tuple(parse_fault(text) for text in given.fault),
+        )
+        port: Port = PtyPort(given.link) if given.tcp is None else TcpPort(given.tcp)
+    except (SimError, ProfileError) as exc:
+        print(f"error: {exc}", file=sys.stderr)
+        return 2
+    print(port.address, flush=True)
+    serving = Serving(given.speed, given.record, given.exit_on_hangup, given.parent_pid)
+    Server(printer, port, serving).run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,265 @@
+"""Where the ink lies after the simulated printer's motion.
+
+Modelled
+--------
+- Dose: plunger travel times plunger area, spread along an unbroken stretch of writing over
+  `smoothing_mm` of path, because the ink's and syringe's compliance smooths the single motor
+  steps of the plunger.
+- Layered writing (all extruding moves horizontal, on at least two levels): a line is as high as
+  its level lies above the level below it, hangs *below* the tip, and is area / height wide; seen
+  from above it is a capsule (straight flanks, round ends).
+- Embedded writing (anything else): a round filament around the tip's path, its diameter from the
+  area.
+- Lines that overlap are united: ink doesn't pile up.
+
+Not modelled
+------------
+Flow lag, ooze, die swell, sag, drag of the bath, fusion of neighbours, curing. Primes and
+retractions (needle standing, or plunger pulled back) change the pressure in the needle and
+deposit nothing; their sum is given as `standing_ul`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.deposit_kernels import paint_filaments, paint_layers, stack_layers, writing_runs
+from sim.executed import ExecutedMotion
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Style = Literal["layered", "embedded"]
+
+LEVEL_TOLERANCE_MM = 5e-3
+"""Written heights closer than this are one level (two steps of a usual z axis)."""
+MOST_VOXELS = 2_000_000_000
+
+
+class DepositError(ValueError):
+    """A motion that leaves no deposit, or one too large to hold."""
+
+
+@dataclass(frozen=True)
+class Deposit:
+    """Ink in voxels, in the printer's frame.
+
+    Attributes
+    ----------
+    volume : (nz, ny, nx) uint8
+        Share of the voxel filled with ink, 0..255.
+    origin_mm : (3,) float64, mm
+        Centre of voxel (0, 0, 0), as x, y, z.
+    voxel_mm : float, mm
+        Edge of the cubic voxels.
+    style : "layered" or "embedded"
+        Which model laid the ink.
+    written_ul, standing_ul : float, µL
+        Dosed while writing; net of primes and retractions, which deposit nothing.
+    """
+
+    volume: NDArray[np.uint8]
+    origin_mm: FloatArray
+    voxel_mm: float
+    style: Style
+    written_ul: float
+    standing_ul: float
+
+    @property
+    def volume_mm3(self) -> float:
+        """Volume filled with ink, mm³."""
+        return float(self.volume.sum(dtype=np.int64)) / 255.0 * self.voxel_mm**3
+
+    @property
+    def bounds_mm(self) -> FloatArray:
+        """Lowest and highest corner of the grid, (2, 3), mm."""
+        size = np.array(self.volume.shape[::-1]) * self.voxel_mm
+        low = self.origin_mm - self.voxel_mm / 2
+        return np.array([low, low + size])
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Blocks that write: ends (n, 3) and cross-section (n,)."""
+
+    start: FloatArray
+    end: FloatArray
+    area_mm2: FloatArray
+    written_ul: float
+
+
+def deposit(
+    executed: ExecutedMotion,
+    plunger_area_mm2: float,
+    voxel_mm: float,
+    *,
+    smoothing_mm: float = 1.0,
+    style: Style | None = None,
+    plunger_step_mm: float | None = None,
+) -> Deposit:
+    """Lay the ink of an executed motion into voxels.
+
+    Parameters
+    ----------
+    executed : ExecutedMotion
+        What the printer did.
+    plunger_area_mm2 : float, mm²
+        Bore of the syringe.
+    voxel_mm : float, mm
+        Edge of a voxel.
+    smoothing_mm : float, mm
+        Length of path over which the plunger's steps are smoothed.
+    style : "layered" or "embedded" or None
+        None decides from the motion, see the module.
+    plunger_step_mm : float or None, mm
+        One motor step of the plunger; None finds it from the motion. A move shorter than the
+        path of 1.5 steps that got no step still writes when writing goes on after it.
+
+    Raises
+    ------
+    DepositError
+        When nothing is written or the grid would be too large.
+    """
+    _check_positive(plunger_area_mm2=plunger_area_mm2, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
+    plunger = executed.plunger_end - executed.plunger_start
+    length = np.linalg.norm(executed.end - executed.start, axis=1)
+    lines = _dosed_lines(executed, length, plunger, plunger_area_mm2, smoothing_mm, plunger_step_mm)
+    standing = float(plunger.sum()) * plunger_area_mm2 - lines.written_ul
+    chosen = style or _style(lines)
+    paint = _layered if chosen == "layered" else _embedded
+    volume, origin = paint(lines, voxel_mm)
+    return Deposit(volume, origin, voxel_mm, chosen, lines.written_ul, standing)
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise DepositError(f"{name} is {value:g}; it must be a number above 0")
+
+
+def _dosed_lines(
+    executed: ExecutedMotion,
+    length: FloatArray,
+    plunger: FloatArray,
+    plunger_area: float,
+    smoothing: float,
+    step: float | None,
+) -> _Lines:
+    pushed = plunger[(plunger > 0) & (length > 1e-9)].sum()
+    if pushed <= 0:
+        raise DepositError(
+            "no block moves the needle while the plunger advances, so nothing was deposited; "
+            "check that the job extrudes and that the extruder was hot enough to be allowed to"
+        )
+    path = length[(plunger > 0) & (length > 1e-9)].sum()
+    quantum = _plunger_quantum(plunger) if step is None else step
+    gap = min(1.5 * quantum * path / pushed, smoothing / 2)
+    rise = executed.end[:, 2] - executed.start[:, 2]
+    run = writing_runs(length, plunger, rise, gap)
+    chosen = np.flatnonzero(run >= 0)
+    area = _smoothed_area(run[chosen], length[chosen], plunger[chosen] * plunger_area, smoothing)
+    kept = area > 0
+    chosen = chosen[kept]
+    return _Lines(
+        executed.start[chosen],
+        executed.end[chosen],
+        area[kept],
+        float(plunger[chosen].sum()) * plunger_area,
+    )
+
+
+def _plunger_quantum(plunger: FloatArray) -> float:
+    """Smallest difference between plunger travels: one motor step, if the motion is varied."""
+    sizes = np.unique(np.round(np.abs(plunger), 7))
+    steps = np.diff(np.concatenate([[0.0], sizes]))
+    return float(steps[steps > 1e-6].min())
+
+
+def _smoothed_area(
+    run: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
+) -> FloatArray:
+    """Cross-section (n,), mm²: volume per length over a window around each block's middle.
+
+    The window is `smoothing` or the block itself, whichever is longer, and ends where the
+    stretch of writing does.
+    """
+    path = np.concatenate([[0.0], np.cumsum(length)])
+    dosed = np.concatenate([[0.0], np.cumsum(volume)])
+    first = np.searchsorted(run, run, side="left")
+    last = np.searchsorted(run, run, side="right")
+    middle = (path[:-1] + path[1:]) / 2
+    half = np.maximum(smoothing, length) / 2
+    low = np.maximum(middle - half, path[first])
+    high = np.minimum(middle + half, path[last])
+    taken = np.interp(high, path, dosed) - np.interp(low, path, dosed)
+    return np.asarray(taken / (high - low))
+
+
+def _style(lines: _Lines) -> Style:
+    flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
+    return "layered" if flat and len(_levels(lines.end[:, 2])) > 1 else "embedded"
+
+
+def _levels(heights: FloatArray) -> FloatArray:
+    """Distinct written heights, ascending, mm."""
+    ordered = np.unique(np.round(heights, 4))
+    new = np.concatenate([[True], np.diff(ordered) > LEVEL_TOLERANCE_MM])
+    return ordered[new]
+
+
+def _level_heights(levels: FloatArray) -> FloatArray:
+    """Height of the lines of each level: down to the level below, (k,), mm.
+
+    The lowest level, and one that hangs more than two usual spacings above the last, take the
+    most frequent spacing.
+    """
+    gaps = np.diff(levels)
+    if len(gaps) == 0:
+        raise DepositError(
+            "layered writing has a single level, so its line height is unknown; "
+            "use style='embedded' or write at least two layers"
+        )
+    values, counts = np.unique(np.round(gaps, 3), return_counts=True)
+    usual = float(values[counts.argmax()])
+    gaps = np.where(gaps > 2 * usual, usual, gaps)
+    return np.concatenate([[usual], gaps])
+
+
+def _layered(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArray]:
+    levels = _levels(lines.end[:, 2])
+    height = _level_heights(levels)
+    layer = np.clip(np.searchsorted(levels, lines.end[:, 2] + 1e-6, side="right") - 1, 0, None)
+    radius = lines.area_mm2 / height[layer] / 2
+    low = np.minimum(lines.start, lines.end).min(axis=0) - radius.max()
+    high = np.maximum(lines.start, lines.end).max(axis=0) + radius.max()
+    low[2], high[2] = (levels - height).min(), levels.max()
+    origin, shape = _grid(low, high, voxel)
+    order = np.argsort(layer, kind="stable")
+    first = np.searchsorted(layer[order], np.arange(len(levels) + 1))
+    segments = np.column_stack([lines.start[order, :2], lines.end[order, :2]])
+    plan = paint_layers(segments, radius[order], first, origin, voxel, shape[1:])
+    volume = stack_layers(plan, levels - height, levels, origin[2], voxel, shape[0])
+    return volume, origin
+
+
+def _embedded(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArray]:
+    radius = np.sqrt(lines.area_mm2 / np.pi)
+    low = np.minimum(lines.start, lines.end).min(axis=0) - radius.max()
+    high = np.maximum(lines.start, lines.end).max(axis=0) + radius.max()
+    origin, shape = _grid(low, high, voxel)
+    return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
+
+
+def _grid(low: FloatArray, high: FloatArray, voxel: float) -> tuple[FloatArray, tuple[int, ...]]:
+    """Voxel grid over a box with one empty voxel all round: origin (x, y, z), shape (z, y, x)."""
+    count = np.ceil((high - low) / voxel - 1e-9).astype(int) + 2
+    if np.prod(count.astype(float)) > MOST_VOXELS:
+        raise DepositError(
+            f"deposit of {' x '.join(f'{v:.0f}' for v in high - low)} mm needs {count.prod():.2g} "
+            f"voxels of {voxel:g} mm, above {MOST_VOXELS:.2g}; use a larger voxel_mm"
+        )
+    return low - voxel / 2, (int(count[2]), int(count[1]), int(count[0]))

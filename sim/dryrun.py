@@ -1,0 +1,199 @@
+"""Run a file through the simulated planner without a printer: how long, how far, what's wrong.
+
+The planner is that of the simulated printer, fed as the link feeds a real one: one line in
+flight at the printer's baud rate. Waits for heat count as nothing; a wait for the user likewise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from kernels import jit
+from sim.dryrun_checks import Finding, check, sent_length
+from sim.executed import ExecutedMotion
+from sim.executed_log import executed_motion
+from sim.gcode import Program, code, read_gcode
+from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC
+from sim.planner import add_move, next_event, run_until, set_axis
+from sim.planner_state import LOG, Records, new_planner, new_ring
+
+FloatArray = NDArray[np.float64]
+
+COMMAND_S: Final = 0.002
+"""What an 8-bit board needs for a move, beside the time of its bytes (from the recordings)."""
+_BITS_PER_BYTE: Final = 10
+_OK_BYTES: Final = 3
+_HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
+
+
+@dataclass(frozen=True)
+class DryRun:
+    """What a file would do.
+
+    Attributes
+    ----------
+    program : Program
+        The commands, a row each (arcs a row per segment).
+    executed : ExecutedMotion
+        Blocks as the stepper would run them; `line` counts commands from 0.
+    duration_s : float
+        From the first step pulse (or dwell) to the last.
+    speed_mm_s : (n, 4) float64, mm/s
+        What each row of the program demands of x, y, z and the plunger; 0 where nothing moves.
+    limit_mm_s : (4,) float64, mm/s
+        What each axis can do; the firmware slows a move down to it.
+    low_mm, high_mm : (3,) float64, mm
+        Bounds of the tip, start included.
+    low_line, high_line : (3,) int64
+        Line of the file where each bound is first reached; 0 for the start.
+    plunger_max_mm, plunger_min_mm : float, mm
+        Farthest plunger positions, from the start's.
+    merged_moves : int
+        Moves below the firmware's least steps, taken over by their successors.
+    unknown : tuple of (int, str)
+        Line and name of each command that the firmware doesn't know.
+    longest_line : (int, int)
+        Bytes as sent (with line number and checksum), and the line.
+    findings : list of Finding
+        What is wrong, each sort once with its first line; the caller decides what it refuses.
+    """
+
+    program: Program
+    executed: ExecutedMotion
+    duration_s: float
+    speed_mm_s: FloatArray
+    limit_mm_s: FloatArray
+    low_mm: FloatArray
+    high_mm: FloatArray
+    low_line: NDArray[np.int64]
+    high_line: NDArray[np.int64]
+    plunger_max_mm: float
+    plunger_min_mm: float
+    merged_moves: int
+    unknown: tuple[tuple[int, str], ...]
+    longest_line: tuple[int, int]
+    findings: list[Finding]
+
+
+def dry_run(
+    gcode: bytes,
+    printer: Printer,
+    start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    cold_extrusion: bool = False,
+) -> DryRun:
+    """Run a file without a printer.
+
+    Parameters
+    ----------
+    gcode : bytes
+    printer : Printer
+    start_mm : tuple, mm
+        Where the tip stands before the first line, in the printer's frame.
+    cold_extrusion : bool
+        Whether M302 was sent before the file; without it (in the file or before) the firmware
+        drops all plunger motion while the hotend is cold.
+
+    Raises
+    ------
+    GcodeError
+        When the bytes aren't text.
+    """
+    program = read_gcode(gcode, start_mm)
+    extrudes = _extrusion_allowed(program, cold_extrusion)
+    planner, ring = new_planner(printer, start_mm), new_ring(printer)
+    log = np.zeros(len(program) + len(ring), LOG)
+    duration = _plan(
+        program.kind,
+        program.target,
+        program.feed,
+        program.value,
+        program.command,
+        _seconds_on_the_wire(program, printer),
+        extrudes,
+        planner,
+        ring,
+        log,
+    )
+    checked = check(program, printer, extrudes)
+    return DryRun(
+        program=program,
+        executed=executed_motion(log[: int(planner["logged"][0])], printer),
+        duration_s=float(duration),
+        merged_moves=int(planner["merged"][0]),
+        **checked,
+    )
+
+
+def _seconds_on_the_wire(program: Program, printer: Printer) -> FloatArray:
+    size = sent_length(program)
+    seconds = (size + _OK_BYTES) * (_BITS_PER_BYTE / printer.baud) + COMMAND_S
+    return np.where(size > 0, seconds, 0.0)
+
+
+def _extrusion_allowed(program: Program, already: bool) -> NDArray[np.bool_]:
+    """Whether the firmware lets the plunger move at each row, (n,)."""
+    value = np.nan_to_num(program.value, nan=-1.0)
+    permits = (program.code == code("M302")) & (value >= 0)
+    heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
+    allowed = np.logical_or.accumulate(permits | heats) if len(program) else permits
+    return allowed | already
+
+
+@jit
+def _plan(
+    kind: NDArray[np.int64],
+    target: FloatArray,
+    feed: FloatArray,
+    value: FloatArray,
+    command: NDArray[np.int64],
+    wire_s: FloatArray,
+    extrudes: NDArray[np.bool_],
+    planner: Records,
+    ring: Records,
+    log: Records,
+) -> float:
+    """Feed the planner row by row; returns the time from the first pulse or dwell to the last."""
+    now = 0.0
+    begin = np.inf
+    finish = 0.0
+    for i in range(len(kind)):
+        now += wire_s[i]
+        run_until(planner, ring, log, now)
+        if kind[i] == MOVE:
+            while planner[0].count >= len(ring) - 1:
+                now = max(now, next_event(planner))
+                run_until(planner, ring, log, now)
+            if not extrudes[i]:
+                set_axis(planner, 3, target[i, 3])
+            add_move(planner, ring, target[i], feed[i], command[i], now)
+        elif kind[i] == SET_POSITION:
+            set_axis(planner, 3, target[i, 3])
+        elif kind[i] == DWELL or kind[i] == SYNC or kind[i] == HOME:
+            now = _drain(planner, ring, log, now)
+            if kind[i] == DWELL:
+                begin = min(begin, now)
+                now += value[i]
+                finish = max(finish, now)
+            elif kind[i] == HOME:
+                for axis in range(3):
+                    set_axis(planner, axis, target[i, axis])
+    _drain(planner, ring, log, now)
+    if planner[0].logged > 0:
+        begin = min(begin, planner[0].first_pulse)
+        finish = max(finish, planner[0].run_end)
+    return max(finish - begin, 0.0)
+
+
+@jit
+def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
+    """Let the motors finish; returns when they stand."""
+    while planner[0].count > 0:
+        now = max(now, next_event(planner))
+        run_until(planner, ring, log, now)
+    return now

@@ -1,0 +1,251 @@
+"""What can be said of a program without planning it: bounds, speeds, plunger, unknown commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer, Span
+from sim.gcode import NO_COMMAND, Program, code_name
+from sim.gcode_modal import BAD, HOME, MOVE
+from sim.marlin_codes import is_known
+
+FloatArray = NDArray[np.float64]
+_TINY_MM: Final = 1e-6
+_AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sort of problem in a file.
+
+    Attributes
+    ----------
+    line : int
+        Where it is first met, from 1.
+    code : str
+        Its sort: ``outside_x`` (y, z), ``speed_x`` (y, z, e), ``plunger_travel``,
+        ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``, ``homing``,
+        ``long_line``.
+    message : str
+        For the user: what, value, limit, remedy.
+    value, limit : float
+        The worst value and what it should have kept; NaN where there is none.
+    count : int
+        Rows of the program concerned.
+    """
+
+    line: int
+    code: str
+    message: str
+    value: float = float("nan")
+    limit: float = float("nan")
+    count: int = 1
+
+
+def check(program: Program, printer: Printer, extrudes: NDArray[np.bool_]) -> dict[str, Any]:
+    """All fields of `DryRun` that need no planner."""
+    moves = program.kind == MOVE
+    speed = demanded_speed(program)
+    axes = printer.max_speed_mm_s
+    limit = np.array([axes.x, axes.y, axes.z, axes.e])
+    tip = np.vstack([program.start[None, :3], program.target[:, :3]])
+    lines = np.concatenate([[0], program.line])
+    low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
+    plunger = np.concatenate([[0.0], program.plunger])
+    size = sent_length(program)
+    longest = int(size.argmax()) if len(program) else -1
+    unknown = _unknown(program)
+    findings = [
+        *_outside(program, printer, moves),
+        *_too_fast(program, speed, limit, printer.name),
+        *_plunger(program, printer),
+        *_cold(program, moves & ~extrudes),
+        *_strange(program, unknown),
+        *_too_long(program, size, printer),
+    ]
+    return {
+        "speed_mm_s": speed,
+        "limit_mm_s": limit,
+        "low_mm": tip.min(axis=0),
+        "high_mm": tip.max(axis=0),
+        "low_line": lines[low_at],
+        "high_line": lines[high_at],
+        "plunger_max_mm": float(plunger.max()),
+        "plunger_min_mm": float(plunger.min()),
+        "unknown": unknown,
+        "longest_line": (int(size[longest]), int(program.line[longest])) if len(size) else (0, 0),
+        "findings": sorted(findings, key=lambda finding: finding.line),
+    }
+
+
+def sent_length(program: Program) -> NDArray[np.int64]:
+    """Bytes of each row as sent: ``N12 `` before it, ``*123`` and the line end after; (n,)."""
+    digits = np.floor(np.log10(program.command + 1)).astype(np.int64) + 1
+    return np.where(program.length > 0, program.length + digits + 7, 0)
+
+
+def demanded_speed(program: Program) -> FloatArray:
+    """Speed that each row asks of x, y, z and e, (n, 4), mm/s; 0 where it isn't a move.
+
+    The feed is that of the path in space, or of the plunger where only it moves.
+    """
+    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    delta = np.abs(program.target - before)
+    path = np.sqrt(np.square(delta[:, :3]).sum(axis=1))
+    length = np.where(path > 0, path, delta[:, 3])
+    moving = (program.kind == MOVE) & (length > 0)
+    per_mm = np.zeros(len(program))
+    np.divide(program.feed, length, out=per_mm, where=moving)
+    return delta * per_mm[:, None]
+
+
+def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
+    return int(program.line[int(where.argmax())]), int(where.sum())
+
+
+def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> list[Finding]:
+    found = []
+    spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
+    for axis, (name, span) in enumerate(zip(_AXES, spans, strict=True)):
+        at = program.target[:, axis]
+        for beyond, limit, sign in ((span.low - at, span.low, -1), (at - span.high, span.high, 1)):
+            where = moves & (beyond > _TINY_MM)
+            if where.any():
+                line, count = _first(program, where)
+                worst = limit + sign * float(beyond[where].max())
+                found.append(
+                    Finding(
+                        line,
+                        f"outside_{name}",
+                        f"line {line}: {name} reaches {worst:.3f} mm, outside {span.low:g} to "
+                        f"{span.high:g} mm ({printer.name}: {name}_mm), in {count} moves; "
+                        "move the part (place_mm) or check the start position",
+                        worst,
+                        limit,
+                        count,
+                    )
+                )
+    return found
+
+
+def _too_fast(
+    program: Program, speed: FloatArray, limit: FloatArray, printer: str
+) -> list[Finding]:
+    found = []
+    for axis, name in enumerate((*_AXES, "e")):
+        where = speed[:, axis] > limit[axis] * (1 + 1e-6)
+        if where.any():
+            line, count = _first(program, where)
+            worst = float(speed[where, axis].max())
+            found.append(
+                Finding(
+                    line,
+                    f"speed_{name}",
+                    f"line {line}: {name} is asked for {worst:.3f} mm/s, above "
+                    f"{limit[axis]:g} mm/s ({printer}: max_speed_mm_s.{name}), in {count} moves; "
+                    "the firmware would slow the whole move down: lower the feed",
+                    worst,
+                    float(limit[axis]),
+                    count,
+                )
+            )
+    return found
+
+
+def _plunger(program: Program, printer: Printer) -> list[Finding]:
+    travel = program.plunger
+    where = travel > printer.plunger_travel_mm + _TINY_MM
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    worst = float(travel.max())
+    return [
+        Finding(
+            line,
+            "plunger_travel",
+            f"line {line}: the plunger reaches {worst:.3f} mm, above "
+            f"{printer.plunger_travel_mm:g} mm ({printer.name}: plunger_travel_mm); use a larger "
+            "syringe or split the print",
+            worst,
+            printer.plunger_travel_mm,
+            count,
+        )
+    ]
+
+
+def _cold(program: Program, moves: NDArray[np.bool_]) -> list[Finding]:
+    before = np.concatenate([[program.start[3]], program.target[:-1, 3]])[: len(program)]
+    where = moves & (program.target[:, 3] != before)
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    return [
+        Finding(
+            line,
+            "cold_extrusion",
+            f"line {line}: the plunger would move while cold extrusion isn't allowed, in {count} "
+            "moves; the firmware drops such motion: send M302 P1 before",
+            count=count,
+        )
+    ]
+
+
+def _unknown(program: Program) -> tuple[tuple[int, str], ...]:
+    strange = [
+        number
+        for number in np.unique(program.code).tolist()
+        if number == NO_COMMAND or not is_known(code_name(number)[0], number % 1_000_000 // 10)
+    ]
+    where = np.flatnonzero(np.isin(program.code, strange))
+    return tuple((int(program.line[i]), code_name(int(program.code[i]))) for i in where)
+
+
+def _strange(program: Program, unknown: tuple[tuple[int, str], ...]) -> list[Finding]:
+    found = []
+    for name in sorted({name for _, name in unknown}):
+        lines = [line for line, other in unknown if other == name]
+        sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
+        what = "isn't a command" if sort == "no_command" else f"{name} is unknown to this firmware"
+        found.append(
+            Finding(
+                lines[0],
+                sort,
+                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out",
+                count=len(lines),
+            )
+        )
+    for kind, sort, text in (
+        (BAD, "bad_arc", "the arc has no centre (I, J or R); write it as straight moves"),
+        (HOME, "homing", "homing with needle and dish mounted drives the needle through them; "
+         "take G28 out and touch off instead"),
+    ):  # fmt: skip
+        where = program.kind == kind
+        if where.any():
+            line, count = _first(program, where)
+            found.append(Finding(line, sort, f"line {line}: {text}", count=count))
+    return found
+
+
+def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> list[Finding]:
+    # The firmware keeps one byte for the terminator.
+    limit = printer.max_line_bytes - 1
+    where = size - 1 > limit
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    worst = int(size.max()) - 1
+    return [
+        Finding(
+            line,
+            "long_line",
+            f"line {line}: {worst} bytes with line number and checksum, above {limit} "
+            f"({printer.name}: max_line_bytes); the firmware cuts it off: split the line",
+            worst,
+            limit,
+            count,
+        )
+    ]

@@ -1,0 +1,35 @@
+"""Errors of the simulated printer, scanner and deposit.
+
+::
+
+    SimError                    anything a user can mend on the simulator's side
+    ├── GcodeError              G-code that can't be read at all
+    ├── ServeError              a port, link or record that can't be served
+    ├── DepositError            motion that can't be turned into a deposit
+    └── ScannerError            a scan that can't be simulated as asked
+
+What is wrong with G-code that *can* be read comes as data (`sim.dryrun.Finding`), because the
+caller decides which finding refuses a print.
+"""
+
+from __future__ import annotations
+
+
+class SimError(ValueError):
+    """Bad input to the simulator; the message says what, value, limit, unit and remedy."""
+
+
+class GcodeError(SimError):
+    """G-code that can't be read."""
+
+
+class ServeError(SimError):
+    """A port, link or record that can't be served."""
+
+
+class DepositError(SimError):
+    """Motion that can't be turned into a deposit."""
+
+
+class ScannerError(SimError):
+    """A scan that can't be simulated as asked."""

@@ -1,0 +1,24 @@
+"""From the stepper's log, in steps, to `ExecutedMotion`, in mm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from firmware_profiles import Printer
+from sim.executed import ExecutedMotion
+from sim.planner_state import Records
+
+
+def executed_motion(log: Records, printer: Printer) -> ExecutedMotion:
+    """Blocks that ran, (n,) of `LOG`, in mm and s."""
+    axes = printer.steps_per_mm
+    per_mm = np.array([axes.x, axes.y, axes.z])
+    return ExecutedMotion(
+        start=log["start"][:, :3] / per_mm,
+        end=log["end"][:, :3] / per_mm,
+        plunger_start=log["start"][:, 3] / axes.e,
+        plunger_end=log["end"][:, 3] / axes.e,
+        time_start=log["time_start"].copy(),
+        time_end=log["time_end"].copy(),
+        line=log["line"].copy(),
+    )

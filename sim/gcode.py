@@ -1,0 +1,327 @@
+"""The product's one G-code reader.
+
+`read_gcode` takes a whole file in one compiled pass (about a million lines a second) and gives
+moves with all modal state resolved; `parse_line` takes one line for those who answer it. Both
+rest on the same two kernels, `sim.gcode_words.split_words` and `sim.gcode_modal.interpret`.
+
+Read are G0 to G4 (arcs in the xy plane, cut into segments), G20, G21, G28, G90 to G92, M82, M83,
+M220, M221 and the waits M0, M1, M109, M190, M400. All other commands come as they stand, to be
+judged by their code. A comment begins at a semicolon.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+from sim.errors import GcodeError
+from sim.gcode_modal import (
+    ARC,
+    BAD,
+    DWELL,
+    HOME,
+    MODAL,
+    MOVE,
+    SET_POSITION,
+    arc_points,
+    dwell_s,
+    has,
+    interpret,
+    new_modal,
+    speed,
+)
+from sim.gcode_words import WORDS, split_words
+from sim.planner_state import Records
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+NO_COMMAND: Final = 0
+"""Code of a line that isn't a command."""
+_LETTER: Final = 1_000_000
+
+
+def code(command: str) -> int:
+    """Number under which `Program.code` holds a command: ``code("G92")``, ``code("G92.1")``."""
+    number, _, subcode = command[1:].partition(".")
+    return ord(command[0]) * _LETTER + int(number) * 10 + int(subcode or 0)
+
+
+def code_name(number: int) -> str:
+    """Turn `code` back: ``G92``."""
+    if number == NO_COMMAND:
+        return "no command"
+    letter, rest = divmod(number, _LETTER)
+    whole, subcode = divmod(rest, 10)
+    return f"{chr(letter)}{whole}" + (f".{subcode}" if subcode else "")
+
+
+@dataclass(frozen=True)
+class Command:
+    """One line, taken apart.
+
+    Attributes
+    ----------
+    letter : str
+        G, M or T; empty where the line is no command.
+    number, subcode : int
+        G92.1 has 92 and 1.
+    line_number : int or None
+        The N word.
+    values : dict of str to float
+        Words with a number.
+    flags : frozenset of str
+        Letters without one.
+    text : bytes
+        From the command's letter on, without checksum where there is a command.
+    """
+
+    letter: str
+    number: int
+    subcode: int
+    line_number: int | None
+    values: dict[str, float]
+    flags: frozenset[str]
+    text: bytes
+
+    @property
+    def name(self) -> str:
+        """Letter, number and subcode: ``G92.1``."""
+        return f"{self.letter}{self.number}" + (f".{self.subcode}" if self.subcode else "")
+
+
+def parse_line(line: bytes) -> Command:
+    """Take one line apart; a comment and the line end may still be there."""
+    text = line.partition(b";")[0].rstrip(b"\r\n")
+    words = np.zeros(1, WORDS)
+    split_line(text, words)
+    return command_of(text, words)
+
+
+def command_of(text: bytes, words: Records) -> Command:
+    """Python's view of ``words``, (1,) of `WORDS`, that `split_words` made of ``text``."""
+    row = words[0]
+    valued, seen = int(row["valued"]), int(row["seen"])
+    letters = [(chr(65 + k), k) for k in range(26) if seen >> k & 1]
+    shown = text[int(row["begin"]) :]
+    letter = chr(int(row["letter"])) if row["letter"] else ""
+    if letter:
+        shown = shown.partition(b"*")[0].rstrip(b" ")
+    return Command(
+        letter=letter,
+        number=int(row["number"]),
+        subcode=int(row["subcode"]),
+        line_number=int(row["numbered"]) if row["numbered"] >= 0 else None,
+        values={name: float(row["value"][k]) for name, k in letters if valued >> k & 1},
+        flags=frozenset(name for name, k in letters if not valued >> k & 1),
+        text=shown,
+    )
+
+
+def checksum(line: bytes) -> int:
+    """XOR of all bytes: what follows the ``*``."""
+    value = int.from_bytes(line, "little")
+    width = 8 * len(line)
+    while width > 8:
+        half = (width // 8 + 1) // 2 * 8
+        value = (value >> half) ^ (value & ((1 << half) - 1))
+        width = half
+    return value
+
+
+@dataclass(frozen=True)
+class Program:
+    """A file's commands with all modal state resolved; an arc is a row per segment.
+
+    Attributes
+    ----------
+    line : (n,) int64
+        Line of the file, from 1.
+    command : (n,) int64
+        Which command it is, from 0: comments and empty lines don't count, as they aren't sent.
+    code : (n,) int64
+        As `code` gives it.
+    kind : (n,) int64
+        `sim.gcode_modal.Kind`.
+    target : (n, 4) float64, mm
+        Firmware's native x, y, z, e after the command.
+    plunger : (n,) float64, mm
+        Plunger travel since the start, which G92 doesn't move.
+    feed : (n,) float64, mm/s
+        Asked for.
+    value : (n,) float64
+        Seconds of a dwell; the S (else R, else P) word of any other command, NaN without one.
+    length : (n,) int64, bytes
+        Of the command without comment, line number and checksum.
+    start : (4,) float64, mm
+        Before the first command.
+    """
+
+    line: IntArray
+    command: IntArray
+    code: IntArray
+    kind: IntArray
+    target: FloatArray
+    plunger: FloatArray
+    feed: FloatArray
+    value: FloatArray
+    length: IntArray
+    start: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+
+ROW: Final = np.dtype(
+    [
+        ("line", "i8"),
+        ("command", "i8"),
+        ("code", "i8"),
+        ("kind", "i8"),
+        ("target", "f8", (4,)),
+        ("plunger", "f8"),
+        ("feed", "f8"),
+        ("value", "f8"),
+        ("length", "i8"),
+    ],
+    align=True,
+)
+
+
+def read_gcode(gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Program:
+    """Read a whole file.
+
+    Parameters
+    ----------
+    gcode : bytes
+    start_mm : tuple, mm
+        Where the tip stands before the first line.
+
+    Raises
+    ------
+    GcodeError
+        When the bytes hold a NUL, as no text does.
+    """
+    if b"\0" in gcode:
+        at = gcode.index(b"\0")
+        raise GcodeError(
+            f"byte {at} of the G-code is NUL; this is a binary file, not text: give a .gcode file"
+        )
+    room = gcode.count(b"\n") + gcode.count(b"\r") + 1
+    while True:
+        rows = np.zeros(room, ROW)
+        used = _read(gcode, new_modal(start_mm), np.zeros(1, WORDS), rows)
+        if used <= room:
+            break
+        room = used
+    rows = rows[:used]
+    columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
+    return Program(**columns, start=np.array([*start_mm, 0.0]))
+
+
+@jit
+def split_line(text: bytes, words: Records) -> None:
+    """`sim.gcode_words.split_words` of a whole line, into (1,) of `WORDS`."""
+    split_words(text, 0, len(text), words[0])
+
+
+@jit
+def _read(text: bytes, modal_of: Records, words_of: Records, rows: Records) -> int:
+    """Fill ``rows`` as far as they reach; returns how many there are."""
+    modal = modal_of[0]
+    words = words_of[0]
+    segments = np.empty((64, 4))
+    begin = np.empty(4)
+    used = 0
+    line = 0
+    command = -1
+    at = 0
+    size = len(text)
+    while at < size:
+        line += 1
+        end = at
+        stop = -1
+        while end < size and text[end] != 10 and text[end] != 13:
+            if text[end] == 59 and stop < 0:
+                stop = end
+            end += 1
+        stop = end if stop < 0 else stop
+        split_words(text, at, stop, words)
+        at = end + 1
+        if end + 1 < size and text[end] == 13 and text[end + 1] == 10:
+            at += 1
+        while stop > words.begin and (text[stop - 1] == 32 or text[stop - 1] == 9):
+            stop -= 1
+        if words.begin >= stop:
+            continue
+        command += 1
+        begin[:] = modal.position
+        kind = interpret(modal, words)
+        count = 1
+        if kind == ARC:
+            count = arc_points(begin, modal.position, words, modal.unit, segments)
+            if count > len(segments):
+                segments = np.empty((count, 4))
+                arc_points(begin, modal.position, words, modal.unit, segments)
+            if count == 0:
+                kind = BAD
+                count = 1
+        elif kind == HOME:
+            _home(modal, words)
+        for k in range(count):
+            if used < len(rows):
+                row = rows[used]
+                row.line = line
+                row.command = command
+                row.code = 0
+                if words.letter > 0:
+                    row.code = words.letter * _LETTER + words.number * 10 + words.subcode
+                row.kind = MOVE if kind == ARC else kind
+                for axis in range(4):
+                    row.target[axis] = segments[k, axis] if kind == ARC else modal.position[axis]
+                row.plunger = row.target[3] + modal.plunger_shift
+                row.feed = speed(modal)
+                row.value = _value(words, kind)
+                row.length = stop - words.begin if k == 0 else 0
+            used += 1
+    return used
+
+
+@jit
+def _value(words: Records, kind: int) -> float:
+    if kind == DWELL:
+        return dwell_s(words)
+    if has(words, 18):
+        return words.value[18]
+    if has(words, 17):
+        return words.value[17]
+    return words.value[15] if has(words, 15) else np.nan
+
+
+@jit
+def _home(modal: Records, words: Records) -> None:
+    """Homed axes read zero; none named means all three."""
+    named = words.seen >> 23 & 7
+    for axis in range(3):
+        if named == 0 or (named >> axis) & 1:
+            modal.position[axis] = 0.0
+            modal.shift[axis] = 0.0
+
+
+__all__ = [
+    "MODAL",
+    "SET_POSITION",
+    "Command",
+    "Program",
+    "checksum",
+    "code",
+    "code_name",
+    "command_of",
+    "parse_line",
+    "read_gcode",
+    "split_line",
+]

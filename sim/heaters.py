@@ -1,0 +1,81 @@
+"""A heater with thermal mass, solved in closed form so that virtual time can jump.
+
+While it heats, a body of heat capacity C loses heat to the room through a resistance R and takes
+the full power P: T(t) = T_end + (T_0 - T_end) exp(-t / τ) with T_end = T_room + P R and τ = R C
+(Newton's law of cooling). At its target it is held there exactly; above it, it cools freely.
+
+Not modelled: the controller's overshoot and ripple, sensors' noise and lag, one heater warming
+another.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+ROOM_C: Final = 21.0
+UNWIRED_C: Final = -15.0
+"""What a thermistor input reads that nothing is connected to."""
+FULL_DUTY: Final = 127
+
+
+@dataclass
+class Heater:
+    """One heater.
+
+    Attributes
+    ----------
+    hottest_c : float, °C
+        Where it would end at full power.
+    time_constant_s : float
+        τ of warming and cooling.
+    wired : bool
+        Whether its thermistor is connected.
+    """
+
+    hottest_c: float
+    time_constant_s: float
+    wired: bool = True
+    target_c: float = 0.0
+    _since_s: float = field(default=0.0, repr=False)
+    _from_c: float = field(default=ROOM_C, repr=False)
+
+    def set_target(self, now: float, target_c: float) -> None:
+        """Heat to ``target_c`` from ``now`` on, s; 0 switches off."""
+        self._from_c = self._true(now)
+        self._since_s = now
+        self.target_c = target_c
+
+    def read(self, now: float) -> float:
+        """Temperature that the firmware sees, °C."""
+        return self._true(now) if self.wired else UNWIRED_C
+
+    def duty(self, now: float) -> int:
+        """Share of full power, 0 to 127, as the firmware reports it."""
+        if self.target_c <= ROOM_C or not self.wired:
+            return 0
+        if self._true(now) < self.target_c - 0.01:
+            return FULL_DUTY
+        return round(FULL_DUTY * (self.target_c - ROOM_C) / (self.hottest_c - ROOM_C))
+
+    def reaches_at(self, target_c: float) -> float:
+        """When it passes ``target_c`` on its present way, s; infinity where it never does."""
+        if self.wired and self._from_c == target_c:
+            return self._since_s
+        end = self._end()
+        if not self.wired or not min(self._from_c, end) < target_c < max(self._from_c, end):
+            return math.inf
+        share = (target_c - end) / (self._from_c - end)
+        return self._since_s - self.time_constant_s * math.log(share)
+
+    def _end(self) -> float:
+        return self.hottest_c if self._from_c < self.target_c else ROOM_C
+
+    def _true(self, now: float) -> float:
+        end = self._end()
+        decay = math.exp(-max(now - self._since_s, 0.0) / self.time_constant_s)
+        free = end + (self._from_c - end) * decay
+        if end == self.hottest_c:
+            return min(free, self.target_c)
+        return max(free, self.target_c) if self.target_c > ROOM_C else free

@@ -1,0 +1,25 @@
+"""Commands that a stock Marlin 2.1 build with one extruder and EEPROM answers to.
+
+After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+_G: Final = (0, 1, 2, 3, 4, 20, 21, 28, 90, 91, 92)
+_M: Final = (
+    *(0, 1, 17, 18, 31, 75, 76, 77, 82, 83, 84, 85, 92),
+    *(104, 105, 106, 107, 108, 109, 110, 111, 112, 113, 114, 115, 117, 118, 119),
+    *(140, 149, 154, 155, 190, 200, 201, 203, 204, 205, 206),
+    *(211, 220, 221, 226, 301, 302, 304, 400, 410, 420, 428),
+    *(500, 501, 502, 503, 504, 876, 999),
+)
+
+KNOWN: Final = frozenset([f"G{n}" for n in _G] + [f"M{n}" for n in _M])
+"""Names of the known commands; T with any number is known too."""
+
+
+def is_known(letter: str, number: int) -> bool:
+    """Whether the firmware knows a command."""
+    return letter == "T" or f"{letter}{number}" in KNOWN

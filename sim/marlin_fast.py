@@ -1,0 +1,102 @@
+"""The straight road of the simulated firmware: a numbered G0 or G1 line, in one kernel call.
+
+It does what the general path in `sim.marlin` does, for the one case that makes up a print: the
+board waits for a line, the line is whole, numbered as expected, its checksum is good, it is a
+straight move and the planner has a place, now or when the next block ends. Anything else is left
+untouched to the general path.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from kernels import jit
+from sim.gcode_modal import has, interpret, speed
+from sim.gcode_words import number_at, split_words
+from sim.planner import add_move, next_event, run_until
+from sim.planner_state import Records
+
+NOT_TAKEN: Final = -1.0
+_N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
+_E_LETTER = 4
+
+
+@jit
+def take_numbered_move(
+    line: bytes,
+    expected: int,
+    longest: int,
+    cold: bool,
+    modal: Records,
+    words: Records,
+    planner: Records,
+    ring: Records,
+    log: Records,
+    now: float,
+    alarm: float,
+    command_s: float,
+    step_s: float,
+) -> float:
+    r"""Take a line if it is the plain next move.
+
+    Parameters
+    ----------
+    line : bytes
+        With its ``\n``.
+    expected : int
+        The next line number.
+    longest : int
+        Bytes that the firmware keeps of a line.
+    cold : bool
+        Whether the plunger may not move.
+    modal, words, planner, ring, log : records
+        State of the firmware.
+    now : float, s
+        When the line's last byte arrived.
+    alarm : float, s
+        Nothing else may happen before this time; a wait beyond it isn't for this road.
+    command_s, step_s : float, s
+        Processor's time for a command, and the stepper's for an event.
+
+    Returns
+    -------
+    float
+        When the move was taken, s; `NOT_TAKEN` where nothing was done.
+    """
+    size = len(line) - 1
+    if size < 6 or size > longest or line[0] != _N or line[size] != _EOL:
+        return NOT_TAKEN
+    star = size - 1
+    while star > 0 and line[star] != _STAR:
+        star -= 1
+    given, after = number_at(line, star + 1, size)
+    if star == 0 or after != size or planner[0].logged + 2 * len(ring) > len(log):
+        return NOT_TAKEN
+    xor = 0
+    for i in range(star):
+        if line[i] == _SEMICOLON or line[i] == _EOL:
+            return NOT_TAKEN
+        xor ^= line[i]
+    row = words[0]
+    split_words(line, 0, size, row)
+    if int(given) != xor or row.numbered != expected:
+        return NOT_TAKEN
+    if row.letter != _G or row.number > 1 or row.number < 0 or (cold and has(row, _E_LETTER)):
+        return NOT_TAKEN
+    run_until(planner, ring, log, now)
+    load = 0.0
+    if planner[0].running:
+        load = min(ring[planner[0].tail].nominal_rate * step_s, 0.8)
+    now += command_s / (1.0 - load)
+    run_until(planner, ring, log, now)
+    if planner[0].count >= len(ring) - 1:
+        free = max(now, next_event(planner))
+        if free > alarm:
+            return NOT_TAKEN
+        now = free
+        run_until(planner, ring, log, now)
+    if now > alarm:
+        return NOT_TAKEN
+    interpret(modal[0], row)
+    add_move(planner, ring, modal[0].position, speed(modal[0]), expected - 1, now)
+    return now

@@ -1,0 +1,285 @@
+"""The simulated board's state: clock, motors, heaters, settings. No bytes come in here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from firmware_profiles import Printer, Span
+from sim.executed import ExecutedMotion
+from sim.executed_log import executed_motion
+from sim.gcode_modal import new_modal
+from sim.heaters import Heater
+from sim.marlin_board import Board
+from sim.planner import add_move, counted, next_event, run_until, set_axis, stop_now
+from sim.planner_state import LOG, new_planner, new_ring
+
+COLD_C: Final = 170.0
+QUICKSTOP_S: Final = 1.0
+"""For so long after a quickstop the planner takes no moves."""
+_FIRST_LOG: Final = 4096
+
+
+class Wait(Protocol):
+    """Something that a command waits for while the board goes on reading and reporting."""
+
+    busy: str
+    """What the board says it is doing."""
+
+    def done(self, machine: Machine) -> bool:
+        """Whether it has come."""
+
+    def at(self, machine: Machine) -> float:
+        """When to look next, s; infinity where only the host can end it."""
+
+
+Task = Iterator[Wait]
+
+
+@dataclass(frozen=True)
+class Until:
+    """A moment on the printer's clock."""
+
+    time: float
+    busy: str = "processing"
+
+    def done(self, machine: Machine) -> bool:
+        """Whether it has passed."""
+        return machine.now >= self.time
+
+    def at(self, machine: Machine) -> float:
+        """The moment."""
+        return self.time
+
+
+@dataclass(frozen=True)
+class Place:
+    """A free place in the planner's ring."""
+
+    busy: str = "processing"
+
+    def done(self, machine: Machine) -> bool:
+        """Whether there is one."""
+        return machine.blocks < len(machine.ring) - 1
+
+    def at(self, machine: Machine) -> float:
+        """When a block ends."""
+        return machine.next_motion()
+
+
+@dataclass(frozen=True)
+class Still:
+    """All motors stand and the planner takes moves."""
+
+    busy: str = "processing"
+
+    def done(self, machine: Machine) -> bool:
+        """Whether they do."""
+        return machine.blocks == 0 and machine.now >= machine.closed_until
+
+    def at(self, machine: Machine) -> float:
+        """When a block ends, or the pause after a quickstop."""
+        return machine.next_motion() if machine.blocks else machine.closed_until
+
+
+@dataclass
+class User:
+    """Somebody's click, or a moment by which none came."""
+
+    until: float
+    busy: str = "paused for user"
+
+    def done(self, machine: Machine) -> bool:
+        """Whether the user has answered."""
+        return not machine.waits_for_user or machine.now >= self.until
+
+    def at(self, machine: Machine) -> float:
+        """When it gives up."""
+        return self.until
+
+
+@dataclass
+class Reports:
+    """What the firmware says without being asked: interval and next time of each, s."""
+
+    temperature_s: float = 0.0
+    temperature_at: float = np.inf
+    position_s: float = 0.0
+    position_at: float = np.inf
+    keepalive_s: float = 2.0
+
+
+@dataclass
+class JobTimer:
+    """Marlin's print timer (M75 to M77)."""
+
+    started_at: float | None = None
+    gathered_s: float = 0.0
+
+    def start(self, now: float) -> None:
+        """Start, afresh where it was stopped."""
+        if self.started_at is None:
+            self.started_at = now
+
+    def stop(self, now: float) -> None:
+        """Stop and keep what was gathered."""
+        self.gathered_s = self.read(now)
+        self.started_at = None
+
+    def read(self, now: float) -> float:
+        """Seconds gathered."""
+        running = 0.0 if self.started_at is None else now - self.started_at
+        return self.gathered_s + running
+
+
+@dataclass
+class Machine:
+    """Clock, motors, heaters and settings of the board.
+
+    Attributes
+    ----------
+    now : float, s
+        The printer's own clock; it starts at 0 with power-up and goes on through resets.
+    modal, planner, ring, log : records
+        See `sim.gcode_modal` and `sim.planner_state`.
+    """
+
+    printer: Printer
+    start_mm: tuple[float, float, float]
+    board: Board
+    byte_s: float
+    now: float = 0.0
+    dead: bool = False
+    output: bytearray = field(default_factory=bytearray)
+
+    def __post_init__(self) -> None:
+        self.ring = new_ring(self.printer)
+        self.log = np.zeros(_FIRST_LOG, LOG)
+        self._steps = np.zeros(4, np.int64)
+        self.planner = new_planner(self.printer, self.start_mm)
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Forget all but the clock, the motors' true places and the log."""
+        printer = self.printer
+        fresh = new_planner(printer, self.start_mm)
+        for name in ("physical", "first_pulse", "logged", "merged", "run_end"):
+            fresh[name] = self.planner[name]
+        fresh["shift"] = fresh["physical"] - fresh["position"]
+        self.planner[:] = fresh
+        self.modal = new_modal(self.start_mm)
+        spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
+        self.modal["low"] = [span.low for span in spans]
+        self.modal["high"] = [span.high for span in spans]
+        self.hotend = Heater(400.0, 60.0, self.board.thermistors)
+        self.bed = Heater(140.0, 300.0, self.board.thermistors)
+        self.homed = [False, False, False]
+        self.soft_endstops = True
+        self.cold_allowed = False
+        self.coldest_c = COLD_C
+        self.reports = Reports()
+        self.timer = JobTimer()
+        self.idle_limit_s = 0.0
+        self.idle_since = self.now
+        self.closed_until = 0.0
+        self.waits_for_user = False
+        self.waits_for_heat = False
+        self.debug = 0
+        self.filament_mm = 1.75
+        self.home_offset = [0.0, 0.0, 0.0]
+        # Kept and told; the heaters' model has no controller.
+        self.pid = {"P": 22.20, "I": 1.08, "D": 114.00}
+        self.dead = False
+
+    # -- words out
+
+    def say(self, line: str | bytes, end: bytes = b"\n") -> None:
+        """Send a line; it takes its time on the wire, as there is no buffer for it."""
+        data = (line.encode("latin-1") if isinstance(line, str) else line) + end
+        self.output += data
+        self.now += len(data) * self.byte_s
+
+    # -- motors
+
+    @property
+    def state(self) -> Any:
+        """The planner's record."""
+        return self.planner[0]
+
+    @property
+    def blocks(self) -> int:
+        """Blocks in the ring, the running one too."""
+        return int(self.planner["count"][0])
+
+    def roll(self) -> None:
+        """Let the motors run until now."""
+        self.make_room()
+        run_until(self.planner, self.ring, self.log, self.now)
+
+    def make_room(self) -> None:
+        """Lengthen the log where it might not hold all blocks of the ring."""
+        if int(self.planner["logged"][0]) + 2 * len(self.ring) > len(self.log):
+            self.log = np.concatenate([self.log, np.zeros_like(self.log)])
+
+    def next_motion(self) -> float:
+        """When the stepper next ends or takes a block, s."""
+        return float(next_event(self.planner))
+
+    def move_to(self, target_mm: Any, feed: float, line: int) -> None:
+        """Put a straight move into the ring, which must have a place."""
+        self.roll()
+        if self.now >= self.closed_until:
+            add_move(self.planner, self.ring, target_mm, feed, line, self.now)
+
+    def steps_now(self) -> list[int]:
+        """Stepper counts at this moment, as the firmware numbers them."""
+        self.roll()
+        counted(self.planner, self.ring, self.now, self._steps)
+        return [int(v) for v in self._steps - self.planner["shift"][0]]
+
+    def stop(self) -> None:
+        """Drop all moves; the firmware's position becomes where the motors stand."""
+        self.make_room()
+        stop_now(self.planner, self.ring, self.log, self.now)
+        native = self.planner["position"][0] / self.planner["steps_per_mm"][0].astype(float)
+        self.modal["plunger_shift"] += self.modal["position"][0, 3] - native[3]
+        self.modal["position"] = native
+
+    def set_plunger(self, position_mm: float) -> None:
+        """Call the plunger's planned position ``position_mm``."""
+        set_axis(self.planner, 3, position_mm)
+
+    def finish(self) -> None:
+        """Let all accepted moves end."""
+        while self.blocks:
+            self.now = max(self.now, self.next_motion())
+            self.roll()
+
+    def executed(self) -> ExecutedMotion:
+        """Blocks that ran up to now."""
+        self.roll()
+        return executed_motion(self.log[: int(self.planner["logged"][0])], self.printer)
+
+    # -- heat
+
+    def heaters_off(self) -> None:
+        """Switch both heaters off."""
+        self.hotend.set_target(self.now, 0.0)
+        self.bed.set_target(self.now, 0.0)
+
+    @property
+    def too_cold(self) -> bool:
+        """Whether the firmware refuses to move the plunger."""
+        return not self.cold_allowed and self.hotend.read(self.now) < self.coldest_c
+
+    def temperatures(self) -> str:
+        """Report as in M105, from the blank on."""
+        now = self.now
+        return (
+            f" T:{self.hotend.read(now):.2f} /{self.hotend.target_c:.2f}"
+            f" B:{self.bed.read(now):.2f} /{self.bed.target_c:.2f}"
+            f" @:{self.hotend.duty(now)} B@:{self.bed.duty(now)}"
+        )

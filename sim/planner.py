@@ -1,0 +1,269 @@
+"""Marlin's planner: a ring of blocks with lookahead, in the printer's own time.
+
+What is modelled, after Marlin 2.1 with junction deviation: rounding of targets to whole steps in
+32-bit floats, merging of moves below the least steps, limits of speed and acceleration per axis,
+slowing down of short segments while the ring is nearly empty, junction speeds with the rule for
+small segments, reverse and forward passes, trapezoids from step counts, the wait of an idle
+stepper for a third block or 100 ms, and pulse times as the stepper's interrupt gives them
+(`sim.planner_stepper`).
+
+What isn't: S-curves, linear advance, input shaping, classic jerk, backlash correction, an arc's
+own hints, the processor's load (a real 8-bit board stutters above some 20,000 events/s).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+from sim.planner_block import (
+    MINIMUM_SPEED_SQ,
+    fill,
+    junction_sq,
+    reachable_sq,
+    set_acceleration,
+    set_direction,
+    set_speeds,
+    to_steps,
+)
+from sim.planner_state import Records
+from sim.planner_stepper import SLOWEST, TICKS_PER_S, axis_steps, walk
+
+FIRST_BLOCK_DELAY_S = 0.1
+"""How long an idle stepper waits for company before it takes a single block."""
+COMPANY = 3
+"""Blocks that make an idle stepper start at once."""
+
+
+@jit
+def set_trapezoid(block: Records, entry: float, leave: float) -> None:
+    """Events of acceleration, plateau and deceleration between two speeds, mm/s."""
+    initial = max(int(math.floor(entry * block.steps_per_mm + 0.5)), SLOWEST)
+    final = max(int(math.floor(leave * block.steps_per_mm + 0.5)), SLOWEST)
+    nominal_sq = float(block.nominal_rate) * block.nominal_rate
+    half_inverse = 0.5 / block.acceleration_rate
+    up = half_inverse * (nominal_sq - float(initial) * initial)
+    down = half_inverse * (nominal_sq - float(final) * final)
+    accelerate = int(math.ceil(up))
+    decelerate = int(math.ceil(down))
+    if accelerate + decelerate > block.events:
+        accelerate = int(math.floor((block.events + up - down) * 0.5 + 0.5))
+        accelerate = min(max(accelerate, 0), block.events)
+        decelerate = block.events - accelerate
+    block.initial_rate = initial
+    block.final_rate = final
+    block.accelerate_before = accelerate
+    block.decelerate_start = block.events - decelerate
+
+
+@jit
+def _reverse_pass(planner: Records, ring: Records) -> None:
+    """Raise entry speeds from the newest block back, as far as each can still brake."""
+    exit_sq = MINIMUM_SPEED_SQ
+    for age in range(planner.count - 1, planner.planned, -1):
+        block = ring[(planner.tail + age) % len(ring)]
+        allowed = min(
+            reachable_sq(exit_sq, block.acceleration, block.millimetres), block.max_entry_sq
+        )
+        if block.entry_sq == block.max_entry_sq or allowed == block.entry_sq:
+            return
+        block.entry_sq = allowed
+        block.recalculate = True
+        exit_sq = allowed
+
+
+@jit
+def _forward_pass(planner: Records, ring: Records) -> None:
+    """Lower entry speeds that the block before can't accelerate to; push the planned mark."""
+    for age in range(planner.planned + 1, planner.count):
+        before = ring[(planner.tail + age - 1) % len(ring)]
+        block = ring[(planner.tail + age) % len(ring)]
+        if not before.nominal_length and before.entry_sq < block.entry_sq:
+            reachable = reachable_sq(before.entry_sq, before.acceleration, before.millimetres)
+            if reachable < block.entry_sq:
+                block.entry_sq = reachable
+                block.recalculate = True
+                planner.planned = age
+        if block.entry_sq == block.max_entry_sq:
+            planner.planned = age
+
+
+@jit
+def _recalculate(planner: Records, ring: Records) -> None:
+    """Plan again after a block was added; the running block can't be changed any more."""
+    newest = planner.count - 1
+    if newest > planner.planned:
+        _reverse_pass(planner, ring)
+        _forward_pass(planner, ring)
+    block = ring[(planner.tail + newest) % len(ring)]
+    set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(MINIMUM_SPEED_SQ))
+    changed = block.recalculate
+    block.recalculate = False
+    oldest = 1 if planner.running else 0
+    for age in range(newest - 1, oldest - 1, -1):
+        after = block
+        block = ring[(planner.tail + age) % len(ring)]
+        if block.recalculate or changed:
+            set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(after.entry_sq))
+        changed = block.recalculate
+        block.recalculate = False
+
+
+@jit
+def add_move(
+    planner_of: Records,
+    ring: Records,
+    target_mm: NDArray[np.float64],
+    feed: float,
+    line: int,
+    now: float,
+) -> bool:
+    """Take a straight move into the ring, which must have a free place.
+
+    Parameters
+    ----------
+    planner_of : (1,) of `PLANNER`
+    ring : (n,) of `BLOCK`
+    target_mm : (4,) float64, mm
+        Where to, x y z e, in the firmware's native coordinates.
+    feed : float, mm/s
+        Asked for.
+    line : int
+        Kept for the log.
+    now : float, s
+        The printer's time; `run_until` must have been called for it.
+
+    Returns
+    -------
+    bool
+        False where the move has fewer steps than the least and is left to its successor.
+    """
+    planner = planner_of[0]
+    block = ring[(planner.tail + planner.count) % len(ring)]
+    target = np.empty(4, np.int64)
+    for axis in range(4):
+        target[axis] = to_steps(target_mm[axis], planner.steps_per_mm[axis])
+    if not fill(planner, block, target):
+        planner.merged += 1 if block.events > 0 else 0
+        return False
+    waiting = planner.count - (1 if planner.running else 0)
+    set_speeds(planner, block, feed, waiting, len(ring) // 2)
+    set_acceleration(planner, block)
+    set_direction(block)
+    block.line = line
+    block.max_entry_sq = 0
+    if waiting > 0 and planner.prev_speed > 0:
+        block.max_entry_sq = min(
+            junction_sq(planner, planner.prev_unit, block),
+            block.nominal_speed * block.nominal_speed,
+            planner.prev_speed * planner.prev_speed,
+        )
+    block.entry_sq = MINIMUM_SPEED_SQ
+    block.recalculate = False
+    allowed = reachable_sq(MINIMUM_SPEED_SQ, block.acceleration, block.millimetres)
+    block.nominal_length = block.nominal_speed * block.nominal_speed <= allowed
+    for axis in range(4):
+        planner.prev_unit[axis] = block.unit[axis]
+        planner.position[axis] = target[axis]
+    planner.prev_speed = block.nominal_speed
+    if planner.count == 0:
+        planner.planned = 0
+        planner.deliver_at = now + FIRST_BLOCK_DELAY_S
+    planner.count += 1
+    _recalculate(planner, ring)
+    if planner.count >= COMPANY:
+        planner.deliver_at = min(planner.deliver_at, now)
+    return True
+
+
+@jit
+def next_event(planner_of: Records) -> float:
+    """When the stepper next ends or takes a block, s; infinity where it has nothing to do."""
+    planner = planner_of[0]
+    if planner.running:
+        return planner.run_end
+    if planner.count > 0:
+        return max(planner.deliver_at, planner.run_end)
+    return np.inf
+
+
+@jit
+def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> None:
+    """Let the stepper run until ``now``, s; the log must have room for all blocks of the ring."""
+    planner = planner_of[0]
+    while next_event(planner_of) <= now:
+        block = ring[planner.tail]
+        if planner.running:
+            _write_log(planner, block, log, block.events, planner.run_end)
+            planner.running = False
+            planner.tail = (planner.tail + 1) % len(ring)
+            planner.count -= 1
+            planner.planned = max(planner.planned - 1, 0)
+            continue
+        planner.run_start = next_event(planner_of)
+        _, ticks, first = walk(block, -1)
+        if np.isnan(planner.first_pulse):
+            planner.first_pulse = planner.run_start + first / TICKS_PER_S
+        planner.run_end = planner.run_start + ticks / TICKS_PER_S
+        planner.running = True
+        planner.planned = max(planner.planned, 1)
+
+
+@jit
+def _write_log(planner: Records, block: Records, log: Records, done: int, end: float) -> None:
+    """Note the part of a block that ran, and move the motors' counters on."""
+    row = log[planner.logged]
+    for axis in range(4):
+        row.start[axis] = planner.physical[axis]
+        planner.physical[axis] += axis_steps(block.steps[axis], block.events, done)
+        row.end[axis] = planner.physical[axis]
+    row.time_start = planner.run_start
+    row.time_end = end
+    row.line = block.line
+    planner.logged += 1
+
+
+@jit
+def counted(planner_of: Records, ring: Records, now: float, out: NDArray[np.int64]) -> int:
+    """Physical steps at ``now`` into ``out`` (4,); returns events done of the running block."""
+    planner = planner_of[0]
+    done = 0
+    for axis in range(4):
+        out[axis] = planner.physical[axis]
+    if planner.running:
+        block = ring[planner.tail]
+        done, _, _ = walk(block, max(int((now - planner.run_start) * TICKS_PER_S), 0))
+        for axis in range(4):
+            out[axis] += axis_steps(block.steps[axis], block.events, done)
+    return done
+
+
+@jit
+def stop_now(planner_of: Records, ring: Records, log: Records, now: float) -> None:
+    """Drop all blocks at ``now``, s; the running one ends at the steps that it has done."""
+    run_until(planner_of, ring, log, now)
+    planner = planner_of[0]
+    before = np.empty(4, np.int64)
+    done = counted(planner_of, ring, now, before)
+    if planner.running:
+        if done > 0:
+            _write_log(planner, ring[planner.tail], log, done, now)
+        planner.run_end = now
+    planner.running = False
+    planner.count = 0
+    planner.planned = 0
+    planner.prev_speed = 0
+    for axis in range(4):
+        planner.position[axis] = planner.physical[axis] - planner.shift[axis]
+
+
+@jit
+def set_axis(planner_of: Records, axis: int, target_mm: float) -> None:
+    """Call the end of the last block ``target_mm`` on one axis; no motor moves."""
+    planner = planner_of[0]
+    steps = to_steps(target_mm, planner.steps_per_mm[axis])
+    planner.shift[axis] += planner.position[axis] - steps
+    planner.position[axis] = steps

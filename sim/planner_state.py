@@ -1,0 +1,116 @@
+"""What Marlin's planner and stepper remember, as records that a kernel reads by name."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Axes, Printer
+
+Records = NDArray[np.void]
+"""A structured array; the kernels take these, one record or many."""
+
+BLOCK: Final = np.dtype(
+    [
+        ("steps", "i8", (4,)),  # signed, x y z e
+        ("events", "i8"),  # of the axis with most steps
+        ("millimetres", "f4"),
+        ("nominal_speed", "f4"),  # mm/s
+        ("nominal_rate", "i8"),  # step events/s
+        ("steps_per_mm", "f4"),  # events per mm of path
+        ("acceleration_rate", "i8"),  # events/s²
+        ("acceleration", "f4"),  # mm/s²
+        ("entry_sq", "f4"),  # (mm/s)²
+        ("max_entry_sq", "f4"),
+        ("nominal_length", "b1"),  # reaches its nominal speed from a standstill
+        ("recalculate", "b1"),
+        ("initial_rate", "i8"),  # events/s
+        ("final_rate", "i8"),
+        ("accelerate_before", "i8"),  # events
+        ("decelerate_start", "i8"),
+        ("unit", "f4", (4,)),  # direction, x y z e
+        ("line", "i8"),
+    ],
+    align=True,
+)
+"""One straight move on its way through the planner."""
+
+PLANNER: Final = np.dtype(
+    [
+        # facts of the machine
+        ("steps_per_mm", "f4", (4,)),
+        ("mm_per_step", "f4", (4,)),
+        ("max_speed", "f4", (4,)),
+        ("max_acceleration", "f4", (4,)),
+        ("acceleration", "f4", (3,)),  # while printing, retracting, travelling
+        ("junction_deviation", "f4"),
+        ("min_segment_us", "f8"),
+        ("min_steps", "i8"),
+        ("flow", "f4"),  # M221, 1 = as asked
+        # the planner
+        ("position", "i8", (4,)),  # where the last block that was taken will end, steps
+        ("shift", "i8", (4,)),  # physical steps minus `position`'s count (G92 E moves it)
+        ("prev_unit", "f4", (4,)),
+        ("prev_speed", "f4"),
+        ("tail", "i8"),  # index of the oldest block
+        ("count", "i8"),  # blocks in the ring, the running one too
+        ("planned", "i8"),  # age (0 = oldest) of the last block that is planned for good
+        ("merged", "i8"),  # moves below the least steps, taken over by their successors
+        # the stepper
+        ("running", "b1"),
+        ("physical", "i8", (4,)),  # motor steps since power-up, at `run_start`
+        ("run_start", "f8"),  # s, of the running block
+        ("run_end", "f8"),  # s, of the running block or of the last one
+        ("deliver_at", "f8"),  # s, before which an idle stepper takes no block
+        ("first_pulse", "f8"),  # s, of the first step ever; nan before it
+        ("logged", "i8"),  # rows of the log in use
+    ],
+    align=True,
+)
+"""The planner's and the stepper's state; times are the printer's own."""
+
+LOG: Final = np.dtype(
+    [
+        ("start", "i8", (4,)),  # physical steps
+        ("end", "i8", (4,)),
+        ("time_start", "f8"),
+        ("time_end", "f8"),
+        ("line", "i8"),
+    ],
+    align=True,
+)
+"""One block that really ran, or the part of it that did."""
+
+
+def _four(axes: Axes) -> tuple[float, float, float, float]:
+    return axes.x, axes.y, axes.z, axes.e
+
+
+def new_planner(printer: Printer, start_mm: tuple[float, float, float]) -> Records:
+    """Fresh planner of a printer whose tip stands at ``start_mm``, (1,) of `PLANNER`.
+
+    ``start_mm`` is both what the firmware believes and where the motors' counters begin.
+    """
+    planner = np.zeros(1, PLANNER)
+    state: Any = planner[0]
+    state["steps_per_mm"] = _four(printer.steps_per_mm)
+    state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
+    state["max_speed"] = _four(printer.max_speed_mm_s)
+    state["max_acceleration"] = _four(printer.max_acceleration_mm_s2)
+    state["acceleration"] = printer.acceleration_mm_s2
+    state["junction_deviation"] = printer.junction_deviation_mm
+    state["min_segment_us"] = printer.min_segment_time_s * 1e6
+    state["flow"] = 1.0
+    state["min_steps"] = printer.min_steps_per_segment
+    steps = np.rint(np.array(start_mm) * np.asarray(state["steps_per_mm"][:3], dtype=float))
+    state["position"][:3] = steps
+    state["physical"][:3] = steps
+    state["first_pulse"] = np.nan
+    return planner
+
+
+def new_ring(printer: Printer) -> Records:
+    """Empty ring of the planner's blocks, (planner_blocks,) of `BLOCK`."""
+    return np.zeros(printer.planner_blocks, BLOCK)

@@ -1,0 +1,15 @@
+"""Simulated scanners: volumes of what the simulated printer deposited."""
+
+from sim.scanner.microct import MicroCtOptions, simulate_microct
+from sim.scanner.oct import OctOptions, simulate_oct
+from sim.scanner.placing import Placing
+from sim.scanner.scanned import Scanned
+
+__all__ = [
+    "MicroCtOptions",
+    "OctOptions",
+    "Placing",
+    "Scanned",
+    "simulate_microct",
+    "simulate_oct",
+]

@@ -1,0 +1,227 @@
+"""The simulated printer as a process of its own, behind a port.
+
+The loop: what the host sends goes to the firmware (`sim.marlin`), what that says goes back. At
+speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
+to K times real time.
+
+The record of what moved is written before the answer to each M400 leaves, when the firmware is
+killed, when the host goes away (its accepted moves are run first, as a printer does) and at the
+end.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+from sim.marlin import MarlinPrinter
+from sim.ports import Port
+
+BOOT_S: Final = 0.05
+"""Real time between a reset by the port's opening and the first word, so that a host that empties
+its buffers after opening doesn't miss it."""
+_ABSENT_S: Final = 0.01
+_WATCH_S: Final = 0.5
+_TICK_S: Final = 0.002
+
+
+@dataclass(frozen=True)
+class Serving:
+    """How to serve.
+
+    Attributes
+    ----------
+    speed : float
+        Times real time; 0 for as fast as possible.
+    record : Path or None
+        Where the executed motion goes.
+    exit_on_hangup : bool
+        Whether to end when the host goes away.
+    parent_pid : int or None
+        End when this process does.
+    """
+
+    speed: float = 0.0
+    record: Path | None = None
+    exit_on_hangup: bool = False
+    parent_pid: int | None = None
+
+
+class Server:
+    """Loop between a port and the firmware.
+
+    Parameters
+    ----------
+    printer : MarlinPrinter
+    port : Port
+    serving : Serving
+    """
+
+    def __init__(self, printer: MarlinPrinter, port: Port, serving: Serving) -> None:
+        self._printer = printer
+        self._port = port
+        self._serving = serving
+        self._outbox = b""
+        self._host_there = False
+        self._port_there = True
+        self._boots_at: float | None = None
+        self._synced = 0
+        self._was_dead = False
+        self._stop = False
+        self._parent = os.getppid()
+        self._zero = time.monotonic()
+
+    def run(self) -> None:
+        """Serve until told to stop; the record is written whatever happens."""
+        try:
+            with _stopped_by_signals(self._ask_to_stop) as wake:
+                self._loop(wake)
+        finally:
+            if self._port_there:
+                self._port.close()
+            self._let_go()
+
+    def _ask_to_stop(self) -> None:
+        self._stop = True
+
+    def _loop(self, wake: int) -> None:
+        watched = time.monotonic()
+        poller = select.poll()
+        poller.register(wake, select.POLLIN)
+        at = -1
+        while not self._stop:
+            if self._port_there and self._port.fileno() != at:
+                if at >= 0:
+                    poller.unregister(at)
+                at = self._port.fileno()
+                poller.register(at, select.POLLIN)
+            if self._outbox:
+                poller.modify(at, select.POLLIN | select.POLLOUT)
+            events = dict(poller.poll(self._timeout_ms()))
+            if self._outbox:
+                poller.modify(at, select.POLLIN)
+            if self._port_there:
+                self._turn(events.get(at, 0))
+                if not self._port_there:
+                    poller.unregister(at)
+                    at = -1
+            now = time.monotonic()
+            if now - watched > _WATCH_S:
+                watched = now
+                self._stop |= self._orphaned()
+
+    def _timeout_ms(self) -> int:
+        if self._boots_at is not None or (self._serving.speed > 0 and not self._printer.dead):
+            return max(int(_TICK_S * 1e3), 1)
+        return int(_WATCH_S * 1e3)
+
+    def _turn(self, event: int) -> None:
+        """One round: who is there, what came, what goes."""
+        there = self._port.connected(bool(event & select.POLLHUP))
+        if there != self._host_there:
+            self._host_there = there
+            self._on_change(there)
+        if not there:
+            self._pace(b"")
+            self._outbox = b""
+            if event & select.POLLHUP:
+                time.sleep(_ABSENT_S)
+            return
+        if self._boots_at is not None:
+            if time.monotonic() < self._boots_at:
+                return
+            self._boots_at = None
+            self._printer.reset()
+        data = self._port.read() if event & select.POLLIN else b""
+        self._pace(data)
+        self._outbox += self._printer.take_output()
+        if self._outbox:
+            self._outbox = self._outbox[self._port.write(self._outbox) :]
+        if self._printer.unplugged:
+            self._unplug()
+
+    def _on_change(self, there: bool) -> None:
+        if there:
+            wants = self._printer.machine.printer.resets_on_connect
+            if self._port.resets_board() and wants:
+                self._boots_at = time.monotonic() + BOOT_S
+            return
+        self._let_go()
+        if self._serving.exit_on_hangup:
+            self._stop = True
+
+    def _pace(self, data: bytes) -> None:
+        """Give the firmware its bytes and its time; keep the record."""
+        printer = self._printer
+        if self._serving.speed > 0:
+            printer.receive(data)
+            printer.run_to((time.monotonic() - self._zero) * self._serving.speed)
+        elif data:
+            said = printer.exchange(data)
+            printer.machine.output += said
+        if printer.synced != self._synced or printer.dead != self._was_dead:
+            self._synced = printer.synced
+            self._was_dead = printer.dead
+            self._save()
+
+    def _unplug(self) -> None:
+        self._port.close()
+        self._port_there = False
+        self._host_there = False
+        self._let_go()
+        if self._serving.exit_on_hangup:
+            self._stop = True
+
+    def _let_go(self) -> None:
+        """The host has gone: run what was accepted, keep the record."""
+        self._printer.finish()
+        self._printer.take_output()
+        self._save()
+
+    def _save(self) -> None:
+        if self._serving.record is not None:
+            self._printer.executed().save(self._serving.record)
+
+    def _orphaned(self) -> bool:
+        pid = self._serving.parent_pid
+        if pid is None:
+            return False
+        if pid == self._parent:
+            return os.getppid() != pid
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        except PermissionError:
+            return False
+        return False
+
+
+@contextmanager
+def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[int]:
+    """Call ``stop`` on SIGTERM and SIGINT; yields a file descriptor that wakes a poll."""
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stop()
+
+    before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    handlers = {sig: signal.signal(sig, on_signal) for sig in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield reader.fileno()
+    finally:
+        for sig, handler in handlers.items():
+            signal.signal(sig, handler)
+        signal.set_wakeup_fd(before)
+        reader.close()
+        writer.close()
