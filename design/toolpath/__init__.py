@@ -1,1 +1,6 @@
-"""toolpath."""
+"""What the needle does: moves as values, and the rooms that make and write them."""
+
+from design.toolpath.moves import MoveBuilder
+from design.toolpath.toolpath import MoveKind, Toolpath
+
+__all__ = ["MoveBuilder", "MoveKind", "Toolpath"]

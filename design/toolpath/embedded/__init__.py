@@ -1,1 +1,16 @@
-"""embedded."""
+"""Embedded writing: filaments along the vessels' centrelines inside a bath."""
+
+from design.toolpath.embedded.filament import check_vessels
+from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
+from design.toolpath.embedded.report import Crossing, EmbeddedReport
+
+__all__ = [
+    "Crossing",
+    "EmbeddedOptions",
+    "EmbeddedPlan",
+    "EmbeddedReport",
+    "check_vessels",
+    "embedded_toolpath",
+    "plan_embedded",
+]

@@ -1,1 +1,15 @@
-"""fresh."""
+"""FRESH: layers of lines in a support bath, with the lumens kept open."""
+
+from design.toolpath.fresh.lumens import check_lumens
+from design.toolpath.fresh.options import FreshOptions
+from design.toolpath.fresh.plan import FreshPlan, fresh_toolpath, plan_fresh
+from design.toolpath.fresh.report import FreshReport
+
+__all__ = [
+    "FreshOptions",
+    "FreshPlan",
+    "FreshReport",
+    "check_lumens",
+    "fresh_toolpath",
+    "plan_fresh",
+]

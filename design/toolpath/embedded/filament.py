@@ -1,0 +1,53 @@
+"""Filament law: ink and speed along a piece."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.toolpath import FloatArray
+
+
+def frustum_ul(points: FloatArray, radius: FloatArray) -> FloatArray:
+    """Volume of each stretch of a tapered filament, (k - 1,), µL: π L (r₀² + r₀ r₁ + r₁²) / 3."""
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    start, end = radius[:-1], radius[1:]
+    return np.pi / 3.0 * length * (start**2 + start * end + end**2)
+
+
+def writing_speed(area_mm2: FloatArray, options: EmbeddedOptions) -> FloatArray:
+    """Speed of each stretch, mm/s: as fast as speed and flow limits allow, Q = A v."""
+    return np.minimum(options.write_speed_mm_s, options.max_flow_ul_s / area_mm2)
+
+
+def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
+    """Refuse vessels that the needle can't write.
+
+    Raises
+    ------
+    ToolpathError
+        For the thinnest vessel below the limit of the needle, and for the thickest one whose
+        flow exceeds `max_flow_ul_s` even at `min_speed_mm_s`.
+    """
+    thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
+    limit = options.thinnest * options.needle_inner_mm
+    thin = np.flatnonzero(thinnest < limit * (1 - 1e-9))
+    if len(thin):
+        vessel = int(thin[np.argmin(thinnest[thin])])
+        raise ToolpathError(
+            f"vessel {vessel}: diameter {thinnest[vessel]:.3f} mm is thinner than "
+            f"{limit:.3f} mm, {options.thinnest:g} × the needle's inner diameter of "
+            f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels); use a "
+            "finer needle or fix a larger smallest lumen in the design"
+        )
+    thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1])
+    limit = float(np.sqrt(4 * options.max_flow_ul_s / (np.pi * options.min_speed_mm_s)))
+    if thickest.max() > limit * (1 + 1e-9):
+        vessel = int(np.argmax(thickest))
+        raise ToolpathError(
+            f"vessel {vessel}: diameter {thickest[vessel]:.3f} mm is thicker than {limit:.3f} mm, "
+            f"which {options.max_flow_ul_s:g} µL/s (max_flow_ul_s) fill at "
+            f"{options.min_speed_mm_s:g} mm/s (min_speed_mm_s); allow more flow or less speed"
+        )

@@ -1,0 +1,91 @@
+"""How vessels are written along their centrelines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from design.errors import ToolpathError
+from design.toolpath.checks import require_not_negative, require_positive
+
+
+@dataclass(frozen=True)
+class EmbeddedOptions:
+    """Choices for writing filaments inside a yield-stress bath.
+
+    Attributes
+    ----------
+    needle_inner_mm, needle_outer_mm : float, mm
+        Diameters of the needle; a vertical shaft without a cone.
+    clearance_mm : float, mm
+        Kept between the shaft and what is written.
+    thinnest : float
+        Thinnest filament, as a part of the needle's inner diameter; thinner ones would have to
+        be drawn out, and tear. A starting value, not measured.
+    write_speed_mm_s, min_speed_mm_s : float, mm/s
+        Fastest and slowest writing.
+    max_flow_ul_s : float, µL/s
+        Thick vessels are written slower so that the flow stays below it.
+    travel_speed_mm_s, lift_speed_mm_s : float, mm/s
+        Above everything written, and going up or down.
+    lift_mm : float, mm
+        Height of a travel above everything written.
+    overlap_radii : float
+        Overlap of a joint in radii of the vessel that is written later.
+    retract_ul : float, µL
+        Plunger relief at the end of a pass; the same volume primes the next.
+    plunger_ul_s : float, µL/s
+        Flow while priming and retracting.
+    dwell_s : float, s
+        Pause after a prime, until the ink flows.
+    """
+
+    needle_inner_mm: float = 0.16
+    needle_outer_mm: float = 0.31
+    clearance_mm: float = 0.05
+    thinnest: float = 0.8
+    write_speed_mm_s: float = 5.0
+    min_speed_mm_s: float = 0.2
+    max_flow_ul_s: float = 2.0
+    travel_speed_mm_s: float = 20.0
+    lift_speed_mm_s: float = 5.0
+    lift_mm: float = 1.0
+    overlap_radii: float = 1.0
+    retract_ul: float = 0.02
+    plunger_ul_s: float = 0.4
+    dwell_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "embedded options",
+            needle_inner_mm=self.needle_inner_mm,
+            needle_outer_mm=self.needle_outer_mm,
+            thinnest=self.thinnest,
+            write_speed_mm_s=self.write_speed_mm_s,
+            min_speed_mm_s=self.min_speed_mm_s,
+            max_flow_ul_s=self.max_flow_ul_s,
+            travel_speed_mm_s=self.travel_speed_mm_s,
+            lift_speed_mm_s=self.lift_speed_mm_s,
+            lift_mm=self.lift_mm,
+            plunger_ul_s=self.plunger_ul_s,
+        )
+        require_not_negative(
+            "embedded options",
+            clearance_mm=self.clearance_mm,
+            overlap_radii=self.overlap_radii,
+            retract_ul=self.retract_ul,
+            dwell_s=self.dwell_s,
+        )
+        for small, large in (
+            ("needle_inner_mm", "needle_outer_mm"),
+            ("min_speed_mm_s", "write_speed_mm_s"),
+        ):
+            if getattr(self, small) > getattr(self, large):
+                raise ToolpathError(
+                    f"{small} {getattr(self, small):g} is above {large} {getattr(self, large):g} "
+                    "(embedded options); lower the first or raise the second"
+                )
+
+    @property
+    def shaft_mm(self) -> float:
+        """Radius that must stay free around the shaft, mm."""
+        return self.needle_outer_mm / 2 + self.clearance_mm

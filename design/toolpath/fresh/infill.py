@@ -1,0 +1,149 @@
+"""Infill: parallel lines that abut, clipped to a region by scan conversion.
+
+A line is a strip one width high. Where the region ends inside a strip, along a boundary nearly
+parallel to the lines, a whole line would leave or overfill up to half a width; there a line of
+half the width is written in the half of the strip that lies inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath.toolpath import FloatArray, IntArray
+
+#: Half lines shorter than this many widths aren't worth a start and a stop.
+SHORTEST_HALF = 2.0
+#: Nor whole lines shorter than this.
+SHORTEST_WHOLE = 0.5
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight lines to write.
+
+    Attributes
+    ----------
+    start, end : (n, 2) float64, mm
+    width_mm : (n,) float64, mm
+    """
+
+    start: FloatArray
+    end: FloatArray
+    width_mm: FloatArray
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Disjoint intervals on scan rows, in order of row and position.
+
+    Attributes
+    ----------
+    row : (n,) int64
+    low, high : (n,) float64, mm
+    """
+
+    row: IntArray
+    low: FloatArray
+    high: FloatArray
+
+    def where(self, keep: NDArray[np.bool_]) -> Intervals:
+        """Return those of ``keep``."""
+        return Intervals(self.row[keep], self.low[keep], self.high[keep])
+
+
+def fill(
+    contours: list[FloatArray], width_mm: float, angle_deg: float, origin: FloatArray
+) -> Lines:
+    """Fill the region inside ``contours`` (even-odd) with lines ``width_mm`` apart.
+
+    Parameters
+    ----------
+    contours : list of (k, 2) float64, mm
+        Closed, the last point not repeated.
+    width_mm : float, mm
+    angle_deg : float, °
+        Direction of the lines from x.
+    origin : (2,) float64, mm
+        A point that an edge between two strips goes through, so that layers line up.
+    """
+    turn = _rotation(-angle_deg)
+    turned = [(ring - origin) @ turn.T for ring in contours]
+    middle = scan(turned, width_mm, 0.5 * width_mm)
+    upper = scan(turned, width_mm, 0.75 * width_mm)
+    lower = scan(turned, width_mm, 0.25 * width_mm)
+    only_upper = _longer(subtract(upper, lower), SHORTEST_HALF * width_mm)
+    only_lower = _longer(subtract(lower, upper), SHORTEST_HALF * width_mm)
+    whole = subtract(subtract(middle, only_upper), only_lower)
+    parts = [
+        (_longer(whole, SHORTEST_WHOLE * width_mm), 0.5, 1.0),
+        (only_upper, 0.75, 0.5),
+        (only_lower, 0.25, 0.5),
+    ]
+    start, end, width = [], [], []
+    for found, place, part in parts:
+        height = (found.row + place) * width_mm
+        start.append(np.column_stack([found.low, height]))
+        end.append(np.column_stack([found.high, height]))
+        width.append(np.full(len(height), part * width_mm))
+    back = turn  # points @ turn is the inverse rotation, because turn is orthogonal
+    return Lines(
+        np.concatenate(start) @ back + origin,
+        np.concatenate(end) @ back + origin,
+        np.concatenate(width),
+    )
+
+
+def scan(contours: list[FloatArray], spacing_mm: float, first_mm: float) -> Intervals:
+    """Intervals of the region (even-odd) on the rows y = first + row · spacing.
+
+    A row that runs through a vertex counts it once: an edge covers y₀ ≤ y < y₁.
+    """
+    if not contours:
+        return Intervals(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    tail = np.concatenate(contours)
+    head = np.concatenate([np.roll(ring, -1, axis=0) for ring in contours])
+    flip = tail[:, 1] > head[:, 1]
+    low, high = np.where(flip[:, None], head, tail), np.where(flip[:, None], tail, head)
+    first = np.ceil((low[:, 1] - first_mm) / spacing_mm).astype(np.int64)
+    after = np.ceil((high[:, 1] - first_mm) / spacing_mm).astype(np.int64)
+    count = after - first
+    edge = np.repeat(np.arange(len(tail)), count)
+    row = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    share = (first_mm + row * spacing_mm - low[edge, 1]) / (high[edge, 1] - low[edge, 1])
+    x = low[edge, 0] + share * (high[edge, 0] - low[edge, 0])
+    order = np.lexsort((x, row))
+    # Each row is crossed an even number of times, because every contour is closed.
+    return Intervals(row[order][::2], x[order][::2], x[order][1::2])
+
+
+def subtract(first: Intervals, second: Intervals) -> Intervals:
+    """What is in ``first`` and not in ``second``, row by row."""
+    sets = (first, second)
+    row = np.concatenate([part.row for part in sets for _ in range(2)])
+    place = np.concatenate([edge for part in sets for edge in (part.low, part.high)])
+    kind = np.repeat([0, 0, 1, 1], [len(part.row) for part in sets for _ in range(2)])
+    step = np.repeat([1, -1, 1, -1], [len(part.row) for part in sets for _ in range(2)])
+    order = np.lexsort((place, row))
+    row, place = row[order], place[order]
+    in_first = np.cumsum(np.where(kind == 0, step, 0)[order]) > 0
+    in_second = np.cumsum(np.where(kind == 1, step, 0)[order]) > 0
+    keep = np.flatnonzero((in_first & ~in_second)[:-1] & (place[1:] > place[:-1]))
+    return Intervals(row[keep], place[keep], place[keep + 1])
+
+
+def _longer(found: Intervals, than_mm: float) -> Intervals:
+    return found.where(found.high - found.low >= than_mm)
+
+
+def _rotation(angle_deg: float) -> FloatArray:
+    # Quarter turns exactly, so that lines along an axis have one coordinate to write.
+    quarter, rest = divmod(angle_deg, 90.0)
+    cosine, sine = (
+        ((1, 0), (0, 1), (-1, 0), (0, -1))[int(quarter) % 4]
+        if rest == 0
+        else (np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)))
+    )
+    return np.array([[cosine, -sine], [sine, cosine]], dtype=np.float64)

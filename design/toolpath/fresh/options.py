@@ -1,0 +1,80 @@
+"""How FRESH layers are written."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from design.errors import ToolpathError
+from design.toolpath.checks import require_not_negative, require_positive
+
+
+@dataclass(frozen=True)
+class FreshOptions:
+    """Choices for FRESH layers; the defaults are the paper's 150 µm needle and 60 µm layers.
+
+    Attributes
+    ----------
+    layer_height_mm, line_width_mm : float, mm
+        A line's cross-section is their product: Q = w h v.
+    walls : int
+        Lines of fixed width that follow every boundary, counted from the lumen outward.
+    infill_angles_deg : tuple of float, °
+        Direction of the infill lines, layer after layer in turn.
+    write_speed_mm_s, travel_speed_mm_s, lift_speed_mm_s : float, mm/s
+        While writing, travelling level, and going up or down.
+    lift_mm : float, mm
+        How far the needle rises before a travel that would cross an open lumen.
+    link_mm : float, mm
+        A level travel up to this length that crosses no lumen goes without retraction: the hop
+        from one infill line to its neighbour. At 0 every travel retracts.
+    retract_ul : float, µL
+        Plunger relief before a travel; the same volume primes after it.
+    plunger_ul_s : float, µL/s
+        Flow while priming and retracting.
+    """
+
+    layer_height_mm: float = 0.06
+    line_width_mm: float = 0.15
+    walls: int = 2
+    infill_angles_deg: tuple[float, ...] = (0.0, 90.0)
+    write_speed_mm_s: float = 20.0
+    travel_speed_mm_s: float = 40.0
+    lift_speed_mm_s: float = 5.0
+    lift_mm: float = 0.5
+    link_mm: float = 0.3
+    retract_ul: float = 0.02
+    plunger_ul_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "FRESH options",
+            layer_height_mm=self.layer_height_mm,
+            line_width_mm=self.line_width_mm,
+            write_speed_mm_s=self.write_speed_mm_s,
+            travel_speed_mm_s=self.travel_speed_mm_s,
+            lift_speed_mm_s=self.lift_speed_mm_s,
+            lift_mm=self.lift_mm,
+            plunger_ul_s=self.plunger_ul_s,
+        )
+        require_not_negative("FRESH options", link_mm=self.link_mm, retract_ul=self.retract_ul)
+        if self.walls < 1:
+            raise ToolpathError(
+                f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "
+                "would stand in the lumens, so give at least 1"
+            )
+        if not self.infill_angles_deg or not all(map(math.isfinite, self.infill_angles_deg)):
+            raise ToolpathError(
+                f"infill_angles_deg is {self.infill_angles_deg} (FRESH options); give at least "
+                "one finite angle"
+            )
+
+    @property
+    def smallest_lumen_mm(self) -> float:
+        """Smallest lumen that stays open, mm: two layers high and one line wide.
+
+        A level lumen of diameter D is D/h layers of slots; below two layers rounding of the
+        layer's height may close it. Nothing narrower than a line survives the spread of the
+        lines beside it.
+        """
+        return max(2 * self.layer_height_mm, self.line_width_mm)

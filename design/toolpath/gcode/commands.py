@@ -1,0 +1,107 @@
+"""From moves to commands: positions in the printer's frame, E as plunger travel, feeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath.gcode.merge import long_enough
+from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
+from firmware_profiles import Axes, Printer, Syringe
+
+#: One above Marlin's least, because rounding both ends to whole steps can take one away.
+MARGIN_STEPS = 1
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Where the machine stands after each command, and how it gets there.
+
+    Attributes
+    ----------
+    position : (n, 4) float64, mm
+        X, Y, Z in the printer's frame, and plunger travel since the job's begin.
+    speed_mm_s : (n,) float64, mm/s
+        Along XYZ; of the plunger where only that moves.
+    pause_s : (n,) float64, s
+        Of a dwell; 0 elsewhere.
+    code : (n,) int64
+        0 for a travel, 1 where the plunger takes part, 4 for a dwell.
+    source, move : (n,) int64
+        As in `Gcode`.
+    """
+
+    position: FloatArray
+    speed_mm_s: FloatArray
+    pause_s: FloatArray
+    code: IntArray
+    source: IntArray
+    move: IntArray
+
+    def where(self, rows: NDArray[np.bool_]) -> Stops:
+        """Return the commands of a mask."""
+        return Stops(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+    @staticmethod
+    def to(position: FloatArray, speed_mm_s: float, code: int) -> Stops:
+        """One move to ``position`` (4,) that the toolpath doesn't know."""
+        none = np.array([-1])
+        return Stops(
+            position[None], np.array([speed_mm_s]), np.zeros(1), np.array([code]), none, none
+        )
+
+
+def plunger_mm_per_ul(syringe: Syringe) -> float:
+    """Plunger travel per volume, mm/µL: 4 / (π D²)."""
+    return 4.0 / (np.pi * syringe.inner_mm**2)
+
+
+def stops(toolpath: Toolpath, printer: Printer, syringe: Syringe, place_mm: FloatArray) -> Stops:
+    """Commands of a toolpath, with the moves merged that the firmware would drop."""
+    per_ul = plunger_mm_per_ul(syringe)
+    plunger = np.cumsum(toolpath.volume_ul) * per_ul
+    position = np.column_stack([toolpath.end + place_mm, plunger])
+    begin = np.append(toolpath.start[0] + place_mm, 0.0)
+    keep = long_enough(
+        np.vstack([begin, position]) * per_axis(printer.steps_per_mm),
+        _runs(toolpath),
+        printer.min_steps_per_segment + MARGIN_STEPS,
+    )
+    move = np.flatnonzero(keep)
+    kind = toolpath.kind
+    standing = np.isin(kind, (MoveKind.PRIME, MoveKind.RETRACT))
+    duration = np.where(standing, toolpath.duration_s, 1.0)
+    along_e = np.abs(toolpath.volume_ul) * per_ul / duration
+    code = np.where(kind == MoveKind.TRAVEL, 0, np.where(kind == MoveKind.DWELL, 4, 1))
+    return Stops(
+        position[move],
+        np.where(standing, along_e, toolpath.speed_mm_s)[move],
+        np.where(kind == MoveKind.DWELL, toolpath.duration_s, 0.0)[move],
+        code[move],
+        toolpath.source[move],
+        move,
+    )
+
+
+def joined(parts: list[Stops]) -> Stops:
+    """Commands one after another."""
+    return Stops(
+        **{
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(Stops)
+        }
+    )
+
+
+def per_axis(axes: Axes) -> FloatArray:
+    """One number for X, Y, Z and E, (4,)."""
+    return np.array([getattr(axes, name) for name in "xyze"])
+
+
+def _runs(toolpath: Toolpath) -> IntArray:
+    """Number of the run of writing moves of one source that each move belongs to, or -1."""
+    key = np.column_stack([toolpath.kind, toolpath.source, toolpath.tool])
+    change = np.concatenate([[True], (key[1:] != key[:-1]).any(axis=1)])
+    return np.where(toolpath.kind == MoveKind.WRITE, np.cumsum(change), -1)

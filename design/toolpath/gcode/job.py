@@ -1,0 +1,70 @@
+"""G-code with the map from each line to what it was made for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from design.toolpath.checks import require_not_negative, require_positive
+from design.toolpath.toolpath import IntArray
+
+
+@dataclass(frozen=True)
+class Gcode:
+    r"""Bytes for the printer.
+
+    Attributes
+    ----------
+    data : bytes
+        ASCII, every line ended by ``\n``; no comments and no empty lines.
+    line_source : (lines,) int64
+        Layer or vessel of each line; -1 for none.
+    line_move : (lines,) int64
+        The toolpath's move that each line ends; -1 for none. A line may end several moves.
+    source_kind : "layer" or "vessel"
+        What `line_source` counts.
+    """
+
+    data: bytes
+    line_source: IntArray
+    line_move: IntArray
+    source_kind: Literal["layer", "vessel"]
+
+    @property
+    def line_count(self) -> int:
+        """Number of lines."""
+        return len(self.line_move)
+
+
+@dataclass(frozen=True)
+class GcodeOptions:
+    """Choices of the writer.
+
+    Attributes
+    ----------
+    start_mm : (x, y, z) or None, mm
+        Where the tip stands when the job begins, in the printer's frame. With a value the job
+        declares it to the firmware (G92): for a simulated printer, or after a touch-off at a
+        known place. Without one the firmware must know its position already.
+    clearance_mm : float, mm
+        Height above the whole toolpath at which the tip comes and goes.
+    travel_speed_mm_s : float, mm/s
+        To the first point.
+    relieve_ul : float, µL
+        Plunger relief at the end, so that nothing weeps while the needle is lifted.
+    plunger_ul_s : float, µL/s
+        Flow of that relief.
+    """
+
+    start_mm: tuple[float, float, float] | None = None
+    clearance_mm: float = 5.0
+    travel_speed_mm_s: float = 20.0
+    relieve_ul: float = 0.02
+    plunger_ul_s: float = 0.4
+
+    def __post_init__(self) -> None:
+        where = "G-code options"
+        require_positive(
+            where, travel_speed_mm_s=self.travel_speed_mm_s, plunger_ul_s=self.plunger_ul_s
+        )
+        require_not_negative(where, clearance_mm=self.clearance_mm, relieve_ul=self.relieve_ul)

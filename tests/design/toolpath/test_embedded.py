@@ -1,0 +1,177 @@
+"""Embedded writing: order, shaft, joints, filament law, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import ToolpathError
+from design.toolpath import MoveKind
+from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath, plan_embedded
+from tests.design.toolpath.shaft_checker import crossings
+from tests.design.toolpath.shapes import network, polyline, random_tree
+
+OPTIONS = EmbeddedOptions()
+
+
+def first_written(toolpath, vessel):
+    write = toolpath.kind == MoveKind.WRITE
+    return int(np.flatnonzero(write & (toolpath.source == vessel))[0])
+
+
+@pytest.mark.parametrize("below", [0, 1])
+def test_a_vessel_straight_under_another_is_written_first(below):
+    height = [(0.0, 2.0), (2.0, 0.0)][below]
+    nodes = [(-3, 0, height[0]), (3, 0, height[0]), (0, -3, height[1]), (0, 3, height[1])]
+    net = network(nodes, [(0, 1), (2, 3)], 0.15)
+    plan = plan_embedded(net, OPTIONS)
+    assert first_written(plan.toolpath, below) < first_written(plan.toolpath, 1 - below)
+    assert plan.report.crossings == ()
+    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) == set()
+
+
+def test_a_stack_is_written_from_the_bottom():
+    heights = [3.0, 1.0, 4.0, 0.0, 2.0]
+    nodes = [(x, 0, z) for z in heights for x in (0, 5)]
+    net = network(nodes, [(2 * k, 2 * k + 1) for k in range(5)], 0.2)
+    toolpath = embedded_toolpath(net, OPTIONS)
+    order = sorted(range(5), key=lambda vessel: first_written(toolpath, vessel))
+    assert [heights[k] for k in order] == sorted(heights)
+
+
+def test_a_helix_is_written_upward_in_one_pass():
+    turn = np.linspace(0, 6 * np.pi, 300)
+    helix = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), 0.5 * turn])
+    net = polyline(helix[::-1], 0.15)
+    plan = plan_embedded(net, OPTIONS)
+    assert (plan.report.pieces, plan.report.passes, plan.report.crossings) == (1, 1, ())
+    assert plan.toolpath.end[-1, 2] > plan.toolpath.start[0, 2]
+
+
+def test_an_arch_is_written_from_both_feet_and_closed_at_the_top():
+    turn = np.linspace(0, np.pi, 60)
+    arch = np.column_stack([np.cos(turn), 0 * turn, 3 * np.sin(turn)])
+    plan = plan_embedded(polyline(arch, 0.15), OPTIONS)
+    assert (plan.report.pieces, plan.report.joints, plan.report.overlapped) == (2, 1, 1)
+    assert plan.report.crossings == ()
+    write = plan.toolpath.kind == MoveKind.WRITE
+    rise = (plan.toolpath.end - plan.toolpath.start)[write, 2]
+    assert rise.min() > -0.15
+
+
+def test_an_unavoidable_crossing_is_told():
+    nodes = [(0, 0, 0), (5, 0, 0), (0, 0.32, 0), (5, 0.32, 0)]  # closer than the shaft is wide
+    report = plan_embedded(network(nodes, [(0, 1), (2, 3)], 0.15), OPTIONS).report
+    assert len(report.crossings) == 1
+    assert report.crossings[0].length_mm == pytest.approx(5, rel=0.05)
+
+
+def test_a_cycle_is_broken_where_it_harms_least():
+    # Three bars, each lying on the next: A over B, B over C, C over A, with C's end just over A.
+    nodes = [(0, 0, 0), (6, 0, 3), (5.5, -1, 0), (0, 6, 3), (0.3, 6, 0), (0.2, -0.2, 3)]
+    net = network(nodes, [(0, 1), (2, 3), (4, 5)], 0.15)
+    report = plan_embedded(net, OPTIONS).report
+    assert len(report.crossings) == 1
+    assert report.crossings[0].length_mm < 1.0
+    assert crossings(embedded_toolpath(net, OPTIONS), net, OPTIONS.needle_outer_mm / 2) == {
+        (report.crossings[0].vessel, report.crossings[0].through)
+    }
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_independent_checker_finds_no_crossing_that_isnt_told(seed):
+    net = random_tree(12, 10, seed, 0.1)
+    plan = plan_embedded(net, OPTIONS)
+    told = {(crossing.vessel, crossing.through) for crossing in plan.report.crossings}
+    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) <= told
+
+
+def test_travels_pass_above_everything_written():
+    toolpath = embedded_toolpath(random_tree(20, 10, 3, 0.1), OPTIONS)
+    top = -np.inf
+    for move in range(len(toolpath)):
+        level = toolpath.start[move, 2] == toolpath.end[move, 2]
+        if toolpath.kind[move] == MoveKind.TRAVEL and level:
+            assert toolpath.end[move, 2] >= top + OPTIONS.lift_mm
+        if toolpath.kind[move] == MoveKind.WRITE:
+            top = max(top, toolpath.start[move, 2], toolpath.end[move, 2])
+
+
+def test_moves_join_end_to_end_and_plunger_relief_cancels():
+    toolpath = embedded_toolpath(random_tree(20, 10, 3, 0.1), replace(OPTIONS, dwell_s=0.2))
+    assert np.array_equal(toolpath.start[1:], toolpath.end[:-1])
+    write = toolpath.kind == MoveKind.WRITE
+    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
+    assert toolpath.duration_s[toolpath.kind == MoveKind.DWELL] == pytest.approx(0.2)
+
+
+def test_ink_is_the_networks_volume_and_the_overlaps():
+    net = random_tree(30, 12, 5, 0.1)
+    report = plan_embedded(net, OPTIONS).report
+    design = (np.pi * net.mean_radius() ** 2 * net.lengths()).sum()
+    assert report.design_ul == pytest.approx(design, rel=1e-9)
+    assert report.written_ul == pytest.approx(report.design_ul + report.overlap_ul, rel=1e-9)
+
+
+def test_every_joint_of_a_tree_is_closed():
+    net = random_tree(30, 12, 5, 0.1)
+    report = plan_embedded(net, OPTIONS).report
+    assert report.joints == net.vessel_count - 1  # a tree of n vessels has n - 1 joints
+    assert report.overlapped + report.continued == report.joints
+    assert report.passes + report.continued == report.pieces
+
+
+def test_a_ring_is_closed_by_an_overlap():
+    turn = np.linspace(0, 2 * np.pi, 100)
+    ring = np.column_stack([4 * np.cos(turn), 4 * np.sin(turn), 0 * turn])
+    ring[-1] = ring[0]
+    net = polyline(ring, 0.2)
+    net = replace(net, nodes=ring[:1], vessel_nodes=np.array([[0, 0]]))
+    plan = plan_embedded(net, OPTIONS)
+    assert (plan.report.joints, plan.report.overlapped) == (1, 1)
+    assert plan.report.overlap_ul == pytest.approx(np.pi * 0.2**3)
+
+
+def test_a_taper_is_written_by_flow_at_constant_speed():
+    net = polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), np.array([0.2, 0.1]))
+    toolpath = embedded_toolpath(net, OPTIONS)
+    x = (toolpath.start[:, 0] + toolpath.end[:, 0]) / 2
+    radius = 0.2 - 0.01 * x
+    flow = toolpath.volume_ul / (toolpath.lengths / toolpath.speed_mm_s)
+    assert toolpath.speed_mm_s == pytest.approx(5.0)
+    assert flow == pytest.approx(np.pi * radius**2 * 5.0, rel=0.001)
+    assert len(toolpath) > 10
+
+
+def test_thick_vessels_are_written_slower():
+    net = polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 0.8)
+    toolpath = embedded_toolpath(net, OPTIONS)
+    assert toolpath.speed_mm_s == pytest.approx(2.0 / (np.pi * 0.64))
+
+
+def test_vessel_thinner_than_the_needle_is_refused_by_number():
+    nodes = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+    net = network(nodes, [(0, 1), (1, 2)], [0.2, 0.05])
+    with pytest.raises(ToolpathError, match=r"vessel 1: diameter 0\.100 mm.*0\.128 mm.*0\.16 mm"):
+        embedded_toolpath(net, OPTIONS)
+
+
+def test_vessel_too_thick_for_the_flow_is_refused():
+    net = polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 3.0)
+    with pytest.raises(ToolpathError, match=r"vessel 0: diameter 6\.000 mm.*max_flow_ul_s"):
+        embedded_toolpath(net, OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"needle_inner_mm": 0.5}, "needle_inner_mm 0.5 is above needle_outer_mm 0.31"),
+        ({"min_speed_mm_s": 6.0}, "min_speed_mm_s 6 is above write_speed_mm_s 5"),
+        ({"clearance_mm": float("inf")}, "clearance_mm is inf"),
+    ],
+)
+def test_impossible_options_are_refused(change, message):
+    with pytest.raises(ToolpathError, match=message):
+        replace(OPTIONS, **change)

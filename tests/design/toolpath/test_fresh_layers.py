@@ -1,0 +1,160 @@
+"""Layers as a whole: volume, cover, heights, order, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from design.errors import ToolpathError
+from design.solids.solid import Solid
+from design.toolpath import MoveKind
+from design.toolpath.fresh import FreshOptions, check_lumens, fresh_toolpath, plan_fresh
+from tests.design.toolpath.shapes import (
+    as_solid,
+    block,
+    network,
+    planar_block,
+    upright,
+    written_area,
+)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_fresh(as_solid(planar_block()), FreshOptions())
+
+
+def test_every_line_holds_width_times_height_times_length(plan):
+    toolpath = plan.toolpath
+    write = toolpath.kind == MoveKind.WRITE
+    section = toolpath.volume_ul[write] / toolpath.lengths[write]
+    whole, half = 0.15 * 0.06, 0.075 * 0.06
+    assert np.all(np.isclose(section, whole, rtol=1e-9) | np.isclose(section, half, rtol=1e-9))
+
+
+def test_retracted_ink_is_primed_again(plan):
+    toolpath = plan.toolpath
+    plunger = np.isin(toolpath.kind, (MoveKind.PRIME, MoveKind.RETRACT))
+    assert plunger.any()
+    assert toolpath.volume_ul[plunger].sum() == pytest.approx(0, abs=1e-12)
+    write = toolpath.kind == MoveKind.WRITE
+    assert toolpath.written_ul == pytest.approx(toolpath.volume_ul[write].sum(), rel=1e-12)
+
+
+def test_written_volume_is_the_solids(plan):
+    volume = as_solid(planar_block()).volume_mm3
+    assert plan.report.written_ul == pytest.approx(volume, rel=0.005)
+    assert plan.report.material_ul == pytest.approx(volume, rel=0.002)
+
+
+def test_tip_is_at_the_layers_top_while_writing(plan):
+    toolpath = plan.toolpath
+    write = toolpath.kind == MoveKind.WRITE
+    tops = (toolpath.source[write] + 1) * 0.06
+    assert toolpath.end[write, 2] == pytest.approx(tops, abs=1e-6)
+    assert np.unique(toolpath.source).tolist() == list(range(50))
+
+
+def test_moves_join_end_to_end(plan):
+    assert np.array_equal(plan.toolpath.start[1:], plan.toolpath.end[:-1])
+    assert (plan.toolpath.lengths[plan.toolpath.kind == MoveKind.WRITE] > 0).all()
+
+
+def test_little_is_left_unfilled_and_nothing_lies_outside(plan):
+    assert plan.report.unfilled_fraction < 0.005
+    assert plan.report.unfilled.max() < 0.02
+    assert plan.report.outside.max() < 0.001
+
+
+@pytest.mark.parametrize("layer", [0, 1, 24, 25])
+def test_reported_gaps_are_those_of_exact_stadiums(plan, layer):
+    material = 128.0 if layer < 10 else None
+    written = written_area(plan.toolpath, layer)
+    if material is None:
+        volume_of_layer = plan.report.unfilled[layer]
+        assert volume_of_layer > 0
+        half = {y: np.sqrt((d / 2) ** 2 - 0.03**2) for y, d in ((1.4, 0.4), (3.2, 0.5))}
+        strip = shapely.box(4, 1.4 + half[1.4], 12, 3.2 - half[3.2])
+        gap = strip.area - shapely.intersection(written, strip).area
+        assert gap < 0.02 * strip.area
+    else:
+        unfilled = 1 - written.area / material
+        assert plan.report.unfilled[layer] == pytest.approx(unfilled, abs=5e-4)
+
+
+def test_most_hops_between_lines_are_links(plan):
+    report = plan.report
+    assert report.links > 0.9 * report.travels
+    assert report.travel_mm < 0.06 * report.written_mm
+    assert 0 < report.lifted < 0.05 * report.travels
+
+
+def test_same_input_gives_the_same_moves(plan):
+    again = fresh_toolpath(as_solid(planar_block()), FreshOptions())
+    assert np.array_equal(again.end, plan.toolpath.end)
+    assert np.array_equal(again.volume_ul, plan.toolpath.volume_ul)
+
+
+def test_far_from_the_origin_nothing_changes():
+    body = block(2, 2, 0.12) - upright(1, 1, 0.5)
+    near = fresh_toolpath(as_solid(body), FreshOptions())
+    far = fresh_toolpath(as_solid(body.translate([128, -64, 32])), FreshOptions())
+    assert far.written_ul == pytest.approx(near.written_ul, rel=1e-3)
+    assert written_area(far, 0).area == pytest.approx(written_area(near, 0).area, rel=1e-3)
+
+
+def test_material_too_thin_for_a_line_is_told():
+    slot = block(0.5, 1.5, 1)
+    body = block(3, 2.5, 0.06) - slot.translate([0.9, 0.5, -0.5]) - slot.translate([1.5, 0.5, -0.5])
+    report = plan_fresh(as_solid(body), FreshOptions()).report
+    thin, material = 0.1 * 1.5, 3 * 2.5 - 2 * 0.75
+    assert report.unfilled[0] == pytest.approx(thin / material, abs=0.01)
+
+
+def test_walls_that_leave_less_than_a_wall_between_them_are_filled():
+    # 0.42 mm: two outer walls leave 0.12 mm, too little for a second pair.
+    report = plan_fresh(as_solid(block(6, 0.42, 0.06)), FreshOptions()).report
+    assert report.unfilled[0] < 0.12
+
+
+def test_one_layer_and_no_layer():
+    one = fresh_toolpath(as_solid(block(2, 2, 0.05)), FreshOptions())
+    assert np.unique(one.source).tolist() == [0]
+    with pytest.raises(ToolpathError, match=r"0\.02 mm high.*0\.06 mm"):
+        fresh_toolpath(as_solid(block(2, 2, 0.02)), FreshOptions())
+
+
+def test_solid_thinner_than_a_line_is_refused():
+    with pytest.raises(ToolpathError, match=r"as wide as a line of 0\.15 mm"):
+        fresh_toolpath(as_solid(block(2, 0.1, 0.5)), FreshOptions())
+
+
+def test_open_mesh_is_refused():
+    solid = as_solid(block(2, 2, 1))
+    with pytest.raises(ToolpathError, match="closed manifold"):
+        fresh_toolpath(Solid(solid.vertices, solid.faces[1:]), FreshOptions())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"layer_height_mm": 0.0}, "layer_height_mm is 0"),
+        ({"line_width_mm": float("nan")}, "line_width_mm is nan"),
+        ({"walls": 0}, "walls is 0"),
+        ({"retract_ul": -1.0}, "retract_ul is -1"),
+        ({"infill_angles_deg": ()}, "infill_angles_deg"),
+    ],
+)
+def test_impossible_options_are_refused(change, message):
+    with pytest.raises(ToolpathError, match=message):
+        replace(FreshOptions(), **change)
+
+
+def test_lumen_that_lines_would_close_is_refused_by_number():
+    nodes = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+    check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.075]), FreshOptions())
+    with pytest.raises(ToolpathError, match=r"vessel 1: lumen of 0\.100 mm.*0\.150 mm"):
+        check_lumens(network(nodes, [(0, 1), (1, 2)], [0.2, 0.05]), FreshOptions())

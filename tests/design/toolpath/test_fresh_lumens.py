@@ -1,0 +1,89 @@
+"""Lumens keep their size: checked with exact stadium-shaped lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from design.toolpath import MoveKind
+from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from tests.design.toolpath.shapes import (
+    along_x,
+    as_solid,
+    block,
+    planar_block,
+    upright,
+    written_area,
+)
+
+FEW_UM = 0.003
+HOLES = ((0.8, 0.8, 0.3), (2.0, 1.5, 1.0), (3.3, 0.9, 0.4), (3.2, 2.2, 0.6), (0.7, 2.3, 0.15))
+
+
+@pytest.fixture(scope="module")
+def drilled():
+    body = block(4, 3, 0.24)
+    for x, y, diameter in HOLES:
+        body -= upright(x, y, diameter)
+    return as_solid(body)
+
+
+@pytest.mark.parametrize("walls", [1, 2, 3])
+@pytest.mark.parametrize("angle", [0.0, 90.0, 37.0])
+def test_edge_of_upright_lumens_is_the_lines_edge(drilled, walls, angle):
+    options = FreshOptions(walls=walls, infill_angles_deg=(angle,))
+    written = written_area(fresh_toolpath(drilled, options), 0)
+    for x, y, diameter in HOLES:
+        centre = shapely.Point(x, y)
+        assert shapely.distance(centre, written) == pytest.approx(diameter / 2, abs=FEW_UM)
+        wider = centre.buffer(diameter / 2 + FEW_UM, quad_segs=64)
+        free = shapely.difference(wider, written)
+        assert free.area >= np.pi * (diameter / 2 - FEW_UM) ** 2
+        assert free.area <= np.pi * (diameter / 2 + FEW_UM) ** 2 * 0.999
+
+
+def test_outer_edge_is_the_solids_edge(drilled):
+    written = written_area(fresh_toolpath(drilled, FreshOptions()), 2)
+    assert written.bounds == pytest.approx((0, 0, 4, 3), abs=1e-6)
+
+
+def test_level_lumen_is_a_slot_of_the_chord_at_mid_layer():
+    diameter, height = 0.4, 0.06
+    toolpath = fresh_toolpath(
+        as_solid(block(3, 2, 1.2) - along_x(1, 0.6, diameter)), FreshOptions()
+    )
+    for layer in range(20):
+        written = written_area(toolpath, layer)
+        off_axis = (layer + 0.5) * height - 0.6
+        chord = 2 * np.sqrt(max((diameter / 2) ** 2 - off_axis**2, 0.0))
+        across = shapely.LineString([(1.5, 0.6), (1.5, 1.4)])
+        open_mm = 0.8 - shapely.intersection(across, written).length
+        assert open_mm == pytest.approx(chord, abs=FEW_UM)
+
+
+def test_no_level_travel_crosses_a_lumen_and_crossings_are_lifted(drilled):
+    options = FreshOptions()
+    toolpath = fresh_toolpath(drilled, options)
+    lumens = shapely.union_all(
+        [shapely.Point(x, y).buffer(d / 2 - FEW_UM) for x, y, d in HOLES if d > 0.01]
+    )
+    travel = toolpath.kind == MoveKind.TRAVEL
+    ends = np.stack([toolpath.start[travel, :2], toolpath.end[travel, :2]], axis=1)
+    crosses = shapely.intersects(shapely.linestrings(ends), lumens)
+    height = np.minimum(toolpath.start[travel, 2], toolpath.end[travel, 2])
+    layer_top = (toolpath.source[travel] + 1) * options.layer_height_mm
+    assert crosses.any()
+    assert (height[crosses] >= layer_top[crosses] + options.lift_mm - 1e-9).all()
+
+
+def test_planar_block_leaves_nothing_inside_its_lumens():
+    toolpath = fresh_toolpath(as_solid(planar_block()), FreshOptions())
+    written = written_area(toolpath, 24)  # mid-layer at z = 1.47, 0.03 below the axes
+    for y, diameter in ((1.4, 0.4), (3.2, 0.5), (5.0, 0.6), (6.8, 0.8)):
+        half = np.sqrt((diameter / 2) ** 2 - 0.03**2)
+        lumen = shapely.box(4, y - half, 12, y + half)
+        assert shapely.intersection(written, lumen.buffer(-FEW_UM)).area == 0
+        assert shapely.difference(lumen.buffer(FEW_UM), written).area == pytest.approx(
+            lumen.area, rel=0.01
+        )

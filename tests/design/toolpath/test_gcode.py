@@ -1,0 +1,228 @@
+"""The writer, held against an independent reader."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from design.errors import ToolpathError
+from design.toolpath import MoveBuilder, MoveKind
+from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
+from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Printer, Syringe, load
+from tests.design.toolpath.gcode_reader import Machine
+from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
+
+PRINTER = load(Printer, "generic_marlin")
+SYRINGE = load(Syringe, "hamilton_1ml")
+PLACE = np.array([60.0, 70.0, 20.0])
+PER_UL = 4 / (np.pi * SYRINGE.inner_mm**2)
+
+
+def fresh():
+    return fresh_toolpath(as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1)), FreshOptions())
+
+
+def embedded():
+    options = replace(EmbeddedOptions(), dwell_s=0.15)
+    return embedded_toolpath(random_tree(20, 10, 3, 0.1), options)
+
+
+def line(count, step_mm, volume_ul, speed=20.0):
+    """A straight path along x."""
+    builder = MoveBuilder((0, 0, 0.06), "layer", 0.06)
+    x = np.arange(1, count + 1) * step_mm
+    points = np.column_stack([x, 0 * x, 0 * x + 0.06])
+    builder.write(points, np.full(count, volume_ul), speed, 0)
+    return builder.build()
+
+
+@pytest.mark.parametrize("make", [fresh, embedded])
+@pytest.mark.parametrize("name", ["generic_marlin", "marlin_avr"])
+def test_every_line_ends_where_its_move_ends(make, name):
+    printer, toolpath = load(Printer, name), make()
+    gcode = write_gcode(toolpath, printer, SYRINGE, PLACE)
+    machine = Machine().read(gcode.data)
+    plunger = np.cumsum(toolpath.volume_ul) * PER_UL
+    steps = printer.steps_per_mm
+    for number, move in enumerate(gcode.line_move):
+        if move < 0:
+            continue
+        position, travelled, _ = machine.states[number]
+        end = toolpath.end[move] + PLACE
+        for value, axis, per_mm in zip(end, "XYZ", (steps.x, steps.y, steps.z), strict=True):
+            assert float(position[axis]) == pytest.approx(value, abs=min(5.1e-4, 0.125 / per_mm))
+        assert float(travelled) == pytest.approx(plunger[move], abs=0.125 / steps.e)
+
+
+@pytest.mark.parametrize("make", [fresh, embedded])
+def test_no_ink_is_lost(make):
+    toolpath = make()
+    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0))
+    pushed = float(Machine().read(gcode.data).plunger) / PER_UL
+    assert pushed == pytest.approx(toolpath.written_ul, abs=0.5e-5 / PER_UL)
+
+
+def test_maps_name_source_and_last_move_of_each_line():
+    toolpath = embedded()
+    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE)
+    known = gcode.line_move >= 0
+    assert gcode.line_count == gcode.data.count(b"\n") == len(gcode.line_source)
+    assert (np.diff(gcode.line_move[known]) > 0).all()
+    assert np.array_equal(gcode.line_source[known], toolpath.source[gcode.line_move[known]])
+    assert (gcode.line_source[~known] == -1).all()
+    assert gcode.source_kind == "vessel"
+
+
+def test_header_sets_modes_and_the_job_never_homes():
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
+    assert machine.lines[:6] == ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 E0"]
+    assert not any(text.startswith("G28") for text in machine.lines)
+    assert not any(mark in text for text in machine.lines for mark in ";()")
+
+
+def test_way_in_goes_up_across_and_down_from_an_unknown_place():
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
+    assert machine.lines[6:9] == ["G0 Z25.3 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
+
+
+def test_a_declared_start_is_declared_and_used():
+    options = GcodeOptions(start_mm=(60.075, 0.0, 100.0))
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
+    assert machine.lines[5:8] == [
+        "G92 X60.075 Y0 Z100 E0",
+        "G0 Y70.075 F1200",
+        "G0 Z20.06 F300",
+    ]
+
+
+def test_end_relieves_lifts_straight_up_and_waits():
+    options = GcodeOptions(relieve_ul=0.5, plunger_ul_s=2.0)
+    machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
+    before, relieved, lifted = machine.states[-4], machine.states[-3], machine.states[-2]
+    assert float(before[1] - relieved[1]) == pytest.approx(0.5 * PER_UL, abs=1e-5)
+    assert float(relieved[2]) == pytest.approx(2.0 * PER_UL * 60, abs=1e-3)
+    assert lifted[0]["X"] == before[0]["X"]
+    assert lifted[0]["Z"] > before[0]["Z"]
+    assert machine.lines[-1] == "M400"
+
+
+def test_lift_stays_below_the_top_of_the_printer():
+    gcode = write_gcode(fresh(), PRINTER, SYRINGE, (60, 70, 198))
+    heights = [state[0]["Z"] for state in Machine().read(gcode.data).states if state[0]["Z"]]
+    assert max(heights) == PRINTER.z_mm.high
+
+
+def test_lines_leave_room_for_number_and_checksum():
+    longest = max(map(len, write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data.split(b"\n")))
+    assert longest + len("N1234567 *255") <= PRINTER.max_line_bytes
+    short = PRINTER.model_copy(update={"max_line_bytes": longest + 12})
+    with pytest.raises(ToolpathError, match=r"max_line_bytes"):
+        write_gcode(embedded(), short, SYRINGE, PLACE)
+
+
+def test_feeds_respect_every_axis_and_are_given_only_when_changed():
+    machine = Machine().read(write_gcode(embedded(), PRINTER, SYRINGE, PLACE).data)
+    limits = PRINTER.max_speed_mm_s
+    given = [text.split("F")[1] for text in machine.lines if "F" in text]
+    assert all(one != other for one, other in pairwise(given))
+    for before, after in pairwise(machine.states[8:]):
+        change = [float(after[0][axis] - before[0][axis]) for axis in "XYZ"]
+        length, pushed = np.linalg.norm(change), abs(float(after[1] - before[1]))
+        if length == 0 and pushed == 0:
+            continue
+        seconds = (length or pushed) / (float(after[2]) / 60)
+        limit = np.array([limits.x, limits.y, limits.z])
+        assert (np.abs(change) / seconds <= limit * 1.01).all()  # text is rounded
+        assert pushed / seconds <= limits.e * 1.01
+
+
+def test_writing_speed_is_the_asked_one_where_no_limit_stands():
+    machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
+    assert machine.lines[9].endswith("F1200")
+
+
+def test_primes_and_retractions_take_their_time():
+    toolpath = fresh()
+    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE)
+    machine = Machine().read(gcode.data)
+    retract = np.flatnonzero(toolpath.kind == MoveKind.RETRACT)
+    number = int(np.flatnonzero(gcode.line_move == retract[0])[0])
+    before, after = machine.states[number - 1], machine.states[number]
+    assert float(before[1] - after[1]) == pytest.approx(0.02 * PER_UL, abs=1e-5)
+    assert float(after[2]) / 60 == pytest.approx(0.4 * PER_UL, rel=1e-3)
+
+
+def test_dwells_are_written_in_milliseconds():
+    toolpath = embedded()
+    count = np.count_nonzero(toolpath.kind == MoveKind.DWELL)
+    machine = Machine().read(write_gcode(toolpath, PRINTER, SYRINGE, PLACE).data)
+    assert machine.pause_ms == 150 * count
+
+
+def test_e_is_counted_anew_before_float32_loses_it():
+    toolpath = line(400, 0.5, 3.0)  # 72 mm of plunger
+    gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0))
+    machine = Machine().read(gcode.data)
+    assert sum(text.startswith("G92") for text in machine.lines) > 3
+    assert float(machine.plunger) == pytest.approx(1200 * PER_UL, abs=0.5e-5)
+    steps, last = 0.0, np.float32(0)
+    for text in machine.lines:  # as the firmware counts: float32 in, whole steps out
+        for word in text.split(" ")[1:]:
+            if word[0] == "E":
+                value = np.float32(word[1:])
+                target = np.rint(value * np.float32(PRINTER.steps_per_mm.e))
+                steps += 0 if text.startswith("G92") else target - last
+                last = target
+    assert steps == pytest.approx(1200 * PER_UL * PRINTER.steps_per_mm.e, abs=1.0)
+
+
+def test_a_move_that_e_cannot_hold_is_refused():
+    with pytest.raises(ToolpathError, match="one move pushes the plunger"):
+        write_gcode(line(2, 0.5, 1000.0), PRINTER, SYRINGE, PLACE)
+
+
+def test_moves_too_short_for_the_planner_are_merged():
+    turn = np.linspace(0, 2 * np.pi, 400)[1:]
+    builder = MoveBuilder((2, 0, 0.06), "layer", 0.06)
+    points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
+    builder.write(points, np.full(len(turn), 3e-4), 20, 0)
+    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
+    # From the path's first point to its last; then come relief, lift and M400.
+    writing = [state[0] for state in Machine().read(gcode.data).states[8:-3]]
+    place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
+    steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
+    assert steps.min() >= PRINTER.min_steps_per_segment
+    assert len(place) > 100
+    middle = (place[1:] + place[:-1]) / 2
+    assert np.linalg.norm(middle, axis=1).min() > 2 - 0.002
+    assert place[-1] == pytest.approx([2, 0], abs=1e-3)
+
+
+def test_same_toolpath_gives_the_same_bytes():
+    first, second = (write_gcode(embedded(), PRINTER, SYRINGE, PLACE) for _ in range(2))
+    assert first.data == second.data
+
+
+@pytest.mark.parametrize("place", [(0, 0), (0, 0, np.nan)])
+def test_impossible_places_are_refused(place):
+    with pytest.raises(ToolpathError, match="place_mm"):
+        write_gcode(fresh(), PRINTER, SYRINGE, place)
+
+
+def test_reload_points_and_second_heads_are_refused():
+    toolpath = line(3, 0.5, 0.001)
+    reload = replace(toolpath, kind=np.array([0, MoveKind.RELOAD, 0]))
+    with pytest.raises(ToolpathError, match="move 1 is a reload point"):
+        write_gcode(reload, PRINTER, SYRINGE, PLACE)
+    with pytest.raises(ToolpathError, match=r"heads \[0, 1\]"):
+        write_gcode(replace(toolpath, tool=np.array([0, 1, 0])), PRINTER, SYRINGE, PLACE)
+
+
+def test_impossible_options_are_refused():
+    with pytest.raises(ToolpathError, match="travel_speed_mm_s is 0"):
+        GcodeOptions(travel_speed_mm_s=0)
