@@ -46,6 +46,10 @@ class StageBars:
         finally:
             self._bars.start()
 
+    def ask(self, question: str) -> str:
+        """Ask the user; take the bars off the screen before."""
+        return self._console.input(question)
+
     @contextmanager
     def stage(self, name: str) -> Iterator[Report]:
         """A bar for one stage; it fills up when the stage ends well."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,12 +11,25 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from printctl.errors import UsageError
+
 RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
 JsonFlag = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
 ]
 PrinterOption = Annotated[
     str, typer.Option("--printer", help="Printer profile: a shipped name or a .yaml file.")
+]
+SyringeOption = Annotated[
+    str, typer.Option("--syringe", help="Syringe profile: a shipped name or a .yaml file.")
+]
+StartOption = Annotated[
+    str,
+    typer.Option(
+        "--start",
+        metavar="X,Y,Z",
+        help="Where the needle's tip stands before the first line, printer's frame, mm.",
+    ),
 ]
 
 
@@ -32,3 +46,34 @@ def print_json(value: Any) -> None:
 def print_lines(*lines: str) -> None:
     """Print results for people on stdout."""
     sys.stdout.write("\n".join(lines) + "\n")
+
+
+def three_numbers(text: str, option: str) -> tuple[float, float, float]:
+    """Read ``X,Y,Z``.
+
+    Raises
+    ------
+    UsageError
+        When the text isn't three finite numbers.
+    """
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as exc:
+        raise UsageError(f"{option} {text!r} isn't X,Y,Z in mm; write it like 100,100,10") from exc
+    if not all(map(math.isfinite, (x, y, z))):
+        raise UsageError(f"{option} {text!r} has a number that isn't finite")
+    return x, y, z
+
+
+def read_gcode_file(path: Path) -> bytes:
+    """Read a G-code file that the user named.
+
+    Raises
+    ------
+    UsageError
+        When it can't be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as exc:
+        raise UsageError(f"{path} can't be read: {exc.strerror}; check the path") from exc

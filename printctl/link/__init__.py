@@ -1,1 +1,20 @@
-"""link."""
+"""The printer link: protocol, transport, streamer, journal, link process and its client."""
+
+from printctl.link.client import PrintClient, attach, start_print
+from printctl.link.errors import LinkError
+from printctl.link.ports import PortInfo, list_ports
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState, PrintOutcome, Status
+
+__all__ = [
+    "LinkError",
+    "LinkState",
+    "PortInfo",
+    "PrintClient",
+    "PrintOutcome",
+    "Retreat",
+    "Status",
+    "attach",
+    "list_ports",
+    "start_print",
+]

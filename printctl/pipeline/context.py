@@ -19,6 +19,7 @@ from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
 from printctl.pipeline.manifest import Manifest
+from printctl.progress import StageBars
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.recipe import Recipe
 
@@ -35,6 +36,7 @@ class RunContext:
     recipe_folder: Path
     folder: Path
     manifest: Manifest
+    bars: StageBars
     reused: set[str] = field(default_factory=set)
 
     @cached_property

@@ -11,7 +11,7 @@ from typing import Any
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import StageRecord, digest_bytes, digest_file, digest_json
 from printctl.pipeline.meter import Meter
-from printctl.pipeline.progress import Report, StageBars
+from printctl.progress import Report, StageBars
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +26,7 @@ class Stage:
         As the user sees it.
     depends : function of the context
         JSON-able value of everything from the recipe that the stage reads.
-    reads : names
+    reads : names, or function of the context
         Files of the run folder that the stage reads.
     code : names
         Packages whose sources take part; a changed source makes the stage run again.
@@ -36,13 +36,14 @@ class Stage:
 
     name: str
     depends: Callable[[RunContext], Any]
-    reads: tuple[str, ...]
+    reads: tuple[str, ...] | Callable[[RunContext], tuple[str, ...]]
     code: tuple[str, ...]
     work: Callable[[RunContext, Report], tuple[dict[str, Any], Sequence[str]]]
 
     def key(self, context: RunContext) -> str:
         """Hash of all that goes into the stage."""
-        files = {name: digest_file(context.folder / name) for name in self.reads}
+        names = self.reads(context) if callable(self.reads) else self.reads
+        files = {name: digest_file(context.folder / name) for name in names}
         return digest_json([self.name, self.depends(context), files, source_digest(self.code)])
 
 

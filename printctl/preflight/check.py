@@ -43,7 +43,14 @@ class Check:
     def sentence(self) -> str:
         """For the user, when it didn't pass."""
         where = f" ({self.place})" if self.place else ""
-        return f"{self.check}: {self.value:g} {self.unit}, limit {self.limit:g}{where}; {self.remedy}"
+        return (
+            f"{self.check}: {self.value:g} {self.unit}, limit {self.limit:g}{where}; {self.remedy}"
+        )
+
+    def row(self) -> str:
+        """One line of a table for people."""
+        mark = "ok  " if self.passed else "FAIL"
+        return f"{mark} {self.check:<52} {self.value:10.4g} {self.unit:<6} limit {self.limit:g}"
 
 
 def refuse_failed(checks: list[Check]) -> None:

@@ -29,6 +29,10 @@ class Embedded(Part):
     needle: str = "30g"
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
+    allowed_crossings: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0,
+        description="How often the needle's shaft may pass through ink that is already written.",
+    )
 
 
 ToolpathPart = Annotated[Fresh | Embedded, Field(discriminator="method")]
@@ -63,6 +67,8 @@ class SimulatedScan(Part):
         for value in self.voxel_um:
             if not 1 <= value <= 1000:
                 raise ValueError(f"voxel {value:g} µm lies outside 1 to 1000 µm; mend voxel_um")
+        if self.simulated == "microct" and len(set(self.voxel_um)) > 1:
+            raise ValueError("a micro-CT's voxels are cubes; give voxel_um three equal sizes")
         return self
 
 

@@ -47,7 +47,7 @@ class Cylinder(Part):
     """An upright cylinder."""
 
     shape: Literal["cylinder"]
-    radius_mm: Length
+    diameter_mm: Length
     height_mm: Length
 
 
@@ -55,16 +55,16 @@ class Annulus(Part):
     """An upright ring."""
 
     shape: Literal["annulus"]
-    inner_radius_mm: Length
-    outer_radius_mm: Length
+    inner_diameter_mm: Length
+    outer_diameter_mm: Length
     height_mm: Length
 
     @model_validator(mode="after")
     def _has_a_wall(self) -> Annulus:
-        if not self.inner_radius_mm < self.outer_radius_mm:
+        if not self.inner_diameter_mm < self.outer_diameter_mm:
             raise ValueError(
-                f"inner_radius_mm {self.inner_radius_mm:g} isn't below "
-                f"outer_radius_mm {self.outer_radius_mm:g}"
+                f"inner_diameter_mm {self.inner_diameter_mm:g} isn't below "
+                f"outer_diameter_mm {self.outer_diameter_mm:g}"
             )
         return self
 
@@ -73,7 +73,7 @@ class Biventricle(Part):
     """A phantom of both ventricles."""
 
     shape: Literal["biventricle"]
-    height_mm: Length = 60.0
+    length_mm: Length = 60.0
 
 
 class FoldedCortex(Part):

@@ -17,7 +17,7 @@ from design.network import VesselNetwork
 from design.network_vtp import write_network_vtp
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.pipeline.context import NETWORK, RunContext
-from printctl.pipeline.progress import Report
+from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.recipe.parts import FlowPart
 

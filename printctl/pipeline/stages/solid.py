@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
+from design.network import IntArray
 from design.solids import (
     Solid,
+    construct_genus,
     construct_solid,
     lumen_solid,
+    open_ends,
     read_solid,
     validate_file,
     write_3mf,
@@ -18,41 +20,57 @@ from design.solids import (
 )
 from design.vasculature import PLANAR_DIMPLES
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
-from printctl.pipeline.progress import Report
+from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.recipe.parts import NamedNetwork
 
 SOLID_3MF = "solid.3mf"
+NAMES = (LUMEN, SOLID, SOLID_3MF)
 
 
-def make_solids(context: RunContext) -> tuple[Solid, Solid]:
-    """Lumens, and the body without them (with fiducial dimples where the design has any)."""
-    body = read_solid(context.folder / SURFACE, unit="mm")
+def make_construct(context: RunContext) -> tuple[Solid, IntArray]:
+    """The body without its lumens (and fiducial dimples, where the design has any); its ports.
+
+    Lumens that end at the body's face are drawn out for the cut, so that they open cleanly.
+    """
+    body, network = read_solid(context.folder / SURFACE, unit="mm"), context.network
     named = isinstance(context.recipe.vasculature, NamedNetwork)
-    lumen = lumen_solid(context.network)
-    return lumen, construct_solid(
-        body, context.network, dimples=PLANAR_DIMPLES if named else ()
-    )
+    beyond = 2.0 * float(network.radius.max())
+    ports = open_ends(network, body, beyond)
+    tool = lumen_solid(network, extend_ends_mm=beyond, extend_nodes=ports)
+    return construct_solid(body, tool, dimples=PLANAR_DIMPLES if named else ()), ports
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Build, write, read back, check."""
-    lumen, construct = make_solids(context)
+    lumen = lumen_solid(context.network)
+    report(0.3, "body minus lumens")
+    construct, ports = make_construct(context)
     report(0.6, "writing")
     write_stl(context.folder / LUMEN, lumen)
     write_stl(context.folder / SOLID, construct)
     write_3mf(context.folder / SOLID_3MF, construct)
     report(0.8, "reading back")
-    names = (LUMEN, SOLID, SOLID_3MF)
-    checks = {name: vars(validate_file(context.folder / name)) for name in names}
+    checks = {name: validate_file(context.folder / name) for name in NAMES}
+    for check in checks.values():
+        check.require_valid()
     summary = {
         "volume_mm3": construct.volume_mm3,
         "lumen_volume_mm3": lumen.volume_mm3,
         "faces": len(construct.faces),
-        "files": checks,
+        "watertight": True,
+        "ports": len(ports),
+        "genus": checks[SOLID].genus,
+        "genus_expected": construct_genus(context.network, ports, body_genus(context)),
+        "files": {name: asdict(check) for name, check in checks.items()},
     }
-    return summary, names
+    return summary, NAMES
+
+
+def body_genus(context: RunContext) -> int:
+    """Handles of the tissue itself (a ring has one)."""
+    return validate_file(context.folder / SURFACE).genus or 0
 
 
 STAGE = Stage(

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from design.files import replacing, write_bytes
 from design.toolpath import Toolpath
-from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
-from design.toolpath.gcode import Gcode, write_gcode
+from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
+from design.toolpath.fresh import FreshOptions, FreshReport, check_lumens, plan_fresh
+from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
-from printctl.pipeline.progress import Report
+from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.recipe.making import Embedded, Fresh
 
@@ -30,24 +31,24 @@ def depends(context: RunContext) -> Any:
     ]
 
 
-def make_toolpath(context: RunContext) -> Toolpath:
-    """Plan the path in the part's frame."""
+def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
+    """Plan the path in the part's frame, and say how well it went."""
     part, ink = context.recipe.toolpath, context.ink
     match part:
         case Fresh():
-            return fresh_toolpath(
-                context.solid,
-                FreshOptions(
-                    layer_height_mm=part.layer_um * 1e-3,
-                    line_width_mm=part.line_um * 1e-3,
-                    write_speed_mm_s=part.write_speed_mm_s,
-                    travel_speed_mm_s=part.travel_speed_mm_s,
-                    retract_ul=ink.retract_ul,
-                    plunger_ul_s=ink.plunger_ul_s,
-                ),
+            options = FreshOptions(
+                layer_height_mm=part.layer_um * 1e-3,
+                line_width_mm=part.line_um * 1e-3,
+                write_speed_mm_s=part.write_speed_mm_s,
+                travel_speed_mm_s=part.travel_speed_mm_s,
+                retract_ul=ink.retract_ul,
+                plunger_ul_s=ink.plunger_ul_s,
             )
+            check_lumens(context.network, options)
+            fresh = plan_fresh(context.solid, options)
+            return fresh.toolpath, fresh.report
         case Embedded():
-            return embedded_toolpath(
+            embedded = plan_embedded(
                 context.network,
                 EmbeddedOptions(
                     needle_inner_mm=context.needle.inner_mm,
@@ -58,6 +59,7 @@ def make_toolpath(context: RunContext) -> Toolpath:
                     plunger_ul_s=ink.plunger_ul_s,
                 ),
             )
+            return embedded.toolpath, embedded.report
 
 
 def write_line_map(context: RunContext, gcode: Gcode) -> None:
@@ -73,21 +75,35 @@ def write_line_map(context: RunContext, gcode: Gcode) -> None:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Plan, write, map."""
-    toolpath = make_toolpath(context)
+    toolpath, planned = plan(context)
     report(0.8, "writing G-code")
-    gcode = write_gcode(
-        toolpath, context.printer, context.syringe, context.place_mm, start_mm=context.start_mm
+    x, y, z = context.start_mm.tolist()
+    options = GcodeOptions(
+        start_mm=(x, y, z),
+        travel_speed_mm_s=context.recipe.toolpath.travel_speed_mm_s,
+        relieve_ul=context.ink.retract_ul,
+        plunger_ul_s=context.ink.plunger_ul_s,
     )
+    gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
     write_bytes(context.folder / GCODE, gcode.data)
     write_line_map(context, gcode)
     summary = {
         "method": context.recipe.toolpath.method,
         "moves": len(toolpath),
-        "lines": len(gcode.line_source),
+        "lines": gcode.line_count,
         "length_mm": float(toolpath.lengths.sum()),
         "written_ul": toolpath.written_ul,
+        "plan": plan_facts(planned),
     }
     return summary, [GCODE, LINE_MAP]
+
+
+def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
+    """The plan's own numbers, JSON-ready."""
+    found = asdict(planned)
+    if isinstance(planned, FreshReport):
+        found |= {"unfilled": planned.unfilled_fraction, "outside": float(planned.outside.mean())}
+    return found
 
 
 STAGE = Stage("toolpath", depends, (NETWORK, SOLID), ("kernels", "design"), work)

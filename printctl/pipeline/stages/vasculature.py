@@ -9,7 +9,7 @@ import numpy as np
 
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import read_network_csv, write_network_csv
-from design.units import MM_PER, PA_PER_MMHG
+from design.units import PA_PER_MMHG
 from design.vasculature import (
     GrowthOptions,
     check_network,
@@ -19,7 +19,7 @@ from design.vasculature import (
 )
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.pipeline.progress import Report
+from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.recipe.parts import GivenNetwork, GrownNetwork, NamedNetwork
@@ -68,7 +68,7 @@ def growth_options(part: GrownNetwork, seed: int) -> GrowthOptions:
         perfusion_ml_min_per_ml=part.perfusion_ml_min_per_ml,
         smallest_radius_mm=part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None,
         clearance_mm=part.clearance_mm,
-        root_mm=part.root_mm,
+        root_point_mm=part.root_mm,
         root_direction=part.root_direction,
     )
 

@@ -1,0 +1,369 @@
+"""The client's side: start a print, attach to it, hear of it, stop it.
+
+A client may go away at any time; the print doesn't mind.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import printctl
+from printctl.link.channel import EARLY
+from printctl.link.errors import BY_NAME, AlreadyPrinting, JournalError, LinkError, NoLink
+from printctl.link.journal import History, read_journal
+from printctl.link.process import lock
+from printctl.link.record import JOURNAL, LOG, LinkRecord, load_record
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState, PrintOutcome, Status
+
+START_LIMIT_S: Final = 20.0
+_ANSWER_LIMIT_S: Final = 5.0
+_ENDING_S: Final = 2.0
+_PATIENCE_S: Final = 60.0
+"""For an answer to a manual command, which waits for the line in flight."""
+
+
+class PrintClient:
+    """One client of one print; made by `start_print` or `attach`.
+
+    It lets go of its connection when it has heard of the end, on `detach`, and at the end of a
+    ``with`` block; the print goes on.
+
+    Parameters
+    ----------
+    folder : Path
+    connection : socket or None
+        None when the print is over: then only what it left is told.
+    record : LinkRecord
+    """
+
+    def __init__(self, folder: Path, connection: socket.socket | None, record: LinkRecord) -> None:
+        self.folder, self.record = folder, record
+        self._socket = connection
+        self._heard = b""
+        self._last: Status | None = None
+        if connection is not None:
+            self._send("subscribe")
+
+    def __enter__(self) -> PrintClient:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.detach()
+
+    # --- what a client may ask for ---------------------------------------------------------
+
+    def stop(self) -> None:
+        """Ask for a controlled stop: end the line in flight, relieve the plunger, lift."""
+        self._send("stop")
+
+    def kill(self) -> None:
+        """Halt the firmware at once; afterwards the position is unknown."""
+        self._send("kill")
+
+    def pause(self) -> None:
+        """Ask for a pause: relieve the plunger, lift, hold."""
+        self._send("pause")
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self._send("resume")
+
+    def command(self, text: str) -> list[str]:
+        """Send a manual command between two lines of the job; give the printer's reply.
+
+        Raises
+        ------
+        LinkError
+            When the link refuses it, or the print ends first.
+        """
+        self._send("command", text=text)
+        for message in self._messages(_PATIENCE_S):
+            if message["event"] == "reply" and message["command"] == text.strip():
+                return list(message["lines"])
+            if message["event"] == "refused":
+                raise LinkError(message["message"])
+        raise LinkError(f"no reply to {text!r} within {_PATIENCE_S:g} s, or the print ended first")
+
+    def detach(self) -> None:
+        """Leave; the print goes on."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    # --- what a client may hear ------------------------------------------------------------
+
+    @property
+    def status(self) -> Status:
+        """The print as it was last heard of; asks when nothing was."""
+        if self._last is None:
+            self._last = next(self.events())
+        return self._last
+
+    def events(self) -> Iterator[Status]:
+        """Give each status as it comes; the last one has ended."""
+        if self._last is not None and self._last.ended:
+            yield self._last
+            return
+        for message in self._messages(None):
+            if message["event"] == "status":
+                self._last = Status.from_dict(message)
+                if self._last.ended:
+                    self.detach()
+                yield self._last
+                if self._last.ended:
+                    return
+        self._last = what_is_known(self.folder)
+        yield self._last
+
+    def wait(self, timeout: float | None = None) -> PrintOutcome:
+        """Wait for the end of the print.
+
+        Raises
+        ------
+        TimeoutError
+            When it isn't over after ``timeout`` s.
+        """
+        limit = None if timeout is None else time.monotonic() + timeout
+        while self._last is None or not self._last.ended:
+            for message in self._messages(None if limit is None else limit - time.monotonic()):
+                if message["event"] == "status":
+                    self._last = Status.from_dict(message)
+                    if self._last.ended:
+                        self.detach()
+                        break
+            else:
+                if limit is not None and time.monotonic() >= limit:
+                    raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
+                self._last = what_is_known(self.folder)
+        return PrintOutcome.of(self._last)
+
+    # --- the wire --------------------------------------------------------------------------
+
+    def _send(self, do: str, **values: Any) -> None:
+        if self._socket is None:
+            return
+        message = {"do": do, "token": self.record.token, **values}
+        try:
+            self._socket.sendall(json.dumps(message).encode() + b"\n")
+        except OSError:
+            self.detach()  # the print is over; `events` and `wait` tell how
+
+    def _messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
+        """Give messages until the connection or the time is at its end."""
+        limit = None if timeout is None else time.monotonic() + timeout
+        while (connection := self._socket) is not None:
+            while b"\n" in self._heard:
+                line, self._heard = self._heard.split(b"\n", 1)
+                yield json.loads(line)
+            try:
+                left = None if limit is None else limit - time.monotonic()
+                if left is not None and left <= 0:
+                    return
+                connection.settimeout(left)
+                data = connection.recv(65536)
+            except TimeoutError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.detach()
+            self._heard += data
+
+
+def start_print(
+    job: Path,
+    printer: str,
+    port: str,
+    folder: Path,
+    *,
+    retreat: Retreat | None = None,
+    baud: int | None = None,
+    resume: bool = False,
+) -> PrintClient:
+    """Start a link process for a job, and attach to it.
+
+    Returns once the printer has answered the handshake and the first lines go out.
+
+    Parameters
+    ----------
+    job : Path
+        G-code file.
+    printer : str
+        Profile, by name or path.
+    port : str
+        Device, ``tcp:HOST:PORT`` or ``socket://HOST:PORT``.
+    folder : Path
+        Where the journal and the record of the print go.
+    retreat : Retreat, optional
+        How the needle leaves the bath in a controlled stop or a pause.
+    baud : int, optional
+        In place of the profile's.
+    resume : bool
+        Go on with the print whose link process died in ``folder``.
+
+    Raises
+    ------
+    AlreadyPrinting
+        When a link process is alive in ``folder``.
+    LinkError
+        When the print fails before its first line: port missing, denied or in use, no answer to
+        the handshake, a job with a line that must not be sent.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if _stays_alive(folder):
+        raise AlreadyPrinting(
+            f"a print is running in {folder}; attach to it, or give another folder"
+        )
+    command = [sys.executable, "-m", "printctl.link", str(job.resolve()), "--printer", printer]
+    command += ["--port", port, "--folder", str(folder.resolve()), "--detach"]
+    command += ["--retreat", json.dumps(asdict(retreat or Retreat()))]
+    command += ["--baud", str(baud)] if baud else []
+    command += ["--resume"] if resume else []
+    client = _await_link(_spawn(command), folder)
+    for status in client.events():
+        if status.state not in EARLY:
+            break
+    if client.status.ended and client.status.lines_done == 0 and client.status.error:
+        raise _error(client.status)
+    return client
+
+
+def attach(folder: Path) -> PrintClient:
+    """Attach to the print in ``folder``; if it is over, its client tells how it ended.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started there.
+    """
+    record = load_record(folder)
+    return PrintClient(folder, _connect(record), record)
+
+
+def what_is_known(folder: Path) -> Status:
+    """Tell how the print in ``folder`` ended, or what its journal says if it ended without a word.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started there.
+    """
+    record = load_record(folder)
+    if record.status:
+        return Status.from_dict(record.status)
+    try:
+        history = read_journal(folder / JOURNAL)
+    except JournalError:
+        history = History()
+    if history.end is not None:
+        return Status.from_dict({**history.end, "lines_done": history.done})
+    return Status(
+        LinkState.FAILED,
+        lines_done=history.done,
+        lines_total=history.total,
+        message=(
+            f"the link process ended without a word while {history.state.value}; at least "
+            f"{history.done} of {history.total} lines were acknowledged; if the printer kept its "
+            "power, `resume` asks it for its last line and goes on"
+        ),
+        alarms=len(history.alarms),
+        position_known=False,
+        error="LinkError",
+    )
+
+
+def _spawn(command: list[str]) -> int:
+    """Start a link process that no one waits for; give its process number."""
+    root = str(Path(printctl.__file__).resolve().parents[1])
+    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+    started = subprocess.run(
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        timeout=START_LIMIT_S,
+        check=False,
+    )
+    if started.returncode != 0:
+        said = started.stderr.decode(errors="replace").strip()[-500:]
+        raise LinkError(f"the link process didn't start: {said}")
+    return int(started.stdout)
+
+
+def _await_link(pid: int, folder: Path) -> PrintClient:
+    """Wait until the process listens, or has ended."""
+    limit = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < limit:
+        record = _record_of(pid, folder)
+        if record is not None and (record.address or record.status):
+            return PrintClient(folder, _connect(record), record)
+        time.sleep(0.02)
+    raise NoLink(f"the link process didn't come up within {START_LIMIT_S:g} s; see {folder / LOG}")
+
+
+def _record_of(pid: int, folder: Path) -> LinkRecord | None:
+    try:
+        record = load_record(folder)
+    except NoLink:
+        return None
+    return record if record.pid == pid else None
+
+
+def _error(status: Status) -> LinkError:
+    return BY_NAME.get(status.error, LinkError)(status.message)
+
+
+def _stays_alive(folder: Path) -> bool:
+    """Whether a link process is at work; one that is just ending is given the time to."""
+    limit = time.monotonic() + _ENDING_S
+    while _alive(folder):
+        if time.monotonic() > limit:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def _alive(folder: Path) -> bool:
+    """Whether a link process holds the folder's lock."""
+    try:
+        with (folder / "link.lock").open("a+b") as handle:
+            lock(handle)
+    except OSError:
+        return True
+    return False
+
+
+def _connect(record: LinkRecord) -> socket.socket | None:
+    """Connect to a link process; None when nobody listens there any more."""
+    kind, _, rest = record.address.partition(":")
+    if record.status or not kind:
+        return None
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
+        try:
+            return _endless(socket.create_connection((host, int(port)), _ANSWER_LIMIT_S))
+        except OSError:
+            return None
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(_ANSWER_LIMIT_S)
+    try:
+        connection.connect(rest)
+    except OSError:
+        connection.close()
+        return None
+    return _endless(connection)
+
+
+def _endless(connection: socket.socket) -> socket.socket:
+    connection.settimeout(None)
+    return connection

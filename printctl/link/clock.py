@@ -1,0 +1,48 @@
+"""The clock that everything which waits is given: real, or virtual."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Seconds since some start, never going back."""
+
+    def now(self) -> float:
+        """Time in s."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let ``seconds`` pass."""
+        ...
+
+
+class RealClock:
+    """The machine's monotonic clock."""
+
+    def __init__(self) -> None:
+        self.now = time.monotonic  # bound once: it is asked for every line
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep for ``seconds``."""
+        time.sleep(max(0.0, seconds))
+
+
+class VirtualClock:
+    """A clock that moves only when somebody waits."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        """Virtual time in s."""
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        """Move on by ``seconds`` at once."""
+        self._now += max(0.0, seconds)
+
+    def move_to(self, time_s: float) -> None:
+        """Move on to ``time_s`` if that lies ahead."""
+        self._now = max(self._now, time_s)

@@ -1,0 +1,81 @@
+"""Errors of the printer link.
+
+::
+
+    LinkError                   anything that keeps a print from starting or ends it
+    ├── PortError               the port, by name
+    │   ├── PortMissing         no such port
+    │   ├── PortDenied          no right to open it
+    │   ├── PortInUse           another program holds it
+    │   └── PortLost            it went away while in use
+    ├── HandshakeError          the port opened, no firmware of the profile's family answered
+    ├── JobError                a line that must not be sent
+    ├── JournalError            a journal that can't be written or isn't one
+    ├── AlreadyPrinting         a link process already owns this folder
+    └── NoLink                  nothing to attach to, or the link process doesn't answer
+"""
+
+from __future__ import annotations
+
+
+class LinkError(RuntimeError):
+    """Base of the link's errors; the message says what, where and the remedy."""
+
+
+class PortError(LinkError):
+    """A port that can't be used."""
+
+
+class PortMissing(PortError):  # noqa: N818 (named after what is wrong)
+    """No port of that name."""
+
+
+class PortDenied(PortError):  # noqa: N818
+    """The user may not open the port."""
+
+
+class PortInUse(PortError):  # noqa: N818
+    """Another program holds the port."""
+
+
+class PortLost(PortError):  # noqa: N818
+    """The port went away while in use."""
+
+
+class HandshakeError(LinkError):
+    """Nobody of the expected firmware family answered."""
+
+
+class JobError(LinkError):
+    """A job with a line that must not be sent."""
+
+
+class JournalError(LinkError):
+    """A journal that can't be used."""
+
+
+class AlreadyPrinting(LinkError):  # noqa: N818
+    """The folder belongs to a link process that is alive."""
+
+
+class NoLink(LinkError):  # noqa: N818
+    """There is no link process to talk to."""
+
+
+BY_NAME: dict[str, type[LinkError]] = {
+    kind.__name__: kind
+    for kind in (
+        LinkError,
+        PortError,
+        PortMissing,
+        PortDenied,
+        PortInUse,
+        PortLost,
+        HandshakeError,
+        JobError,
+        JournalError,
+        AlreadyPrinting,
+        NoLink,
+    )
+}
+"""For the client, which hears of an error by its name over the socket."""

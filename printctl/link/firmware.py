@@ -1,0 +1,73 @@
+"""What the firmware says about itself (M115, M92), against what the profile says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from firmware_profiles import Printer
+
+_CAP = re.compile(rb"Cap:(\w+):(\d)$")
+_STEPS = re.compile(rb"([XYZE])(\d+\.\d+)")
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """Reply to M115.
+
+    Attributes
+    ----------
+    name : str
+        Text of ``FIRMWARE_NAME``; empty when it didn't come through.
+    capabilities : dict of str to bool
+    """
+
+    name: str = ""
+    capabilities: dict[str, bool] = field(default_factory=dict)
+
+    @property
+    def is_marlin(self) -> bool:
+        """Whether it calls itself Marlin (forks do)."""
+        return "marlin" in self.name.lower()
+
+
+def parse_firmware(replies: Sequence[bytes]) -> Firmware:
+    """Read the reply to M115."""
+    name, capabilities = "", {}
+    for text in replies:
+        if text.startswith(b"FIRMWARE_NAME:"):
+            said = text.removeprefix(b"FIRMWARE_NAME:")
+            name = said.split(b" SOURCE_CODE_URL")[0].decode("ascii", "replace")
+        elif found := _CAP.match(text):
+            capabilities[found[1].decode()] = found[2] == b"1"
+    return Firmware(name, capabilities)
+
+
+def differences(firmware: Firmware, steps: Sequence[bytes], printer: Printer) -> list[str]:
+    """Name what the firmware says otherwise than the profile.
+
+    Parameters
+    ----------
+    firmware : Firmware
+    steps : sequence of bytes
+        Reply to M92.
+    printer : Printer
+    """
+    found = []
+    parser = firmware.capabilities.get("EMERGENCY_PARSER")
+    if parser is not None and parser != printer.emergency_parser:
+        found.append(
+            f"EMERGENCY_PARSER is {'on' if parser else 'off'} in the firmware, "
+            f"{'on' if printer.emergency_parser else 'off'} in the profile"
+        )
+    for text in steps:
+        if b"M92" in text:
+            for axis, value in _STEPS.findall(text):
+                expected = getattr(printer.steps_per_mm, axis.decode().lower())
+                if abs(float(value) - expected) > 0.006:
+                    found.append(
+                        f"{axis.decode()} makes {float(value):g} steps/mm in the firmware, "
+                        f"{expected:g} in the profile (steps_per_mm)"
+                    )
+    return found

@@ -1,0 +1,205 @@
+r"""The journal: what is true about a print, in a file that only grows.
+
+One record a line: ``<crc32 of the JSON, 8 hex digits> <JSON>\n``. A record is one ``write`` to a
+file opened for appending, so a killed process leaves at most one torn line at the end, which the
+reader drops and reports. Record sorts (key ``t``):
+
+========== =====================================================================================
+job        file name, sha256, lines, profile, port, pid, wall-clock start: first, once
+state      state, message
+ack        ``done``: command lines known to be taken; never more than is true
+back       ``done``: lines that an ok which wasn't theirs had acknowledged are taken back
+control    ``n``, ``command``: a line number about to be used for a control command
+alarm      text
+checkpoint modal state read back from the printer
+end        state, message, done, error, position_known: last, once
+========== =====================================================================================
+
+What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
+death of the process (kill -9). job, state, alarm, checkpoint and end records are also forced to
+the disk; ack and control records are not, since forcing the disk several times a second would
+stall the line, and after a loss of power the printer has lost its position as well.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.link.errors import JournalError
+from printctl.link.states import LinkState
+
+Record = dict[str, Any]
+_FORCED: Final = frozenset({"job", "state", "alarm", "checkpoint", "end"})
+
+
+class Journal:
+    """An append-only journal; any thread may add to it.
+
+    Parameters
+    ----------
+    path : Path
+        Made if absent; an existing one is gone on with (a torn tail is closed by a line end).
+
+    Raises
+    ------
+    JournalError
+        When it can't be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = threading.Lock()
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            size = os.fstat(self._fd).st_size
+            if size and _last_byte(path, size) != b"\n":
+                os.write(self._fd, b"\n")
+        except OSError as exc:
+            raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
+
+    def add(self, sort: str, **values: Any) -> None:
+        """Append a record.
+
+        Raises
+        ------
+        JournalError
+            When it can't be written (disk full); the record isn't there then.
+        """
+        line = encode({"t": sort, **values})
+        with self._lock:
+            try:
+                if os.write(self._fd, line) != len(line):
+                    raise OSError("disk full")
+                if sort in _FORCED:
+                    os.fsync(self._fd)
+            except OSError as exc:
+                raise JournalError(
+                    f"journal {self.path} can't be written: {exc}; free space on the disk"
+                ) from exc
+
+    def close(self) -> None:
+        """Force everything to the disk and let go of the file; closing twice does no harm."""
+        with self._lock:
+            if self._fd >= 0:
+                os.fsync(self._fd)
+                os.close(self._fd)
+                self._fd = -1
+
+
+def _last_byte(path: Path, size: int) -> bytes:
+    with path.open("rb") as handle:
+        handle.seek(size - 1)
+        return handle.read(1)
+
+
+def encode(record: Record) -> bytes:
+    """One record as a line."""
+    text = json.dumps(record, separators=(",", ":"), ensure_ascii=True).encode()
+    return b"%08x %b\n" % (zlib.crc32(text), text)
+
+
+def decode(line: bytes) -> Record | None:
+    """Read a line; None when its checksum is wrong."""
+    crc, _, text = line.rstrip(b"\n").partition(b" ")
+    try:
+        intact = len(crc) == 8 and int(crc, 16) == zlib.crc32(text)
+        record = json.loads(text) if intact else None
+    except ValueError:
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def read_records(path: Path) -> Iterator[Record | None]:
+    """Give the records in order, None for each damaged line."""
+    with path.open("rb") as handle:
+        for line in handle:
+            yield decode(line) if line.endswith(b"\n") else None
+
+
+@dataclass
+class History:
+    """What a journal says about its print.
+
+    Attributes
+    ----------
+    job : dict
+        The job record; empty when even that is lost.
+    state : LinkState
+        Last one recorded.
+    message : str
+    done : int
+        Command lines known to be taken: at least so many, perhaps `slack` more.
+    controls : dict of int to str
+        Line numbers used for control commands.
+    alarms : list of str
+    end : dict or None
+        The end record; None when the link process died first.
+    damaged : int
+        Lines with a wrong checksum, a torn last one included.
+    """
+
+    job: Record = field(default_factory=dict)
+    state: LinkState = LinkState.CONNECTING
+    message: str = ""
+    done: int = 0
+    controls: dict[int, str] = field(default_factory=dict)
+    alarms: list[str] = field(default_factory=list)
+    checkpoint: Record | None = None
+    end: Record | None = None
+    damaged: int = 0
+
+    @property
+    def total(self) -> int:
+        """Command lines in the job."""
+        return int(self.job.get("lines", 0))
+
+    def job_line(self, number: int) -> int:
+        """Job lines taken when the printer's last line number is ``number``."""
+        return number - sum(1 for control in self.controls if control <= number)
+
+
+def read_journal(path: Path) -> History:
+    """Read a journal up to its last intact record.
+
+    Raises
+    ------
+    JournalError
+        When there is no such file.
+    """
+    history = History()
+    try:
+        for record in read_records(path):
+            _apply(history, record)
+    except OSError as exc:
+        raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
+    return history
+
+
+def _apply(history: History, record: Record | None) -> None:
+    sort = record["t"] if record and "t" in record else None
+    if record is None or sort is None:
+        history.damaged += 1
+    elif sort == "job":
+        history.job = record
+    elif sort == "state":
+        history.state = LinkState(record["state"])
+        history.message = record.get("message", "")
+    elif sort in ("ack", "back"):
+        history.done = record["done"]
+    elif sort == "control":
+        history.controls[record["n"]] = record["command"]
+    elif sort == "alarm":
+        history.alarms.append(record["text"])
+    elif sort == "checkpoint":
+        history.checkpoint = record
+    elif sort == "end":
+        history.end = record
+        history.state, history.done = LinkState(record["state"]), record["done"]
+        history.message = record.get("message", "")

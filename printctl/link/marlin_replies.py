@@ -1,0 +1,129 @@
+"""What a line from Marlin is, and how a line to it is framed. Pure functions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+from functools import reduce
+from operator import xor
+from typing import Final
+
+
+class Kind(Enum):
+    """Sort of a reply."""
+
+    OK = auto()
+    BUSY = auto()
+    WAIT = auto()
+    RESEND = auto()
+    ERROR = auto()
+    HALT = auto()
+    START = auto()
+    ACTION = auto()
+    UNKNOWN_COMMAND = auto()
+    FAULT = auto()
+    REPORT = auto()
+    TEXT = auto()
+    JUNK = auto()
+
+
+@dataclass(frozen=True)
+class Reply:
+    """One line from the printer.
+
+    Attributes
+    ----------
+    kind : Kind
+    text : bytes
+        The line without its end.
+    number : int
+        Of ``Resend``, of ``Last Line``, of an ``ok N`` (ADVANCED_OK); -1 for none.
+    """
+
+    kind: Kind
+    text: bytes
+    number: int = -1
+
+
+_OK = re.compile(rb"ok(?: N(\d+)(?: P\d+)?(?: B\d+)?| P\d+ B\d+| T:.*| [ BC]:?.*)?$")
+_RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
+_LAST_LINE = re.compile(rb"Error:.*Last Line: (\d+)$")
+_UNKNOWN = re.compile(rb'echo:Unknown command: "(.*)"$', re.DOTALL)
+_REPORT = re.compile(rb"(?: ?T:| ?B:|X:)-?\d")
+_PLAIN = re.compile(rb"[ -~]{5,}$")
+
+_FAULTS: Final = (b"cold extrusion prevented", b"too long extrusion prevented")
+
+ORDER_ERROR: Final = b"Line Number is not Last Line Number+1"
+"""In the error that answers a line whose number is too high."""
+
+
+def classify(text: bytes) -> Reply:
+    """Tell what a line from Marlin is.
+
+    Anything that doesn't read exactly as a known form is `Kind.TEXT` when it is plain printable
+    text, else `Kind.JUNK`. A garbled ``ok`` is junk, never an ok.
+    """
+    for test in _TESTS:
+        reply = test(text)
+        if reply is not None:
+            return reply
+    return Reply(Kind.TEXT if _PLAIN.match(text) else Kind.JUNK, text)
+
+
+def frame(number: int, command: bytes) -> bytes:
+    """``N<number> <command>*<XOR of all bytes before the star>`` and line end."""
+    body = b"N%d %b" % (number, command)
+    return b"%b*%d\n" % (body, reduce(xor, body))
+
+
+def _ok(text: bytes) -> Reply | None:
+    if not text.startswith(b"ok"):
+        return None
+    found = _OK.match(text)
+    return Reply(Kind.OK, text, int(found[1]) if found[1] else -1) if found else None
+
+
+def _resend(text: bytes) -> Reply | None:
+    found = _RESEND.match(text)
+    return Reply(Kind.RESEND, text, int(found[1])) if found else None
+
+
+def _error(text: bytes) -> Reply | None:
+    if not text.startswith(b"Error:"):
+        return None
+    if text.startswith(b"Error:Printer halted"):
+        return Reply(Kind.HALT, text)
+    found = _LAST_LINE.match(text)
+    return Reply(Kind.ERROR, text, int(found[1]) if found else -1)
+
+
+def _echo(text: bytes) -> Reply | None:
+    if text.startswith((b"echo:busy:", b"busy:")):
+        return Reply(Kind.BUSY, text)
+    if _UNKNOWN.match(text):
+        return Reply(Kind.UNKNOWN_COMMAND, text)
+    if text.startswith(b"echo:") and text.endswith(_FAULTS):
+        return Reply(Kind.FAULT, text)
+    return None
+
+
+def _plain(text: bytes) -> Reply | None:
+    if text == b"start":
+        return Reply(Kind.START, text)
+    if text == b"wait":
+        return Reply(Kind.WAIT, text)
+    if text.startswith(b"//action:"):
+        return Reply(Kind.ACTION, text)
+    return Reply(Kind.REPORT, text) if _REPORT.match(text) else None
+
+
+def unknown_command(text: bytes) -> bytes:
+    """Give the command that an ``Unknown command`` echo quotes."""
+    found = _UNKNOWN.match(text)
+    return found[1] if found else b""
+
+
+_TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok, _resend, _error, _echo, _plain)

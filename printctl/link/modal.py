@@ -1,0 +1,71 @@
+"""Where the job's text says the needle and plunger are after so many of its lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+_MOVE: Final = re.compile(rb"(?:G0*[0123]|G92)(?!\d|\.)")
+_WORD: Final = re.compile(rb"([XYZEF])([+-]?\d*\.?\d+)")
+_POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
+AXES: Final = "XYZE"
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Coordinates as they were last commanded; None when the job never did.
+
+    Attributes
+    ----------
+    x, y, z : float or None, mm
+    e : float or None, mm
+        Plunger, absolute, as counted since the last ``G92 E``.
+    f : float or None, mm/min
+        Modal feed rate.
+    """
+
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+    e: float | None = None
+    f: float | None = None
+
+
+def modal_state(lines: Sequence[bytes], done: int) -> Modal:
+    """Read back from line ``done`` - 1 until every word has been found.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        Job lines; absolute coordinates throughout (`printctl.link.job` refuses others).
+    done : int
+        How many of them were taken.
+    """
+    found: dict[str, float] = {}
+    for line in reversed(lines[:done]):
+        if _MOVE.match(line):
+            for word in _WORD.finditer(line):
+                found.setdefault(word[1].decode().lower(), float(word[2]))
+            if len(found) == 5:
+                break
+    return Modal(**found)
+
+
+def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
+    """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
+    for text in replies:
+        if text.startswith(b"X:") and b"Count" in text:
+            words = text.split(b"Count")[0]
+            return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
+    return {}
+
+
+def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
+    """Say where job text and printer differ by more than the printer's two decimals; or nothing."""
+    for axis in AXES:
+        expected = getattr(modal, axis.lower())
+        if expected is not None and abs(position.get(axis, expected) - expected) > within_mm:
+            return f"{axis} is {position[axis]:.2f} mm where the job says {expected:.2f} mm"
+    return ""

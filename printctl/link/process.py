@@ -1,0 +1,197 @@
+"""The link process: it alone owns the port and the journal of one print.
+
+It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
+program that started it dies. It ends by itself when the print is over and the end is recorded in
+the journal and in ``link.json``.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import IO
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.link.channel import Wiring
+from printctl.link.clock import RealClock
+from printctl.link.errors import AlreadyPrinting, LinkError
+from printctl.link.job import load_job
+from printctl.link.journal import History, Journal, read_journal
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.retreat import Retreat
+from printctl.link.server import Server, listen
+from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
+from printctl.link.transport import open_port
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the link process is told to do.
+
+    Attributes
+    ----------
+    job : Path
+        G-code file.
+    profile : str
+        Printer profile, by name or path.
+    port : str
+    folder : Path
+        Where journal, socket and record go.
+    baud : int or None
+        In place of the profile's.
+    retreat : Retreat
+    resume : bool
+        Go on with the folder's journal, whose link process died.
+    """
+
+    job: Path
+    profile: str
+    port: str
+    folder: Path
+    baud: int | None = None
+    retreat: Retreat = field(default_factory=Retreat)
+    resume: bool = False
+
+
+def serve(order: Order) -> Status:
+    """Run the link process in this process, to the end of the print.
+
+    Returns
+    -------
+    Status
+        The last one; it is in the folder's ``link.json``, too.
+    """
+    order.folder.mkdir(parents=True, exist_ok=True)
+    with _only_one(order.folder):
+        ignore_signals()
+        record = LinkRecord(
+            os.getpid(), "", "", str(order.job), order.profile, order.port, time.time()
+        )
+        record.save(order.folder)
+        try:
+            status = _print(order, record)
+        except (LinkError, ProfileError) as exc:
+            log.error("%s", exc)
+            status = Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__)
+        except Exception as exc:
+            log.exception("the link process met an error of its own")
+            status = Status(
+                LinkState.FAILED,
+                message=f"the link process failed: {exc!r}; see link.log",
+                error="LinkError",
+                position_known=False,
+            )
+            raise
+        finally:
+            replace(record, status=status.to_dict()).save(order.folder)
+    return status
+
+
+def _print(order: Order, record: LinkRecord) -> Status:
+    printer = load(Printer, order.profile)
+    job = load_job(order.job, printer.max_line_bytes)
+    history = _history(order, job.sha256) if order.resume else None
+    transport = open_port(order.port, printer, order.baud)
+    journal = Journal(order.folder / JOURNAL if order.resume else _fresh(order.folder))
+    try:
+        listener, address, token = listen(order.folder)
+        streamer = Streamer(
+            Wiring(
+                transport=transport,
+                protocol=MarlinProtocol(),
+                clock=RealClock(),
+                journal=journal,
+                printer=printer,
+                retreat=order.retreat,
+                on_status=lambda status: server.publish(status),
+            ),
+            job,
+        )
+        server = Server(listener, token, streamer)
+        journal.add(
+            "job",
+            name=job.name,
+            path=str(order.job.resolve()),
+            sha256=job.sha256,
+            lines=len(job),
+            profile=order.profile,
+            port=order.port,
+            pid=os.getpid(),
+            started=time.time(),
+        )
+        replace(record, address=address, token=token).save(order.folder)
+        server.start()
+        try:
+            return streamer.run(history)
+        finally:
+            server.finish()
+            if address.startswith("unix:"):
+                Path(address.removeprefix("unix:")).unlink(missing_ok=True)
+    finally:
+        journal.close()
+        transport.close()
+
+
+def _fresh(folder: Path) -> Path:
+    """Put an earlier journal aside, by a number, and give the path of the new one."""
+    path = folder / JOURNAL
+    if path.exists():
+        count = len(list(folder.glob(f"{path.stem}.*{path.suffix}")))
+        path.rename(folder / f"{path.stem}.{count + 1}{path.suffix}")
+    return path
+
+
+def _history(order: Order, sha256: str) -> History:
+    history = read_journal(order.folder / JOURNAL)
+    if history.end is not None:
+        raise LinkError(f"the print in {order.folder} has ended: {history.message}")
+    if history.job.get("sha256") != sha256:
+        raise LinkError(
+            f"{order.job} isn't the file whose print was begun in {order.folder} (hash differs); "
+            "give that file or print anew"
+        )
+    if history.state in (LinkState.CONNECTING, LinkState.CHECKING):
+        raise LinkError(f"no line of the job was sent in {order.folder}; print it anew")
+    return history
+
+
+def ignore_signals() -> None:
+    """Leave Ctrl-C and hang-ups to the client."""
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+
+@contextmanager
+def _only_one(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock, which the system frees when the process dies."""
+    with (folder / "link.lock").open("a+b") as handle:
+        try:
+            lock(handle)
+        except OSError as exc:
+            raise AlreadyPrinting(
+                f"a print is running in {folder}; attach to it, or give another folder"
+            ) from exc
+        yield
+
+
+def lock(handle: IO[bytes]) -> None:
+    """Lock a file until it is closed; OSError when another process holds it."""
+    if os.name == "nt":
+        import msvcrt  # only there
+
+        msvcrt.locking(handle.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+    else:
+        import fcntl  # only there
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,186 @@
+"""The seam between the streamer and a firmware family: bytes in, events and bytes out, no I/O.
+
+A protocol is a state machine. It is told what the printer said (`feed`) and what time it is, and
+answers with events; what must be written is collected in `take_output`; `deadline` says when it
+wants to be woken (`tick`) if nothing is said until then. It opens nothing, waits for nothing and
+reads no clock, so that fifty noisy prints run in seconds and every case is tested by transcript.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+
+@dataclass(frozen=True)
+class Replied:
+    """A control command was taken and answered.
+
+    Attributes
+    ----------
+    command : bytes
+    number : int
+        Line number that it was sent under.
+    lines : tuple of bytes
+        What the printer said before its ok (and after ok on the same line).
+    """
+
+    command: bytes
+    number: int
+    lines: tuple[bytes, ...]
+
+
+@dataclass(frozen=True)
+class InStep:
+    """Renumbering or asking has succeeded: the printer last took line ``number``."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The printer says that it didn't do what it was told, though it may say ok as well.
+
+    Attributes
+    ----------
+    text : str
+        Its own words.
+    command : bytes
+        The command in flight at the time; empty for none.
+    """
+
+    text: str
+    command: bytes
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something for the journal that needs no action: a lost ok, a resent line, a stray reply."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Action:
+    """The printer asks its host for an action (``//action:pause``)."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Noisy:
+    """The line makes more errors than the limit; the print should pause.
+
+    Attributes
+    ----------
+    errors, lines : int
+        Lines sent again, among so many.
+    """
+
+    errors: int
+    lines: int
+
+
+@dataclass(frozen=True)
+class Halted:
+    """The firmware has stopped for good (``kill``); only a reset brings it back."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class WasReset:
+    """The firmware has started anew in mid-job; it no longer knows where its needle is."""
+
+
+@dataclass(frozen=True)
+class OutOfStep:
+    """The printer's last line is none that the host can go on from.
+
+    Attributes
+    ----------
+    last, expected : int
+        What the printer says, confirmed, and what the host has acknowledged.
+    """
+
+    last: int
+    expected: int
+
+
+@dataclass(frozen=True)
+class Silent:
+    """No usable answer within all time limits."""
+
+    seconds: float
+
+
+Event: TypeAlias = (
+    Replied | InStep | Fault | Notice | Action | Noisy | Halted | WasReset | OutOfStep | Silent
+)
+
+
+class LinkProtocol(Protocol):
+    """What the streamer needs of a firmware family.
+
+    Attributes
+    ----------
+    deadline : float
+        When `tick` is due, s; infinite for never.
+    lines_done : int
+        Job lines known to be taken.
+    number : int
+        Line number known to be taken last, control commands included.
+    line_errors : int
+        Lines sent again so far.
+    idle : bool
+        Nothing is in flight and nothing is being asked.
+    held : bool
+        While set, no further job line is sent; control commands are.
+    kill_bytes : bytes
+        What halts the firmware at once, out of band.
+    """
+
+    deadline: float
+    lines_done: int
+    number: int
+    line_errors: int
+    held: bool
+    kill_bytes: bytes
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is in flight and nothing is being asked."""
+        ...
+
+    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
+        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
+        ...
+
+    def renumber(self, now: float) -> None:
+        """Set the printer's last line to 0; `InStep` follows, or an error event."""
+        ...
+
+    def ask(self, now: float) -> None:
+        """Ask which line was taken last; `InStep` follows, or an error event."""
+        ...
+
+    def submit(self, command: bytes, now: float) -> None:
+        """Send a control command ahead of further job lines; `Replied` follows."""
+        ...
+
+    def go(self, now: float) -> None:
+        """Send the next line if nothing is in flight."""
+        ...
+
+    def feed(self, data: bytes, now: float) -> Sequence[Event]:
+        """Take what the printer said."""
+        ...
+
+    def tick(self, now: float) -> Sequence[Event]:
+        """Take notice that it is ``now`` and nothing has come."""
+        ...
+
+    def take_output(self) -> bytes:
+        """Give what must be written now, and forget it."""
+        ...

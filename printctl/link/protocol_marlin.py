@@ -1,0 +1,490 @@
+"""Marlin 1.1 to 2.1: one numbered line in flight, and one way out of every doubt.
+
+Every line, manual commands too, is ``N<number> <command>*<xor>``. The printer takes line N only
+after line N-1, so lines can be neither doubled nor swapped by sending one again; what remains is
+to know which line was taken last. An ``ok`` to the one line in flight says so. Anything else (a
+``Resend``, an unknown-command echo, a garbled reply, silence) is only a reason to ask:
+
+1. **drain**: wait until nothing has come for ``quiet_s``, so that no reply is under way;
+2. **ask**: send a line whose number is far too high. It can't be executed. Marlin answers at
+   once, even while its planner is full, with ``Last Line: L`` and ``Resend: L+1``; both must be
+   there and agree, else ask again;
+3. **settle**: again ``quiet_s`` of silence, which takes the trailing ok and any fragment's ok;
+4. go on from L: send the line in flight again if L is the one before it; count it as taken if L
+   is its own number. Any other L must be confirmed by a second answer.
+
+``M110`` without N would answer ``Line: L`` as well (`conf_avr.txt`), but travels without checksum,
+and one flipped bit makes it M112, a halt.
+
+Nothing is ever sent while an error reply may be under way: Marlin empties its receive buffer when
+it reports one, and would run the rest of a half-received line unverified.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from functools import reduce
+from operator import xor
+from typing import Final
+
+from printctl.link.marlin_replies import (
+    ORDER_ERROR,
+    Kind,
+    Reply,
+    classify,
+    frame,
+    unknown_command,
+)
+from printctl.link.protocol import (
+    Action,
+    Event,
+    Fault,
+    Halted,
+    InStep,
+    Noisy,
+    Notice,
+    OutOfStep,
+    Replied,
+    Silent,
+    WasReset,
+)
+
+QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
+"""Starts with a line end, to end what noise may have left open. Any tail of it that survives a
+flush reads M105 or an unknown command, both harmless."""
+
+RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+_MEMORY: Final = 8
+_REST_LIMIT: Final = 4096
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Time limits and the limit on line errors.
+
+    Attributes
+    ----------
+    silence_s : float
+        Without any sign of life while a line is in flight; more than twice the interval of busy
+        messages that the handshake sets (M113 S1).
+    quiet_s : float
+        Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
+    answer_s : float
+        For the answer to a question.
+    doubt_limit_s : float
+        From the first question until the printer counts as silent.
+    busy_limit_s : float
+        For one line, however busy the printer says it is.
+    noise_window, noise_limit : int
+        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
+    """
+
+    silence_s: float = 2.5
+    quiet_s: float = 0.05
+    answer_s: float = 1.0
+    doubt_limit_s: float = 6.0
+    busy_limit_s: float = 1800.0
+    noise_window: int = 1000
+    noise_limit: int = 50
+
+
+class _Phase(Enum):
+    READY = auto()
+    FLIGHT = auto()
+    DRAIN = auto()
+    ASK = auto()
+    SETTLE = auto()
+    OVER = auto()
+
+
+class _Goal(Enum):
+    GO_ON = auto()
+    NUMBER = auto()
+    RENUMBER = auto()
+
+
+class MarlinProtocol:
+    """State machine for one printer; see the module, and `printctl.link.protocol` for the seam.
+
+    Parameters
+    ----------
+    timing : Timing
+    """
+
+    kill_bytes: bytes = b"\nM112\n"
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        self.timing = timing or Timing()
+        self.deadline = math.inf
+        self.lines_done = 0
+        self.number = 0
+        self.line_errors = 0
+        self.held = True
+        self._lines: Sequence[bytes] = ()
+        self._count = 0
+        self._phase = _Phase.READY
+        self._goal = _Goal.GO_ON
+        self._numbered = False
+        self._controls: deque[bytes] = deque()
+        self._control_numbers: dict[int, bytes] = {}
+        self._flight: bytes | None = None
+        self._flight_frame = b""
+        self._flight_control = False
+        self._fast = False
+        self._rest = b""
+        self._out: list[bytes] = []
+        self._said: list[bytes] = []
+        self._window = (0, 0)
+        self._busy_since = math.nan
+        self._taken_at = math.nan
+        self._forget()
+
+    # --- what the streamer calls -----------------------------------------------------------
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is in flight and nothing is being asked."""
+        return self._phase is _Phase.READY
+
+    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
+        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
+        self._lines, self._count = lines, len(lines)
+        self.lines_done, self.number = first, number
+        self._numbered = True
+        self._control_numbers.clear()
+
+    def renumber(self, now: float) -> None:
+        """Set the printer's last line to 0; `InStep` follows, or an error event."""
+        self._out.append(RENUMBER)
+        self._begin(_Goal.RENUMBER, now)
+
+    def ask(self, now: float) -> None:
+        """Ask which line was taken last; `InStep` follows, or an error event."""
+        self._begin(_Goal.GO_ON if self._numbered else _Goal.NUMBER, now)
+
+    def submit(self, command: bytes, now: float) -> None:
+        """Send a control command ahead of further job lines; `Replied` follows."""
+        self._controls.append(command)
+        self.go(now)
+
+    def go(self, now: float) -> None:
+        """Send the next line if nothing is in flight."""
+        if self._phase is _Phase.READY:
+            self._send_next(now)
+
+    def take_output(self) -> bytes:
+        """Give what must be written now, and forget it."""
+        if not self._out:
+            return b""
+        data = self._out[0] if len(self._out) == 1 else b"".join(self._out)
+        self._out.clear()
+        return data
+
+    def feed(self, data: bytes, now: float) -> Sequence[Event]:
+        """Take what the printer said."""
+        if self._fast and data == b"ok\n":  # nearly every line of a print goes this way
+            self.number = number = self.number + 1
+            self.lines_done = done = self.lines_done + 1
+            if done < self._count and not self.held and not self._controls:
+                self._flight = command = self._lines[done]
+                body = b"N%d %b" % (number + 1, command)
+                self._flight_frame = line = b"%b*%d\n" % (body, reduce(xor, body))
+                self._out.append(line)
+                self.deadline = now + self.timing.silence_s
+            else:
+                self._send_next(now)
+            return ()
+        events: list[Event] = []
+        *texts, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _REST_LIMIT:
+            texts, self._rest = [*texts, self._rest], b""
+        self._fast = False
+        for text in texts:
+            text = text.rstrip(b"\r")
+            if text:
+                self._hear(classify(text), now, events)
+        return events
+
+    def tick(self, now: float) -> Sequence[Event]:
+        """Take notice that it is ``now`` and nothing has come."""
+        if now < self.deadline:
+            return ()
+        events: list[Event] = []
+        self._fast = False
+        _ON_TIME[self._phase](self, now, events)
+        return events
+
+    # --- sending ---------------------------------------------------------------------------
+
+    def _send_next(self, now: float) -> None:
+        self._said = []
+        self._fast = False
+        self._taken_at = self._busy_since = math.nan
+        if self._controls:
+            self._flight, self._flight_control = self._controls.popleft(), True
+        elif not self.held and self.lines_done < self._count:
+            self._flight, self._flight_control = self._lines[self.lines_done], False
+        else:
+            self._flight, self._phase, self.deadline = None, _Phase.READY, math.inf
+            return
+        self._flight_frame = frame(self.number + 1, self._flight)
+        self._fast = not self._rest and not self._flight_control
+        self._fly(now)
+
+    def _fly(self, now: float) -> None:
+        self._out.append(self._flight_frame)
+        self._phase, self.deadline = _Phase.FLIGHT, now + self.timing.silence_s
+
+    def _acknowledge(self, now: float, events: list[Event]) -> None:
+        assert self._flight is not None
+        self.number += 1
+        if self._flight_control:
+            self._control_numbers[self.number] = self._flight
+            events.append(Replied(self._flight, self.number, tuple(self._said)))
+        else:
+            self.lines_done += 1
+        self._send_next(now)
+
+    # --- hearing ---------------------------------------------------------------------------
+
+    def _hear(self, reply: Reply, now: float, events: list[Event]) -> None:
+        if self._phase is _Phase.OVER:
+            return
+        if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
+            self._end(Halted(_words(reply)), events)
+        elif reply.kind is Kind.START:
+            self._started(events)
+        elif reply.kind is Kind.ACTION:
+            events.append(Action(_words(reply).removeprefix("//action:")))
+        elif reply.kind is Kind.FAULT:
+            events.append(Fault(_words(reply), self._flight or b""))
+        elif self._phase is _Phase.FLIGHT:
+            self._hear_in_flight(reply, now, events)
+        elif self._phase is _Phase.READY:
+            if reply.kind is Kind.ERROR:
+                events.append(Fault(_words(reply), b""))
+            elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
+                events.append(Notice(f"stray {_words(reply)!r} with nothing in flight"))
+        else:
+            self._hear_in_doubt(reply, now)
+
+    def _started(self, events: list[Event]) -> None:
+        if self._numbered:
+            self._end(WasReset(), events)
+        else:
+            events.append(WasReset())
+
+    def _hear_in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
+        kind = reply.kind
+        if kind is Kind.OK and reply.number in (-1, self.number + 1):
+            if reply.text != b"ok":
+                self._said.append(reply.text)
+            self._acknowledge(now, events)
+        elif kind is Kind.BUSY:
+            self._busy(now, events)
+        elif kind is Kind.REPORT or (reply.text.startswith(b"echo:") and kind is Kind.TEXT):
+            self._said.append(reply.text)
+            if b" W:" in reply.text or self._flight_control:
+                self.deadline = now + self.timing.silence_s
+        elif kind is Kind.TEXT and self._flight_control:
+            self._said.append(reply.text)
+            self.deadline = now + self.timing.silence_s
+        else:
+            self._doubt_flight(reply, now, events)
+
+    def _busy(self, now: float, events: list[Event]) -> None:
+        if math.isnan(self._busy_since):
+            self._busy_since = now
+        self.deadline = now + self.timing.silence_s
+        self._taken_at = math.nan
+        if now - self._busy_since > self.timing.busy_limit_s:
+            self._end(Silent(now - self._busy_since), events)
+
+    def _doubt_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
+        if reply.kind not in (Kind.RESEND, Kind.ERROR):
+            events.append(Notice(f"doubtful reply {_words(reply)!r} to line {self.number + 1}"))
+        self._begin(_Goal.GO_ON, now)
+        # A garbled ok is short; whatever else was garbled, the ok may still come.
+        self._conclusive = reply.kind is Kind.JUNK and len(reply.text) <= 4
+        # An idle printer says "wait"; it has nothing more to say to a line that it has taken.
+        self._conclusive |= reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            self._error = _words(reply)  # a fault, if the line turns out to have been taken
+        self._hear_in_doubt(reply, now)
+
+    # --- doubt: drain, ask, settle ---------------------------------------------------------
+
+    def _forget(self) -> None:
+        """Start a doubt with a clean slate."""
+        self._last = self._resend = -1
+        self._confirmed = -1
+        self._swallow = self._oks = 0
+        self._quoted = b""
+        self._error = ""
+        self._conclusive = False
+        self._doubt_since = math.nan
+
+    def _begin(self, goal: _Goal, now: float) -> None:
+        self._forget()
+        self._fast = False
+        self._goal, self._phase = goal, _Phase.DRAIN
+        self._doubt_since = now
+        self.deadline = now + self.timing.quiet_s
+
+    def _hear_in_doubt(self, reply: Reply, now: float) -> None:
+        kind = reply.kind
+        if kind is Kind.OK:
+            self._hear_ok_in_doubt(reply)
+        elif kind is Kind.RESEND:
+            self._resend, self._swallow = reply.number, 1
+        elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
+            self._last = reply.number
+        elif kind is Kind.UNKNOWN_COMMAND:
+            self._quoted = unknown_command(reply.text).split(b"*")[0].strip()
+            self._swallow = int(self._quoted != self._flight)
+        elif kind is Kind.BUSY:
+            self._conclusive = False
+        elif kind in (Kind.REPORT, Kind.TEXT):
+            self._said.append(reply.text)
+        if kind not in (Kind.REPORT, Kind.BUSY):
+            self._prolong(now)
+
+    def _hear_ok_in_doubt(self, reply: Reply) -> None:
+        if self._swallow:
+            self._swallow = 0
+        elif reply.number in (-1, self.number + 1):
+            self._oks += 1
+
+    def _prolong(self, now: float) -> None:
+        complete = self._last >= 0 and self._resend >= 0
+        if self._phase is _Phase.ASK and complete:
+            self._phase = _Phase.SETTLE
+        if self._phase is not _Phase.ASK:
+            self.deadline = now + self.timing.quiet_s
+        else:  # something other than the whole answer: what follows comes soon or not at all
+            self.deadline = min(self.deadline, now + 4 * self.timing.quiet_s)
+
+    def _ask_now(self, now: float, events: list[Event]) -> None:
+        if now - self._doubt_since > self.timing.doubt_limit_s:
+            self._end(Silent(now - self._doubt_since), events)
+            return
+        self._last = self._resend = -1
+        self._swallow = 0
+        self._out.append(QUESTION)
+        self._phase, self.deadline = _Phase.ASK, now + self.timing.answer_s
+
+    def _unanswered(self, now: float, events: list[Event]) -> None:
+        if self._goal is _Goal.RENUMBER:
+            self._out.append(RENUMBER)
+        self._phase, self.deadline = _Phase.DRAIN, now + self.timing.quiet_s
+
+    def _settled(self, now: float, events: list[Event]) -> None:
+        failed = self._goal is _Goal.RENUMBER and self._last != 0
+        if failed or self._resend != self._last + 1:
+            self._unanswered(now, events)
+        elif self._goal is not _Goal.GO_ON:
+            self._numbered = self._goal is _Goal.RENUMBER
+            self.number = self._last
+            self._arrive(now, events)
+        else:
+            self._go_on_from(self._last, now, events)
+
+    def _arrive(self, now: float, events: list[Event]) -> None:
+        events.append(InStep(self.number))
+        self._flight = None
+        self._phase, self.deadline = _Phase.READY, math.inf
+
+    def _go_on_from(self, last: int, now: float, events: list[Event]) -> None:
+        if last == 0 and self.number > 0:
+            self._end(WasReset(), events)
+        elif last == self.number and self._flight is None:
+            self._arrive(now, events)
+        elif last == self.number:
+            self._send_again(now, events)
+        elif last == self.number + 1 and self._flight is not None:
+            self._was_taken(now, events)
+        elif last != self._confirmed:
+            self._confirmed = last
+            self._unanswered(now, events)
+        elif self.number - _MEMORY <= last < self.number:
+            self._go_back(last, now, events)
+        else:
+            self._end(OutOfStep(last, self.number), events)
+
+    def _send_again(self, now: float, events: list[Event]) -> None:
+        self.line_errors += 1
+        self._said = []
+        start, errors = self._window
+        if self.number - start > self.timing.noise_window:
+            start, errors = self.number, 0
+        self._window = (start, errors + 1)
+        if errors + 1 > self.timing.noise_limit:
+            events.append(Noisy(errors + 1, self.number - start))
+            self._window = (self.number, 0)
+        self._fly(now)
+
+    def _was_taken(self, now: float, events: list[Event]) -> None:
+        if self._error and self._flight is not None:
+            events.append(Fault(self._error, self._flight))
+        if self._quoted and self._quoted == self._flight:
+            text = f'unknown command "{self._quoted.decode("ascii", "replace")}"'
+            events.append(Fault(text, self._flight))
+            self._acknowledge(now, events)
+        elif self._oks or self._conclusive:
+            if not self._oks:
+                events.append(Notice(f"the ok to line {self.number + 1} was lost"))
+            self._acknowledge(now, events)
+        else:
+            if math.isnan(self._taken_at):
+                self._taken_at = now
+            self._phase, self.deadline = _Phase.FLIGHT, self._taken_at + self.timing.silence_s
+
+    def _go_back(self, last: int, now: float, events: list[Event]) -> None:
+        """Send lines again that an ok which wasn't theirs had acknowledged."""
+        events.append(Notice(f"lines {last + 1} to {self.number} weren't taken; sent again"))
+        if self._flight is not None and self._flight_control:
+            self._controls.appendleft(self._flight)
+        while self.number > last:
+            if self.number in self._control_numbers:
+                self._controls.appendleft(self._control_numbers.pop(self.number))
+            else:
+                self.lines_done -= 1
+            self.number -= 1
+            self.line_errors += 1
+        self._send_next(now)
+
+    # --- time ------------------------------------------------------------------------------
+
+    def _silence(self, now: float, events: list[Event]) -> None:
+        if not math.isnan(self._taken_at):
+            events.append(Notice(f"the ok to line {self.number + 1} was lost"))
+            self._acknowledge(now, events)
+        else:
+            self._begin(_Goal.GO_ON, now)
+            self._conclusive = True
+            self._ask_now(now, events)
+
+    def _never(self, now: float, events: list[Event]) -> None:
+        self.deadline = math.inf
+
+    def _end(self, event: Event, events: list[Event]) -> None:
+        self._phase, self._fast, self.deadline = _Phase.OVER, False, math.inf
+        events.append(event)
+
+
+_ON_TIME: Final[dict[_Phase, Callable[[MarlinProtocol, float, list[Event]], None]]] = {
+    _Phase.READY: MarlinProtocol._never,
+    _Phase.FLIGHT: MarlinProtocol._silence,
+    _Phase.DRAIN: MarlinProtocol._ask_now,
+    _Phase.ASK: MarlinProtocol._unanswered,
+    _Phase.SETTLE: MarlinProtocol._settled,
+    _Phase.OVER: MarlinProtocol._never,
+}
+
+
+def _words(reply: Reply) -> str:
+    return reply.text.decode("ascii", "backslashreplace")

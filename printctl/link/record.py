@@ -1,0 +1,65 @@
+"""``link.json``: where a folder's link process can be reached, and how its print ended."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from design.files import write_text
+from printctl.link.errors import NoLink
+
+RECORD = "link.json"
+JOURNAL = "journal.log"
+LOG = "link.log"
+
+
+@dataclass(frozen=True)
+class LinkRecord:
+    """What a link process writes down about itself.
+
+    Attributes
+    ----------
+    pid : int
+    address, token : str
+        Where it listens; empty once it has ended.
+    job, profile, port : str
+        Path of the job file, profile as it was given, name of the port.
+    started : float
+        Wall-clock time, s since 1970.
+    status : dict
+        `Status`; the last one once it has ended.
+    """
+
+    pid: int
+    address: str
+    token: str
+    job: str
+    profile: str
+    port: str
+    started: float
+    status: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> None:
+        """Write it; readable by its owner alone, since it holds the token."""
+        path = folder / RECORD
+        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
+        path.chmod(0o600)
+
+
+def load_record(folder: Path) -> LinkRecord:
+    """Read what `LinkRecord.save` wrote.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started in ``folder``, or the record can't be read.
+    """
+    path = folder / RECORD
+    try:
+        return LinkRecord(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError as exc:
+        raise NoLink(f"no print was started in {folder} (no {RECORD} there)") from exc
+    except (ValueError, TypeError, OSError) as exc:
+        raise NoLink(f"{path} can't be read: {exc}") from exc

@@ -1,0 +1,123 @@
+"""The states of a print, as one enum, and how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+
+class LinkState(StrEnum):
+    """Where a print stands. The diagram is in ``docs/link.md``."""
+
+    CONNECTING = "connecting"
+    CHECKING = "checking"
+    PRINTING = "printing"
+    PAUSING = "pausing"
+    PAUSED = "paused"
+    RESUMING = "resuming"
+    STOPPING = "stopping"
+    DONE = "done"
+    STOPPED = "stopped"
+    FAILED = "failed"
+    KILLED = "killed"
+    POSITION_UNKNOWN = "position_unknown"
+
+
+ENDED: Final = frozenset(
+    {
+        LinkState.DONE,
+        LinkState.STOPPED,
+        LinkState.FAILED,
+        LinkState.KILLED,
+        LinkState.POSITION_UNKNOWN,
+    }
+)
+"""States that nothing follows."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """A print as its clients see it.
+
+    Attributes
+    ----------
+    state : LinkState
+    lines_done, lines_total : int
+        Command lines acknowledged by the printer, and in the job.
+    file_line : int
+        One-based line of the job file that was acknowledged last; 0 before the first.
+    message : str
+        What happened last, for the user.
+    line_errors : int
+        Lines that had to be sent again.
+    alarms : int
+        Faults and other alarms journalled so far.
+    position_known : bool
+        Whether the printer still knows where its needle is.
+    error : str
+        Name of the error's class (`printctl.link.errors`) when the print failed by one.
+    """
+
+    state: LinkState
+    lines_done: int = 0
+    lines_total: int = 0
+    file_line: int = 0
+    message: str = ""
+    line_errors: int = 0
+    alarms: int = 0
+    position_known: bool = True
+    error: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the print is over."""
+        return self.state in ENDED
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> Status:
+        """Read `to_dict`; keys of later versions are ignored."""
+        known = {name: data[name] for name in Status.__dataclass_fields__ if name in data}
+        return Status(**{**known, "state": LinkState(known["state"])})
+
+
+@dataclass(frozen=True)
+class PrintOutcome:
+    """How a print ended.
+
+    Attributes
+    ----------
+    state : LinkState
+        One of `ENDED`.
+    lines_done, lines_total : int
+        Command lines acknowledged by the printer, and in the job.
+    message : str
+        Why, for the user.
+    error : str
+        Name of the error's class when an error ended it, else empty.
+    position_known : bool
+        Whether the printer still knows where its needle is.
+    """
+
+    state: LinkState
+    lines_done: int
+    lines_total: int
+    message: str
+    error: str = ""
+    position_known: bool = True
+
+    @staticmethod
+    def of(status: Status) -> PrintOutcome:
+        """Read from the last status of a print."""
+        return PrintOutcome(
+            status.state,
+            status.lines_done,
+            status.lines_total,
+            status.message,
+            status.error,
+            status.position_known,
+        )

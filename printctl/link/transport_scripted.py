@@ -1,0 +1,48 @@
+"""A transport for tests: another object plays the printer, and time is virtual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from printctl.link.clock import VirtualClock
+
+
+class ScriptedTransport:
+    """A wire whose far end is a function.
+
+    Parameters
+    ----------
+    answer : callable
+        Takes the bytes written and gives what the printer says to them, at once.
+    clock : VirtualClock
+        Moved on by a read that finds nothing.
+    """
+
+    def __init__(self, answer: Callable[[bytes], bytes], clock: VirtualClock) -> None:
+        self.name = "scripted"
+        self.written: list[bytes] = []
+        self._answer, self._clock = answer, clock
+        self._waiting = b""
+
+    def write(self, data: bytes) -> None:
+        """Hand ``data`` to the far end."""
+        self.written.append(data)
+        self._waiting += self._answer(data)
+
+    def write_urgent(self, data: bytes) -> None:
+        """Hand ``data`` to the far end."""
+        self.write(data)
+
+    def read(self, timeout: float) -> bytes:
+        """Give what the far end has said; else let ``timeout`` pass."""
+        if not self._waiting:
+            self._clock.sleep(timeout)
+        data, self._waiting = self._waiting, b""
+        return data
+
+    def reset(self) -> bool:
+        """Do nothing: there is no reset line."""
+        return False
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -1,0 +1,35 @@
+"""What the manifest says of a run besides its stages: versions, seeds, profile, frames."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib import metadata
+from typing import Any
+
+from printctl.pipeline.context import RunContext
+
+LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
+
+
+def run_facts(context: RunContext) -> dict[str, Any]:
+    """Versions, machine, recipe with all defaults, profiles and frames."""
+    recipe = context.recipe
+    return {
+        "recipe": recipe.model_dump(mode="json", by_alias=True),
+        "seed": recipe.seed,
+        "versions": {name: metadata.version(name) for name in LIBRARIES},
+        "machine": {
+            "python": platform.python_version(),
+            "system": platform.platform(),
+            "architecture": platform.machine(),
+            "cores": os.cpu_count(),
+        },
+        "profiles": {
+            "printer": context.printer.model_dump(mode="json"),
+            "needle": context.needle.model_dump(mode="json"),
+            "syringe": context.syringe.model_dump(mode="json"),
+            "ink": context.ink.model_dump(mode="json"),
+            "bath": context.bath.model_dump(mode="json"),
+        },
+    }

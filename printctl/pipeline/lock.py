@@ -1,0 +1,30 @@
+"""One run at a time in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from printctl.errors import PrintctlError
+
+
+@contextmanager
+def run_lock(folder: Path) -> Iterator[None]:
+    """Hold ``folder`` for this process; the system lets go of it when the process dies.
+
+    Raises
+    ------
+    PrintctlError
+        When another live process runs in the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            yield
+    except Timeout as exc:
+        raise PrintctlError(
+            f"another printctl runs in {folder}; wait for it, or give another --out"
+        ) from exc

@@ -1,0 +1,76 @@
+"""Run a recipe: all of it, or as far as the design or the G-code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.facts import run_facts
+from printctl.pipeline.lock import run_lock
+from printctl.pipeline.manifest import Manifest
+from printctl.progress import StageBars
+from printctl.pipeline.stage import Stage, run_stages
+from printctl.pipeline.stages import (
+    dry_run,
+    flow,
+    printing,
+    registration,
+    report,
+    scan,
+    solid,
+    tissue,
+    toolpath,
+    vasculature,
+)
+from printctl.recipe import Recipe
+
+DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, solid.STAGE)
+TOOLPATH: Sequence[Stage] = (*DESIGN, toolpath.STAGE, dry_run.STAGE)
+WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)
+
+
+def run_recipe(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
+) -> dict[str, Any]:
+    """Run all stages in ``folder`` and write the report; return report.json's content.
+
+    Raises
+    ------
+    PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
+        Whatever stopped it; finished stages are kept and reused by the next run.
+    """
+    with run_lock(folder):
+        context = _run(recipe, recipe_folder, folder, console, WHOLE)
+        return report.write_report(context)
+
+
+def design_recipe(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
+) -> dict[str, Any]:
+    """Run the design stages; return their summaries."""
+    with run_lock(folder):
+        return report.collect(_run(recipe, recipe_folder, folder, console, DESIGN))
+
+
+def toolpath_recipe(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
+) -> dict[str, Any]:
+    """Run the stages up to the dry run; return their summaries."""
+    with run_lock(folder):
+        return report.collect(_run(recipe, recipe_folder, folder, console, TOOLPATH))
+
+
+def _run(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, stages: Sequence[Stage]
+) -> RunContext:
+    manifest = Manifest.load(folder)
+    bars = StageBars(console)
+    context = RunContext(recipe, recipe_folder, folder, manifest, bars)
+    manifest.facts = run_facts(context)
+    manifest.save()
+    run_stages(context, stages, bars)
+    return context

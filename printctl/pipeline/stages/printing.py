@@ -1,0 +1,77 @@
+"""Stage 7: the print, through a link process that owns port and journal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from printctl.errors import PrinterFailedError
+from printctl.pipeline.context import RunContext
+from printctl.progress import Report
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.toolpath import GCODE
+from printctl.printing import (
+    SIMULATED,
+    follow,
+    retreat_for,
+    simulated_printer,
+    start_or_attach,
+)
+from sim.executed import ExecutedMotion
+
+EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
+
+
+def depends(context: RunContext) -> Any:
+    """The machine, the port and where the tip stands."""
+    return [
+        context.printer.model_dump(mode="json"),
+        context.recipe.printer.port,
+        context.start_mm.tolist(),
+    ]
+
+
+def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    """Start the print (or find the one that is going on here) and follow it to its end."""
+    part = context.recipe.printer
+    folder = context.folder / JOURNAL_FOLDER
+    folder.mkdir(exist_ok=True)
+    record = context.folder / EXECUTED
+    x, y, z = context.start_mm.tolist()
+
+    def port() -> str:
+        if part.port != SIMULATED:
+            return part.port
+        record.unlink(missing_ok=True)
+        return simulated_printer(part.profile, (x, y, z), record, folder)
+
+    low, high = context.tissue.bounds
+    retreat = retreat_for(context.syringe, context.ink, lift_mm=float(high[2] - low[2]) + 5.0)
+    client = start_or_attach(context.folder / GCODE, part.profile, port, folder, retreat)
+    outcome = follow(client, report, context.bars)
+    summary: dict[str, Any] = {
+        "printer": context.printer.name,
+        "port": part.port,
+        "state": outcome.state.value,
+        "lines": outcome.lines_done,
+    }
+    if part.port != SIMULATED:
+        return summary, []
+    return {**summary, **executed_facts(context)}, [EXECUTED]
+
+
+def executed_facts(context: RunContext) -> dict[str, Any]:
+    """What the simulated printer's own record says."""
+    record = context.folder / EXECUTED
+    if not record.exists():
+        raise PrinterFailedError(
+            f"the simulated printer left no record of its motion ({record}); see print/sim.log"
+        )
+    motion = ExecutedMotion.load(record)
+    return {
+        "blocks": len(motion),
+        "duration_s": float(motion.time_end[-1] - motion.time_start[0]),
+    }
+
+
+STAGE = Stage("print", depends, (GCODE,), ("sim", "printctl/link", "firmware_profiles"), work)

@@ -1,0 +1,103 @@
+"""Stage 10: report.html, report.json and the deviation as PLY."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from design.files import write_text
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.stages.registration import DEVIATION, load_deviation
+from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
+from printctl.pipeline.verdict import verdict
+from printctl.recipe.making import Fresh
+from registration.report import ReportSurface, write_report_html
+
+HTML, JSON = "report.html", "report.json"
+
+_SECTIONS = {
+    "tissue": "tissue",
+    "vasculature": "network",
+    "flow": "flow",
+    "solid": "solid",
+    "toolpath": "toolpath",
+    "dry run": "dry_run",
+    "print": "print",
+    "scan": "scan",
+    "registration": "registration",
+}
+"""Stage to section of the report."""
+
+
+def collect(context: RunContext) -> dict[str, Any]:
+    """What the stages that have run say, with timings and provenance."""
+    records = context.manifest.stages
+    data: dict[str, Any] = {"schema": 1, "recipe": context.recipe.name}
+    for stage, section in _SECTIONS.items():
+        if stage in records:
+            data[section] = records[stage].summary
+    data["timings"] = {
+        stage: {
+            "seconds": record.seconds,
+            "peak_mb": record.peak_mb,
+            "reused": stage in context.reused,
+        }
+        for stage, record in records.items()
+    }
+    data["provenance"] = context.manifest.facts
+    return data
+
+
+def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
+    """The chain tissue → part → printer, and scan → part as registration found it."""
+    place = np.eye(4)
+    place[:3, 3] = context.place_mm
+    return {
+        "tissue_to_part": np.eye(4).tolist(),
+        "part_to_printer": place.tolist(),
+        "scan_to_part": registration["transform_scan_to_part"],
+        "unit": "mm",
+        "handedness": "right",
+    }
+
+
+def write_report(context: RunContext) -> dict[str, Any]:
+    """Write the report of a whole run; return report.json's content."""
+    data = collect(context)
+    found = data["registration"]
+    truth = found.pop("truth_check", None)
+    if truth is not None:
+        data["truth_check"] = truth
+    data["verdict"] = verdict(found, context.recipe.registration.tolerance_um)
+    data["frames"] = frames(context, found)
+    context.manifest.facts["frames"] = data["frames"]
+    context.manifest.save()
+    write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_report_html(
+        context.folder / HTML, data, surfaces(context), context.network, figures(context)
+    )
+    return data
+
+
+def surfaces(context: RunContext) -> list[ReportSurface]:
+    """What the 3D view shows: the scanned surface with its deviation, and the design."""
+    vertices, faces, deviation_um = load_deviation(context.folder / DEVIATION)
+    solid = context.solid
+    return [
+        ReportSurface("Scanned surface, deviation", vertices, faces, deviation_um, "µm"),
+        ReportSurface("Construct, as designed", solid.vertices, solid.faces),
+    ]
+
+
+def figures(context: RunContext) -> dict[str, bytes]:
+    """Layers, where there are any; the other figures the page draws by itself."""
+    part = context.recipe.toolpath
+    if not isinstance(part, Fresh):
+        return {}
+    x, y, z = context.start_mm.tolist()
+    return layer_pictures(
+        context.folder / GCODE, context.folder / LINE_MAP, part.line_um * 1e-3, (x, y, z)
+    )

@@ -1,0 +1,122 @@
+"""Checks of the G-code itself: travel, speed, plunger, and what the firmware would make of it."""
+
+from __future__ import annotations
+
+from firmware_profiles import Printer
+from printctl.preflight.check import Check
+from sim.dryrun import DryRun, Finding
+
+_COUNTED = {
+    "unknown_command": "commands unknown to the firmware",
+    "no_command": "lines that are no command",
+    "cold_extrusion": "plunger moves that the firmware would drop",
+    "homing": "homing with the needle mounted",
+    "bad_arc": "arcs without a centre",
+}
+"""Findings of which none is allowed, and their names."""
+
+_COUNTED_REMEDY = {
+    "homing": "take G28 out and touch the needle off instead: homing would drive it into the dish",
+}
+
+
+def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """Every check of a dry run, passed or not."""
+    found = {finding.code: finding for finding in run.findings}
+    checks = [
+        *_travel(run, printer, found),
+        *_speed(run, found),
+        _plunger(run, printer, found),
+        _line_length(run, printer, found),
+        *(_counted(code, name, found) for code, name in _COUNTED.items()),
+    ]
+    told = {*_COUNTED, "plunger_travel", "long_line"}
+    others = [
+        finding
+        for code, finding in found.items()
+        if code not in told and not code.startswith(("outside_", "speed_"))
+    ]
+    return checks + [_other(finding) for finding in others]
+
+
+def _line(finding: Finding | None) -> str:
+    return f"line {finding.line}" if finding else ""
+
+
+def _travel(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
+    checks = []
+    spans = (printer.x_mm, printer.y_mm, printer.z_mm)
+    for axis, (name, span) in enumerate(zip("xyz", spans, strict=True)):
+        wrong = found.get(f"outside_{name}")
+        for end, value, limit, line in (
+            ("lowest", run.low_mm[axis], span.low, run.low_line[axis]),
+            ("highest", run.high_mm[axis], span.high, run.high_line[axis]),
+        ):
+            beyond = wrong is not None and wrong.limit == limit
+            checks.append(
+                Check(
+                    f"{name}, {end}",
+                    float(value),
+                    limit,
+                    "mm",
+                    not beyond,
+                    _line(wrong) if beyond else f"line {line}",
+                    f"the part doesn't fit into {printer.name} ({name}_mm {span.low:g} to "
+                    f"{span.high:g}); move it (place_mm), or take a smaller part or a larger "
+                    "printer",
+                )
+            )
+    return checks
+
+
+def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
+    fastest = run.speed_mm_s.max(axis=0, initial=0.0)
+    return [
+        Check(
+            f"speed of {name}",
+            float(fastest[axis]),
+            float(run.limit_mm_s[axis]),
+            "mm/s",
+            f"speed_{name}" not in found,
+            _line(found.get(f"speed_{name}")),
+            "lower the speed in the recipe: the firmware would slow the whole move",
+        )
+        for axis, name in enumerate("xyze")
+    ]
+
+
+def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
+    return Check(
+        "plunger travel",
+        run.plunger_max_mm,
+        printer.plunger_travel_mm,
+        "mm",
+        "plunger_travel" not in found,
+        _line(found.get("plunger_travel")),
+        "use a wider syringe or a smaller part",
+    )
+
+
+def _line_length(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
+    size, line = run.longest_line
+    return Check(
+        "longest line as sent",
+        size,
+        printer.max_line_bytes,
+        "bytes",
+        "long_line" not in found,
+        f"line {line}",
+        "shorten it: the firmware would cut it",
+    )
+
+
+def _counted(code: str, name: str, found: dict[str, Finding]) -> Check:
+    finding = found.get(code)
+    remedy = _COUNTED_REMEDY.get(code, finding.message if finding else "")
+    return Check(
+        name, finding.count if finding else 0, 0, "", finding is None, _line(finding), remedy
+    )
+
+
+def _other(finding: Finding) -> Check:
+    return Check(finding.code, finding.count, 0, "", False, _line(finding), finding.message)

@@ -1,0 +1,65 @@
+"""Start the simulated printer as a process of its own, behind a real pipe."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+from printctl.errors import PrinterFailedError
+
+SIMULATED: Final = "simulated"
+"""The port's name in a recipe and on the command line."""
+
+_COMES_UP_S: Final = 30.0
+
+
+def simulated_printer(
+    profile: str, start_mm: tuple[float, float, float], record: Path, folder: Path
+) -> str:
+    """Start a simulated printer and return the port to reach it by.
+
+    It runs in virtual time, records what its motors did into ``record``, and ends when its host
+    hangs up, so that it outlives a command line that detaches from the print but not the print.
+
+    Parameters
+    ----------
+    profile : str
+        Printer profile.
+    start_mm : (3,) mm
+        Where the tip stands at power-up, printer's frame.
+    record : Path
+        ``.npz`` of the executed motion.
+    folder : Path
+        For its log and its address.
+
+    Raises
+    ------
+    PrinterFailedError
+        When it doesn't come up.
+    """
+    address, errors = folder / "sim.address", folder / "sim.log"
+    command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", "0"]
+    command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
+    command += ["--record", str(record.resolve()), "--exit-on-hangup"]
+    command += ["--tcp", "0"] if sys.platform == "win32" else []
+    with address.open("wb") as out, errors.open("wb") as log:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=log,
+            start_new_session=True,
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )
+    limit = time.monotonic() + _COMES_UP_S
+    while time.monotonic() < limit and process.poll() is None:
+        found, complete, _ = address.read_text().partition("\n")
+        if complete:
+            return found.strip()
+        time.sleep(0.02)
+    process.kill()
+    tail = errors.read_text(errors="replace").strip()[-500:]
+    raise PrinterFailedError(f"the simulated printer didn't come up: {tail or 'no message'}")

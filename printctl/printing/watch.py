@@ -1,0 +1,107 @@
+"""Follow a print from the command line, and ask what to do when interrupted."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from firmware_profiles import Ink, Syringe
+from printctl.errors import PrinterFailedError, PrintctlError
+from printctl.link.client import PrintClient, attach, start_print
+from printctl.link.errors import NoLink
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState, PrintOutcome
+from printctl.progress import Report, StageBars
+
+_QUESTION = """
+The print goes on by itself. What shall happen?
+  d  detach: leave it printing
+  s  stop: end the move, relieve the plunger, lift the needle
+  k  kill: halt the printer at once; its position is lost
+  (anything else: go on watching)
+> """
+
+
+def running(folder: Path) -> PrintClient | None:
+    """A client of the print that is still going on in ``folder``, if there is one."""
+    try:
+        client = attach(folder)
+    except NoLink:
+        return None
+    return None if client.status.ended else client
+
+
+def start_or_attach(
+    job: Path, printer: str, port: Callable[[], str], folder: Path, retreat: Retreat
+) -> PrintClient:
+    """Attach to the print that is going on in ``folder``, or start it.
+
+    ``port`` is called only when a print is started: it may have to start a simulated printer.
+    """
+    return running(folder) or start_print(job, printer, port(), folder, retreat=retreat)
+
+
+def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome:
+    """Show progress until the print is over; on Ctrl-C ask: detach, stop or kill.
+
+    Raises
+    ------
+    PrinterFailedError
+        When the print didn't end well.
+    PrintctlError
+        When the user detached.
+    """
+    while True:
+        try:
+            for status in client.events():
+                done = status.lines_done / max(status.lines_total, 1)
+                report(done, f"{status.lines_done} of {status.lines_total} lines")
+            break
+        except KeyboardInterrupt:
+            _obey(_ask(bars), client)
+    outcome = client.wait()
+    if outcome.state is not LinkState.DONE:
+        raise PrinterFailedError(
+            f"the print ended as {outcome.state.value}: {outcome.message} "
+            f"({outcome.lines_done} of {outcome.lines_total} lines done; "
+            f"journal: {client.folder})"
+        )
+    return outcome
+
+
+def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float) -> Retreat:
+    """Out of the bath: relieve the plunger as the ink's profile says, then straight up."""
+    per_ul = 4 / (math.pi * syringe.inner_mm**2)
+    return Retreat(
+        relief_mm=ink.retract_ul * per_ul,
+        relief_mm_s=ink.plunger_ul_s * per_ul,
+        lift_mm=lift_mm,
+    )
+
+
+def _ask(bars: StageBars) -> str:
+    """d, s or k; without a terminal nobody can be asked, and the print isn't touched."""
+    if not sys.stdin.isatty():
+        return "d"
+    try:
+        with bars.paused():
+            return bars.ask(_QUESTION).strip().lower()[:1]
+    except KeyboardInterrupt:  # pressed again: whoever insists wants it to end, but not lost
+        return "s"
+    except EOFError:
+        return "d"
+
+
+def _obey(wish: str, client: PrintClient) -> None:
+    if wish == "k":
+        client.kill()
+    elif wish == "s":
+        client.stop()
+    elif wish == "d":
+        client.detach()
+        raise PrintctlError(
+            f"detached; the print goes on (journal: {client.folder}); "
+            "run the same command again to watch it, or to stop it by Ctrl-C"
+        )

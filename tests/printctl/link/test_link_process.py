@@ -1,0 +1,217 @@
+"""The link process, its client and its journal, over a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from printctl.link import LinkState, attach, start_print
+from printctl.link.client import _alive
+from printctl.link.errors import AlreadyPrinting, HandshakeError, JobError, PortMissing
+from printctl.link.journal import read_journal
+from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+PROFILE = "generic_marlin"
+
+
+def handshake_and(printer: FakeMarlin) -> list[str]:
+    return printer.numbered[printer.numbered.index("M92") + 1 :]
+
+
+def until(client, state: LinkState) -> None:
+    for status in client.events():
+        if status.state is state:
+            return
+    raise AssertionError(f"never {state}")
+
+
+def under_way(client) -> None:
+    """Wait until the job's header is through."""
+    for status in client.events():
+        if status.lines_done > 10:
+            return
+    raise AssertionError("never under way")
+
+
+def test_prints_a_whole_job(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 500)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        outcome = client.wait(30)
+        assert outcome.state is LinkState.DONE
+        assert outcome.lines_done == len(lines)
+        assert handshake_and(served.printer)[: len(lines)] == lines
+        assert attach(tmp_path / "run").wait().state is LinkState.DONE
+
+
+def test_missing_port_is_named_with_a_remedy(tmp_path):
+    write_job(tmp_path / "job.gcode", 3)
+    with pytest.raises(PortMissing, match=r"/dev/nowhere doesn't exist \(ports found: .*--port"):
+        start_print(tmp_path / "job.gcode", PROFILE, "/dev/nowhere", tmp_path / "run")
+
+
+def test_silent_printer_is_a_handshake_error(tmp_path):
+    write_job(tmp_path / "job.gcode", 3)
+    printer = FakeMarlin()
+    printer.mute = True
+    with (
+        pty_printer(printer) as served,
+        pytest.raises(HandshakeError, match=r"no firmware answers at .* baud rate"),
+    ):
+        start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+
+
+def test_job_that_would_dose_twice_is_refused(tmp_path):
+    (tmp_path / "job.gcode").write_text("G90\nM83\nG1 X1 E1\n")
+    with pytest.raises(JobError, match="line 2: M83: relative extrusion"):
+        start_print(tmp_path / "job.gcode", PROFILE, "/dev/nowhere", tmp_path / "run")
+
+
+def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 500)
+    with pty_printer(FakeMarlin(), unplug_at=200) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        outcome = client.wait(30)
+    assert outcome.state is LinkState.FAILED
+    assert outcome.error == "PortLost"
+    assert not outcome.position_known
+    assert 198 <= outcome.lines_done <= 200
+    assert f"{outcome.lines_done} of {len(lines)} lines were acknowledged" in outcome.message
+    assert "position unknown" in outcome.message
+
+
+def test_reset_in_mid_print_is_position_unknown(tmp_path):
+    write_job(tmp_path / "job.gcode", 500)
+    printer = FakeMarlin()
+    printer.reset_at = 100
+    with pty_printer(printer) as served:
+        outcome = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run").wait(
+            30
+        )
+    assert outcome.state is LinkState.POSITION_UNKNOWN
+    assert len(handshake_and(printer)) <= 100
+
+
+def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path):
+    write_job(tmp_path / "job.gcode", 300)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client.pause()
+        until(client, LinkState.PAUSED)
+        with pytest.raises(AlreadyPrinting, match="attach"):
+            start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        with pytest.raises(Exception, match="held by another program"):
+            start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "other")
+        client.resume()
+        assert client.wait(30).state is LinkState.DONE
+
+
+def test_pause_relieves_lifts_and_rejoins(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 20_000)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        under_way(client)
+        client.pause()
+        until(client, LinkState.PAUSED)
+        assert client.command("M105")[0].startswith("ok T:")
+        client.resume()
+        assert client.wait(30).state is LinkState.DONE
+        sent = handshake_and(served.printer)
+    assert [line for line in sent if line in set(lines)] == lines
+    lifts = [line for line in sent if line.startswith("G1 Z20.5")]
+    assert len(lifts) == 1
+    away = sent.index(lifts[0])
+    assert sent[away - 1].startswith("G1 E")
+    assert next(line for line in sent[away:] if line.startswith("G1 Z0.5")).startswith("G1 Z0.5")
+
+
+def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 20_000)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        under_way(client)
+        client.stop()
+        outcome = client.wait(30)
+        sent = handshake_and(served.printer)
+    assert outcome.state is LinkState.STOPPED
+    assert outcome.position_known
+    done = outcome.lines_done
+    assert sent[:done] == lines[:done]
+    tail = sent[done:]
+    assert [line.split()[0] for line in tail][-1] == "M400"
+    assert tail[0].startswith("G1 E")
+    assert tail[1].startswith("G1 Z20.5")
+
+
+def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path):
+    write_job(tmp_path / "job.gcode", 20_000)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        under_way(client)
+        client.kill()
+        outcome = client.wait(30)
+    assert served.printer.halted
+    assert outcome.state is LinkState.KILLED
+    assert "halted" in outcome.message
+
+
+def test_print_goes_on_when_its_client_is_killed(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 2000)
+    script = (
+        "import sys; from pathlib import Path; from printctl.link import start_print\n"
+        f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {PROFILE!r}, sys.argv[1], "
+        f"Path({str(tmp_path / 'run')!r}))\n"
+        "print('up', flush=True)\n"
+        "import time; time.sleep(60)\n"
+    )
+    with pty_printer(FakeMarlin()) as served:
+        with subprocess.Popen(
+            [sys.executable, "-c", script, served.name], stdout=subprocess.PIPE
+        ) as client:
+            assert client.stdout is not None
+            assert client.stdout.readline() == b"up\n"
+            client.send_signal(signal.SIGKILL)
+        outcome = attach(tmp_path / "run").wait(30)
+        assert outcome.state is LinkState.DONE
+        assert handshake_and(served.printer)[: len(lines)] == lines
+
+
+def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path):
+    lines = write_job(tmp_path / "job.gcode", 20_000)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        for status in client.events():
+            if status.lines_done > 1000:
+                break
+        os.kill(client.record.pid, signal.SIGKILL)
+        outcome = client.wait(10)
+        assert outcome.state is LinkState.FAILED
+        assert "resume" in outcome.message
+        at_least = read_journal(tmp_path / "run" / "journal.log").done
+        assert 1000 < at_least <= served.printer.last
+        again = start_print(
+            tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run", resume=True
+        )
+        assert again.wait(60).state is LinkState.DONE
+        sent = handshake_and(served.printer)
+    written = set(lines)
+    assert [line for line in sent if line in written] == lines
+
+
+def test_link_process_ends_by_itself(tmp_path):
+    write_job(tmp_path / "job.gcode", 10)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client.wait(30)
+        limit = time.monotonic() + 5
+        while _alive(tmp_path / "run"):
+            assert time.monotonic() < limit
+            time.sleep(0.02)
+        assert not (tmp_path / "run" / "link.sock").exists()
