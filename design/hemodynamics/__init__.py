@@ -1,1 +1,19 @@
-"""hemodynamics."""
+"""Flow in vessel networks."""
+
+from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.flow import FlowSolution
+from design.hemodynamics.resistance import vessel_resistance
+from design.hemodynamics.steady import node_inflow, solve_flow
+from design.hemodynamics.summary import flow_summary
+from design.hemodynamics.table import flow_table, write_flow_csv
+
+__all__ = [
+    "FlowConditions",
+    "FlowSolution",
+    "flow_summary",
+    "flow_table",
+    "node_inflow",
+    "solve_flow",
+    "vessel_resistance",
+    "write_flow_csv",
+]

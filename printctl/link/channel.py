@@ -233,9 +233,10 @@ class Channel:
         self._record("notice", text=event.text)
 
     def _on_fault(self, event: said.Fault) -> None:
-        where = f"line {self.job.file_line(self.protocol.lines_done + 1)} of {self.job.name}"
-        self._fault = f"the printer says {event.text!r} ({where})"
-        self._alarm(self._fault)
+        where = f"line {self.job.file_line(event.line)} of {self.job.name}"
+        text = f"the printer says {event.text!r} ({where})"
+        self._fault = self._fault or text
+        self._alarm(text)
 
     def _on_action(self, event: said.Action) -> None:
         wish = {"pause": "pause", "paused": "pause", "cancel": "stop", "resume": "resume"}

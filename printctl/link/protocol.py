@@ -46,12 +46,12 @@ class Fault:
     ----------
     text : str
         Its own words.
-    command : bytes
-        The command in flight at the time; empty for none.
+    line : int
+        Job lines taken, the one in flight at the time included.
     """
 
     text: str
-    command: bytes
+    line: int
 
 
 @dataclass(frozen=True)

@@ -261,16 +261,20 @@ class MarlinProtocol:
         elif reply.kind is Kind.ACTION:
             events.append(Action(_words(reply).removeprefix("//action:")))
         elif reply.kind is Kind.FAULT:
-            events.append(Fault(_words(reply), self._flight or b""))
+            events.append(self._fault(_words(reply)))
         elif self._phase is _Phase.FLIGHT:
             self._hear_in_flight(reply, now, events)
         elif self._phase is _Phase.READY:
             if reply.kind is Kind.ERROR:
-                events.append(Fault(_words(reply), b""))
+                events.append(self._fault(_words(reply)))
             elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
                 events.append(Notice(f"stray {_words(reply)!r} with nothing in flight"))
         else:
             self._hear_in_doubt(reply, now)
+
+    def _fault(self, text: str) -> Fault:
+        in_job = self._flight is not None and not self._flight_control
+        return Fault(text, self.lines_done + in_job)
 
     def _started(self, events: list[Event]) -> None:
         if self._numbered:
@@ -429,10 +433,10 @@ class MarlinProtocol:
 
     def _was_taken(self, now: float, events: list[Event]) -> None:
         if self._error and self._flight is not None:
-            events.append(Fault(self._error, self._flight))
+            events.append(self._fault(self._error))
         if self._quoted and self._quoted == self._flight:
             text = f'unknown command "{self._quoted.decode("ascii", "replace")}"'
-            events.append(Fault(text, self._flight))
+            events.append(self._fault(text))
             self._acknowledge(now, events)
         elif self._oks or self._conclusive:
             if not self._oks:

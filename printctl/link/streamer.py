@@ -21,6 +21,7 @@ __all__ = ["Streamer", "Wiring"]
 BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
+CONNECT_LIMIT_S: Final = 15.0
 RETRIES: Final = 3
 PAUSE_SIGN_S: Final = 20.0
 """Interval of M105 in a pause: it shows that the printer is there and restarts M85's timer."""
@@ -123,7 +124,15 @@ class Streamer(Channel):
     def _connect(self) -> None:
         if self.wiring.printer.resets_on_connect:
             self._await_boot()
-        self._agree(self.protocol.renumber)
+        limit = self.wiring.clock.now() + CONNECT_LIMIT_S
+        while True:
+            try:
+                self._agree(self.protocol.renumber)
+            except HandshakeError:  # some boards sit in their boot loader for long
+                if self.wiring.clock.now() > limit:
+                    raise
+            else:
+                return
 
     def _await_boot(self) -> None:
         """Give a board that resets when the port opens the time to say so, and to wake up."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from design.hemodynamics import (
     FlowConditions,
-    FlowSolution,
     flow_summary,
     flow_table,
     solve_flow,
     write_flow_csv,
 )
-from design.network import VesselNetwork
 from design.network_vtp import write_network_vtp
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.pipeline.context import NETWORK, RunContext
@@ -24,25 +25,31 @@ from printctl.recipe.parts import FlowPart
 TABLE, PICTURE = "flow.csv", "network.vtp"
 
 
-def solve(network: VesselNetwork, part: FlowPart) -> FlowSolution:
-    """Solve the network as the recipe perfuses it."""
-    conditions = FlowConditions(
+def conditions(part: FlowPart) -> FlowConditions:
+    """The recipe's words in the design's units."""
+    return FlowConditions(
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
         inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN,
         outlet_pressure_pa=part.outlet_pressure_mmhg * PA_PER_MMHG,
     )
-    return solve_flow(network, conditions)
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Solve and write the table per vessel, and the network for ParaView."""
-    network = context.network
-    solution = solve(network, context.recipe.flow)
+    network, driven = context.network, conditions(context.recipe.flow)
+    solution = solve_flow(network, driven)
     write_flow_csv(context.folder / TABLE, network, solution)
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
     write_network_vtp(context.folder / PICTURE, network, values)
-    summary = flow_summary(network, solution)
-    return {**summary, "vessels": flow_table(network, solution)}, [TABLE, PICTURE]
+    summary: dict[str, Any] = flow_summary(network, solution, driven)
+    summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
+    return {**summary, "vessels": rows(flow_table(network, solution))}, [TABLE, PICTURE]
+
+
+def rows(table: dict[str, NDArray[np.generic]]) -> list[dict[str, Any]]:
+    """Columns to JSON-ready rows."""
+    columns = [column.tolist() for column in table.values()]
+    return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 STAGE = Stage(

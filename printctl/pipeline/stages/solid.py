@@ -36,10 +36,11 @@ def make_construct(context: RunContext) -> tuple[Solid, IntArray]:
     """
     body, network = read_solid(context.folder / SURFACE, unit="mm"), context.network
     named = isinstance(context.recipe.vasculature, NamedNetwork)
+    marks = [(mark.centre_mm, mark.diameter_mm) for mark in PLANAR_DIMPLES] if named else []
     beyond = 2.0 * float(network.radius.max())
     ports = open_ends(network, body, beyond)
     tool = lumen_solid(network, extend_ends_mm=beyond, extend_nodes=ports)
-    return construct_solid(body, tool, dimples=PLANAR_DIMPLES if named else ()), ports
+    return construct_solid(body, tool, dimples=marks), ports
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -1,0 +1,65 @@
+"""What drives a flow problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from design.errors import FlowError
+
+
+@dataclass(frozen=True)
+class FlowConditions:
+    """Conditions at a network's inlets and outlets.
+
+    Give exactly one of the inlet's two, and one of the outlets' two: a flow on both sides would
+    leave the pressure undetermined.
+
+    Attributes
+    ----------
+    viscosity_pa_s : float, Pa·s
+        Newtonian.
+    inlet_flow_ul_s : float, µL/s
+        Total into the network. Several inlets hang on one supply: they share its pressure, and
+        the flow divides by itself.
+    inlet_pressure_pa : float, Pa
+        At every inlet.
+    outlet_pressure_pa : float, Pa
+        At every outlet without a flow of its own.
+    outlet_flow_ul_s : mapping of node to µL/s
+        Flow out of single outlets; those not named have `outlet_pressure_pa`.
+    inlets, outlets : tuples of nodes, optional
+        Where the network's own (nodes that vessels only leave, or only enter) aren't meant.
+    """
+
+    viscosity_pa_s: float
+    inlet_flow_ul_s: float | None = None
+    inlet_pressure_pa: float | None = None
+    outlet_pressure_pa: float = 0.0
+    outlet_flow_ul_s: Mapping[int, float] = field(default_factory=dict)
+    inlets: tuple[int, ...] | None = None
+    outlets: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+
+def _check(conditions: FlowConditions) -> None:
+    if not (np.isfinite(conditions.viscosity_pa_s) and conditions.viscosity_pa_s > 0.0):
+        raise FlowError(
+            f"viscosity {conditions.viscosity_pa_s:g} Pa·s isn't above 0; water has 0.001, "
+            "blood about 0.004"
+        )
+    if (conditions.inlet_flow_ul_s is None) == (conditions.inlet_pressure_pa is None):
+        raise FlowError("give either inlet_flow_ul_s or inlet_pressure_pa, and not both")
+    values = {
+        "inlet_flow_ul_s": conditions.inlet_flow_ul_s,
+        "inlet_pressure_pa": conditions.inlet_pressure_pa,
+        "outlet_pressure_pa": conditions.outlet_pressure_pa,
+        **{f"outlet_flow_ul_s of node {n}": q for n, q in conditions.outlet_flow_ul_s.items()},
+    }
+    for name, value in values.items():
+        if value is not None and not np.isfinite(value):
+            raise FlowError(f"{name} is {value}; give a number")

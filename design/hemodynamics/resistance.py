@@ -1,0 +1,50 @@
+"""Hydraulic resistance of vessels by Poiseuille's law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from design.errors import FlowError
+from design.network import FloatArray, VesselNetwork
+
+
+def geometric_resistance(network: VesselNetwork) -> FloatArray:
+    """Resistance of each vessel for viscosity 1, (8/π) ∫ ds/r⁴, (v,), mm⁻³.
+
+    Along a piece of length ℓ whose radius goes linearly from a to b the integral is
+    ℓ (a² + a b + b²) / (3 a³ b³). Valid for gentle tapers and fully developed laminar flow.
+    """
+    start, end, a, b, vessel = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        integral = length * (a * a + a * b + b * b) / (3.0 * (a * b) ** 3)
+    summed = np.zeros(network.vessel_count)
+    np.add.at(summed, vessel, integral)
+    return (8.0 / np.pi) * summed
+
+
+def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
+    """Resistance of each vessel, (v,), Pa·s/µL.
+
+    Raises
+    ------
+    FlowError
+        For a vessel of zero length, or one whose resistance leaves the range of numbers.
+    """
+    resistance = viscosity_pa_s * geometric_resistance(network)
+    lengths = network.lengths()
+    flat = np.flatnonzero(~(lengths > 0.0))
+    if len(flat):
+        raise FlowError(
+            f"vessel {int(flat[0])} has zero length ({len(flat)} such vessels), and so no "
+            "resistance; remove it or move its ends apart"
+        )
+    absurd = np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))
+    if len(absurd):
+        vessel = int(absurd[0])
+        raise FlowError(
+            f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
+            f"{lengths[vessel]:g} mm and radius {network.mean_radius()[vessel]:g} mm; check the "
+            "network's unit"
+        )
+    return resistance

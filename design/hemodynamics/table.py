@@ -1,0 +1,65 @@
+"""A flow solution as a table, one row a vessel, in our units and in those users know."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.files import write_text
+from design.hemodynamics.flow import FlowSolution
+from design.hemodynamics.validity import poiseuille_holds, reynolds
+from design.network import VesselKind, VesselNetwork
+from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
+
+
+def flow_table(
+    network: VesselNetwork, solution: FlowSolution, density: float = WATER_DENSITY
+) -> dict[str, NDArray[np.generic]]:
+    """Columns of a per-vessel table, each (v,).
+
+    Flow, velocity and wall shear are signed: positive along the vessel, from "in" to "out", as
+    designed. ``density`` in Pa·s²/mm² goes into the Reynolds number.
+    """
+    first, last = network.vessel_nodes.T
+    pressure_in, pressure_out = solution.pressure[first], solution.pressure[last]
+    names = np.array([kind.name.lower() for kind in VesselKind])
+    number = reynolds(network, solution, density)
+    return {
+        "vessel": np.arange(network.vessel_count),
+        "kind": names[network.kind],
+        "tree": network.tree,
+        "length_mm": network.lengths(),
+        "diameter_mm": 2.0 * network.mean_radius(),
+        "pressure_in_pa": pressure_in,
+        "pressure_out_pa": pressure_out,
+        "pressure_in_mmhg": pressure_in / PA_PER_MMHG,
+        "pressure_out_mmhg": pressure_out / PA_PER_MMHG,
+        "flow_ul_s": solution.flow,
+        "flow_ml_min": solution.flow / UL_S_PER_ML_MIN,
+        "velocity_mm_s": solution.velocity,
+        "wall_shear_pa": solution.wall_shear,
+        "wall_shear_dyn_cm2": solution.wall_shear * DYN_CM2_PER_PA,
+        "resistance_pa_s_ul": solution.resistance,
+        "reynolds": number,
+        "poiseuille_holds": poiseuille_holds(network, number).astype(np.int64),
+    }
+
+
+def write_flow_csv(path: Path, network: VesselNetwork, solution: FlowSolution) -> None:
+    """Write `flow_table` as CSV at full precision.
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    table = flow_table(network, solution)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    write_text(path, out.getvalue())

@@ -1,0 +1,48 @@
+"""Whether Poiseuille's law holds in a vessel."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from design.hemodynamics.flow import FlowSolution
+from design.hemodynamics.resistance import geometric_resistance
+from design.network import FloatArray, VesselNetwork
+from design.units import WATER_DENSITY
+
+LAMINAR_REYNOLDS: Final = 2000.0
+"""Below it pipe flow stays laminar."""
+
+ENTRANCE_SHARE: Final = 0.1
+"""Share of a vessel that the flow may take to develop, for Poiseuille's law to be called right."""
+
+
+def effective_viscosity(network: VesselNetwork, solution: FlowSolution) -> FloatArray:
+    """Viscosity that each vessel was solved with, from its resistance, (v,), Pa·s."""
+    return solution.resistance / geometric_resistance(network)
+
+
+def reynolds(
+    network: VesselNetwork, solution: FlowSolution, density: float = WATER_DENSITY
+) -> FloatArray:
+    """Reynolds number ϱ |v| d / μ at the mean radius, (v,); ``density`` in Pa·s²/mm²."""
+    diameter = 2.0 * network.mean_radius()
+    return density * np.abs(solution.velocity) * diameter / effective_viscosity(network, solution)
+
+
+def entrance_share(network: VesselNetwork, reynolds_number: FloatArray) -> FloatArray:
+    """Length in which a flat profile becomes parabolic over the vessel's length, (v,).
+
+    L/d = (0.619^1.6 + (0.0567 Re)^1.6)^(1/1.6), laminar pipe flow, Durst et al. 2005,
+    doi 10.1115/1.2063088. It is an upper bound where the flow comes developed from a vessel
+    before.
+    """
+    diameters = (0.619**1.6 + (0.0567 * reynolds_number) ** 1.6) ** (1.0 / 1.6)
+    return diameters * 2.0 * network.mean_radius() / network.lengths()
+
+
+def poiseuille_holds(network: VesselNetwork, reynolds_number: FloatArray) -> np.ndarray:
+    """Whether flow is laminar, and developed but for a tenth of the vessel, (v,) bool."""
+    short = entrance_share(network, reynolds_number) <= ENTRANCE_SHARE
+    return short & (reynolds_number < LAMINAR_REYNOLDS)

@@ -1,0 +1,6 @@
+"""Networks as `network.csv`: one straight piece a row, full precision."""
+
+from design.network_csv.read import read_network_csv
+from design.network_csv.write import write_network_csv
+
+__all__ = ["read_network_csv", "write_network_csv"]

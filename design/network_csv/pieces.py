@@ -1,0 +1,153 @@
+"""The rows of a `network.csv` as arrays, each row known by its line in the file.
+
+Columns: ``vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree``. Pieces that
+meet share a node number; designed flow runs from node0 to node1. Radii are in mm always, as their
+columns say; the coordinates' columns name no unit, so a reader must be told it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from design.errors import NetworkError
+from design.network import FloatArray, IntArray, VesselKind
+
+_HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
+COLUMNS = tuple(_HEADER.split(","))
+
+GAP_MM = 1e-6
+"""Pieces that share a node number must meet within this distance, mm."""
+
+_KIND_NUMBER = {kind.name.lower(): int(kind) for kind in VesselKind}
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Straight pieces; piece ``i`` stands in line ``line[i]`` of ``path``.
+
+    Attributes
+    ----------
+    line, vessel, kind, tree : (n,) int64
+        As in the file.
+    nodes : (n, 2) int64
+        The file's node numbers.
+    points : (n, 2, 3) float64, mm
+        Both ends.
+    radius : (n, 2) float64, mm
+        At both ends.
+    """
+
+    path: Path
+    line: IntArray
+    vessel: IntArray
+    nodes: IntArray
+    points: FloatArray
+    radius: FloatArray
+    kind: IntArray
+    tree: IntArray
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def fail(self, row: int, text: str) -> NoReturn:
+        """Raise `NetworkError` about ``row`` with its file, line and vessel."""
+        raise NetworkError(f"{self.path}, line {self.line[row]}, vessel {self.vessel[row]}: {text}")
+
+
+def parse_pieces(path: Path, text: str, mm_per_unit: float) -> Pieces:
+    """Turn the text of a `network.csv` into arrays.
+
+    Raises
+    ------
+    NetworkError
+        Column missing or doubled, row of wrong length, unreadable number, unknown kind.
+    """
+    lines, fields = _fields(path, text)
+
+    def column(name: str, convert: Callable[[str], float]) -> list[float]:
+        try:
+            return [convert(field) for field in fields[name]]
+        except (ValueError, KeyError):
+            _blame(path, lines, name, fields[name], convert)
+
+    def columns(names: str, convert: Callable[[str], float]) -> FloatArray:
+        return np.array([column(name, convert) for name in names.split()]).T
+
+    return Pieces(
+        path=path,
+        line=np.array(lines, dtype=np.int64),
+        vessel=columns("vessel", int).ravel().astype(np.int64),
+        nodes=columns("node0 node1", int).astype(np.int64),
+        points=columns("x0 y0 z0 x1 y1 z1", float).reshape(-1, 2, 3) * mm_per_unit,
+        radius=columns("radius0_mm radius1_mm", float),
+        kind=columns("kind", lambda name: _KIND_NUMBER[name.strip()]).ravel().astype(np.int64),
+        tree=columns("tree", int).ravel().astype(np.int64),
+    )
+
+
+def _fields(path: Path, text: str) -> tuple[list[int], dict[str, tuple[str, ...]]]:
+    """Line number of each row, and the columns' text by name."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    header = [name.strip() for name in next(reader, [])]
+    wrong = [name for name in COLUMNS if header.count(name) != 1]
+    if wrong:
+        raise NetworkError(
+            f"{path}, line 1: column {', '.join(wrong)} missing or doubled; "
+            f"the header must name {_HEADER}"
+        )
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    for row in reader:
+        if not row:
+            continue
+        if len(row) != len(header):
+            raise NetworkError(
+                f"{path}, line {reader.line_num}: {len(row)} fields where the header has "
+                f"{len(header)}; complete the row"
+            )
+        lines.append(reader.line_num)
+        rows.append(row)
+    if not rows:
+        raise NetworkError(f"{path}: no pieces below the header; give at least one vessel")
+    return lines, dict(zip(header, zip(*rows, strict=True), strict=True))
+
+
+def _blame(
+    path: Path,
+    lines: Sequence[int],
+    name: str,
+    fields: Sequence[str],
+    convert: Callable[[str], float],
+) -> NoReturn:
+    """Find the field that ``convert`` refused, and say what was wanted."""
+    wanted = f"one of {', '.join(_KIND_NUMBER)}" if name == "kind" else "a number"
+    if name in ("vessel", "node0", "node1", "tree"):
+        wanted = "a whole number"
+    for line, field in zip(lines, fields, strict=True):
+        try:
+            convert(field)
+        except (ValueError, KeyError) as exc:
+            raise NetworkError(f"{path}, line {line}: {name} is {field!r}; give {wanted}") from exc
+    raise NetworkError(f"{path}: column {name} can't be read; give {wanted}")
+
+
+def check_pieces(pieces: Pieces) -> None:
+    """Raise `NetworkError` for NaN, a radius not above 0, or a piece that joins itself."""
+    finite = np.isfinite(pieces.points).all(axis=(1, 2)) & np.isfinite(pieces.radius).all(axis=1)
+    if not finite.all():
+        pieces.fail(int(np.argmin(finite)), "a number is NaN or infinite; mend the row")
+    thin = pieces.radius.min(axis=1) <= 0
+    if thin.any():
+        row = int(np.argmax(thin))
+        pieces.fail(row, f"radius {pieces.radius[row].min():g} mm isn't above 0; mend the row")
+    circular = pieces.nodes[:, 0] == pieces.nodes[:, 1]
+    if circular.any():
+        row = int(np.argmax(circular))
+        pieces.fail(row, f"the piece joins node {pieces.nodes[row, 0]} to itself; mend the row")

@@ -1,0 +1,98 @@
+"""Read a solid from a mesh file."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from design.errors import SolidError
+from design.solids.construct import solid_from_surface
+from design.solids.solid import Solid
+from design.units import MM_PER, LengthUnit
+
+SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
+
+_UNIT_NAMES: Final[dict[str, LengthUnit]] = {
+    "micron": "um",
+    "millimeter": "mm",
+    "millimeters": "mm",
+    "centimeter": "cm",
+    "meter": "m",
+    "inch": "in",
+}
+"""As 3MF spells them (trimesh calls the default "millimeters")."""
+
+
+def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
+    """Read a closed mesh whose coordinates are in ``unit``.
+
+    Parameters
+    ----------
+    path : Path
+        STL, 3MF, PLY, OBJ or OFF.
+    unit : "um", "mm", "cm", "m" or "in"
+        None only for 3MF, which says it; where both do they must agree.
+
+    Returns
+    -------
+    Solid
+        In mm.
+
+    Raises
+    ------
+    SolidError
+        Unknown or unreadable format, no or contradicting unit, surface not closed and oriented;
+        with the file.
+    OSError
+        When the file can't be opened.
+    """
+    mesh = load_mesh(path)
+    stated = _UNIT_NAMES.get(str(mesh.units)) if path.suffix.lower() == ".3mf" else None
+    if unit is None and stated is None:
+        raise SolidError(f"{path}: the file doesn't say its unit; give one of {', '.join(MM_PER)}")
+    if unit is not None and stated not in (None, unit):
+        raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
+    scale = MM_PER[unit or stated or "mm"]
+    try:
+        return solid_from_surface(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces))
+    except SolidError as exc:
+        raise SolidError(f"{path}: {exc}") from exc
+
+
+def load_mesh(path: Path) -> trimesh.Trimesh:
+    """Read the triangles of a file, equal vertices merged, in the file's unit.
+
+    Raises
+    ------
+    SolidError
+        Unknown or unreadable format, or no triangles.
+    OSError
+        When the file can't be opened.
+    """
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
+        raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
+    with path.open("rb") as handle:
+        try:
+            mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)
+        except (ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile) as exc:
+            raise SolidError(f"{path}: not a readable {kind[1:].upper()} file ({exc})") from exc
+    if isinstance(mesh, trimesh.Scene):
+        mesh = mesh.to_mesh()
+    if len(mesh.faces) == 0:
+        raise SolidError(f"{path}: no triangles in the file; export the surface again")
+    return _merged(mesh)
+
+
+def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Merge vertices that are equal, and those only: trimesh's own merging rounds to 1e-8."""
+    vertices: NDArray[np.float64] = np.asarray(mesh.vertices, dtype=np.float64)
+    unique, index = np.unique(vertices, axis=0, return_inverse=True)
+    merged = trimesh.Trimesh(unique, index.reshape(-1)[np.asarray(mesh.faces)], process=False)
+    merged.units = mesh.units
+    return merged

@@ -1,0 +1,95 @@
+"""Edges, shells and handles of a triangle mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class EdgeFaults:
+    """Edges that a closed, oriented surface doesn't have.
+
+    Attributes
+    ----------
+    open : int
+        With a face on one side only.
+    wrong : int
+        With more than two faces, or with two that walk it in the same direction.
+    """
+
+    open: int
+    wrong: int
+
+    def __bool__(self) -> bool:
+        return self.open + self.wrong > 0
+
+
+def edge_faults(faces: NDArray[np.integer]) -> EdgeFaults:
+    """Count the faulty edges of ``faces`` (m, 3)."""
+    edge, forward = _half_edges(faces)
+    _, index = np.unique(edge, return_inverse=True)
+    walks = np.bincount(index)
+    along = np.bincount(index, weights=forward)
+    single = walks == 1
+    return EdgeFaults(int(single.sum()), int(np.sum(~single & ((walks != 2) | (along != 1)))))
+
+
+def faulty_vertices(faces: NDArray[np.integer]) -> IntArray:
+    """Vertices of all edges that more or fewer than two faces share."""
+    edge, _ = _half_edges(faces)
+    keys, walks = np.unique(edge, return_counts=True)
+    count = int(faces.max(initial=0)) + 1
+    wrong = keys[walks != 2]
+    return np.unique(np.r_[wrong // count, wrong % count])
+
+
+def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
+    """Total genus and number of shells of a closed, oriented surface.
+
+    Euler: Σ (2 - 2 g) over the shells = vertices - edges + faces with edges = 3/2 faces. A vertex
+    is a closed fan of triangle corners here: one in which two fans touch counts twice, as two
+    shells that touch in a point are still two.
+
+    Parameters
+    ----------
+    faces : (m, 3)
+        Without `edge_faults`.
+    """
+    edge, _ = _half_edges(faces)
+    # Sorted by edge, each two neighbours are the two sides of one edge, walked in opposite
+    # directions: the tail corner of one is at the vertex of the head corner of the other.
+    one, other = np.argsort(edge, kind="stable").reshape(-1, 2).T
+    corners = 3 * len(faces)
+    fans, _ = _parts(np.r_[one, _head(one)], np.r_[_head(other), other], corners)
+    # Joined over their edges and within each face, corners fall into shells.
+    every = np.arange(corners)
+    shells, _ = _parts(np.r_[one, every], np.r_[other, _head(every)], corners)
+    euler = fans - len(faces) // 2
+    return int(shells - euler // 2), shells
+
+
+def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Key of the undirected edge that leaves each corner (3m,), and whether it is walked up."""
+    tail = np.asarray(faces, dtype=np.int64)
+    head = np.roll(tail, -1, axis=1).ravel()
+    tail = tail.ravel()
+    count = int(tail.max(initial=0)) + 1
+    return np.minimum(tail, head) * count + np.maximum(tail, head), tail < head
+
+
+def _head(corner: IntArray) -> IntArray:
+    """The corner that follows ``corner`` in its face."""
+    return np.where(corner % 3 == 2, corner - 2, corner + 1)
+
+
+def _parts(tail: IntArray, head: IntArray, count: int) -> tuple[int, IntArray]:
+    joined = coo_array((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(count, count))
+    number, part = connected_components(joined, directed=False)
+    return int(number), part.astype(np.int64)

@@ -1,0 +1,117 @@
+"""A polyline with radii swept to a closed triangle mesh, mitred at its bends."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.solids.facets import area_factor, dome_profile
+
+FloatArray = NDArray[np.float64]
+FaceArray = NDArray[np.int64]
+EndShape = Literal["flat", "round"]
+
+
+def tube_mesh(
+    points: FloatArray, radius: FloatArray, facets: int, ends: tuple[EndShape, EndShape]
+) -> tuple[FloatArray, FaceArray]:
+    """Mesh of a tube through ``points``.
+
+    Cross-sections are regular polygons of the circle's area. Rings at inner points lie in the
+    plane that halves the bend, so both neighbouring pieces keep their cross-section up to it.
+
+    Parameters
+    ----------
+    points : (k, 3) float64, mm
+        Axis; no two neighbours equal, no bend of 180°.
+    radius : (k,) float64, mm
+        At each point, linear between.
+    facets : int
+        Sides of the polygon.
+    ends : pair of "flat" or "round"
+        Disc or half ball beyond the first and last point.
+
+    Returns
+    -------
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int64
+        Outward.
+    """
+    direction = np.diff(points, axis=0)
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    unit = _rings(direction, facets)
+    # Each ring as seen from the piece that follows it (the last: from the piece before).
+    rings = points[:, None] + area_factor(facets) * radius[:, None, None] * unit
+    head, head_apex = _cap(ends[0], points[0], -direction[0], radius[0], rings[0], facets)
+    tail, tail_apex = _cap(ends[1], points[-1], direction[-1], radius[-1], rings[-1], facets)
+    stack = np.concatenate([head[::-1], rings, tail])
+    vertices = np.concatenate([stack.reshape(-1, 3), [head_apex, tail_apex]])
+    return vertices, _faces(len(stack), facets)
+
+
+def _rings(direction: FloatArray, facets: int) -> FloatArray:
+    """Vectors from the axis to each ring's vertices for radius 1, (k + 1, facets, 3).
+
+    At a bend the frame is carried on by reflection in the bisecting plane: it leaves the ring's
+    vertices, which lie in that plane, where they are, and twists nothing.
+    """
+    angle = 2.0 * np.pi * np.arange(facets) / facets
+    along = np.empty((len(direction) + 1, facets, 3))
+    first, second = _frame(direction[0])
+    across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    along[0] = across
+    for bend, (before, after) in enumerate(pairwise(direction), 1):
+        normal = before + after
+        normal /= np.linalg.norm(normal)
+        lean = across @ normal
+        along[bend] = across - np.outer(lean / (before @ normal), before)
+        across = across - 2.0 * np.outer(lean, normal)
+    along[-1] = across
+    return along
+
+
+def _frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors that make a right-handed frame with ``axis``.
+
+    The same for ``axis`` and its opposite up to order, so that collinear tubes share vertices.
+    """
+    helper = np.zeros(3)
+    helper[np.argmin(np.abs(axis))] = 1.0
+    first = np.cross(helper, axis)
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def _cap(
+    shape: EndShape,
+    centre: FloatArray,
+    outward: FloatArray,
+    radius: float,
+    rim: FloatArray,
+    facets: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Further rings beyond ``rim`` (j, facets, 3), and the apex (3,)."""
+    if shape == "flat":
+        return np.empty((0, facets, 3)), centre
+    across, along = dome_profile(facets)
+    steps = radius * along[:, None] * outward
+    rings = centre + across[:-1, None, None] * (rim - centre) + steps[:-1, None]
+    return rings, centre + steps[-1]
+
+
+def _faces(rings: int, facets: int) -> FaceArray:
+    """Side quads halved, and a fan to either apex (the last two vertices)."""
+    here = np.arange(facets)
+    following = (here + 1) % facets
+    base = facets * np.arange(rings - 1)[:, None]
+    a, b = base + here, base + following
+    c, d = a + facets, b + facets
+    sides = np.stack([np.stack([a, b, d], -1), np.stack([a, d, c], -1)]).reshape(-1, 3)
+    head, tail = rings * facets, rings * facets + 1
+    top = (rings - 1) * facets
+    head_fan = np.stack([following, here, np.full(facets, head)], -1)
+    tail_fan = np.stack([top + here, top + following, np.full(facets, tail)], -1)
+    return np.concatenate([sides, head_fan, tail_fan])

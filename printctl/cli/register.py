@@ -1,0 +1,125 @@
+"""`printctl register`: hold a scan against a design."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from design.files import write_text
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv
+from design.solids import Solid, read_solid
+from design.units import LengthUnit
+from printctl.cli.options import JsonFlag, print_json, print_lines, three_numbers
+from printctl.errors import UsageError
+from printctl.pipeline.context import LUMEN, NETWORK, SOLID
+from printctl.pipeline.stages.registration import DEVIATION, NUMBERS, SIGN, write_deviation
+from printctl.pipeline.stages.report import HTML
+from printctl.pipeline.verdict import verdict
+from registration import read_scan, register_scan, report_dict
+from registration.readers import ScanOverrides
+from registration.report import ReportSurface, write_report_html
+
+
+def register(
+    scan: Annotated[Path, typer.Argument(help="TIFF stack or .npz.", show_default=False)],
+    model: Annotated[
+        Path,
+        typer.Option("--model", help="A run folder, or the design's STL.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    network: Annotated[
+        Path | None,
+        typer.Option("--network", help="network.csv in mm; else the one beside the model."),
+    ] = None,
+    lumens: Annotated[
+        bool,
+        typer.Option("--lumens", help="With a run folder: only its lumens were scanned."),
+    ] = False,
+    unit: Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")] = "mm",
+    voxel_um: Annotated[
+        str | None,
+        typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
+    ] = None,
+    refractive_index: Annotated[float | None, typer.Option("--refractive-index")] = None,
+    optical_depth: Annotated[
+        bool | None,
+        typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
+    ] = None,
+    modality: Annotated[
+        Literal["oct", "microct", "confocal"] | None, typer.Option("--modality")
+    ] = None,
+    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
+    tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Align a scan with its design and report the deviation, vessel by vessel.
+
+    Exit code 1 when the print doesn't pass.
+    """
+    surface, vessels = _design(model, network, lumens, unit)
+    overrides = ScanOverrides(
+        voxel_mm=_voxel_mm(voxel_um),
+        refractive_index=refractive_index,
+        optical_depth=optical_depth,
+        modality=modality,
+        scale=scale,
+    )
+    found = register_scan(read_scan(scan, overrides), surface, vessels)
+    numbers = {**report_dict(found), "sign_convention": SIGN}
+    data = {
+        "schema": 1,
+        "recipe": scan.stem,
+        "verdict": verdict(numbers, tolerance_um),
+        "scan": {"source": str(scan)},
+        "registration": numbers,
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_deviation(out / DEVIATION, found)
+    shown = [
+        ReportSurface(
+            "Scanned surface, deviation",
+            found.vertices,
+            found.faces,
+            found.scaled_deviation_um,
+            "µm",
+        ),
+        ReportSurface("As designed", surface.vertices, surface.faces),
+    ]
+    write_report_html(out / HTML, data, shown, vessels)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(*data["verdict"]["reasons"], str(out / HTML))
+    if not data["verdict"]["passed"]:
+        raise typer.Exit(1)
+
+
+def _voxel_mm(text: str | None) -> tuple[float, float, float] | None:
+    """``X,Y,Z`` in µm to (dz, dy, dx) in mm."""
+    if text is None:
+        return None
+    x, y, z = three_numbers(text, "--voxel-um")
+    return (z * 1e-3, y * 1e-3, x * 1e-3)
+
+
+def _design(
+    model: Path, network: Path | None, lumens: bool, unit: LengthUnit
+) -> tuple[Solid, VesselNetwork]:
+    """Surface and network of the design, in mm."""
+    if model.is_dir():
+        surface = read_solid(model / (LUMEN if lumens else SOLID), unit="mm")
+        beside = model / NETWORK
+    elif model.is_file():
+        surface = read_solid(model, unit=unit)
+        beside = model.with_name(NETWORK)
+    else:
+        raise UsageError(f"--model {model} doesn't exist; give a run folder or an STL file")
+    path = network if network is not None else beside
+    if not path.is_file():
+        raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
+    return surface, read_network_csv(path, unit="mm")

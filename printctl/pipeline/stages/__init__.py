@@ -1,0 +1,1 @@
+"""One file per stage: what it depends on, what it reads, its work."""

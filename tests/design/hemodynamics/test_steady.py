@@ -1,0 +1,227 @@
+"""Flow against closed forms and a dense oracle, and its conservation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from design.hemodynamics import (
+    FlowConditions,
+    FlowSolution,
+    node_inflow,
+    solve_flow,
+    vessel_resistance,
+)
+from design.network import VesselNetwork
+from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
+
+
+def _imbalance(network: VesselNetwork, solution: FlowSolution, ends: set[int]) -> float:
+    """Greatest net flow at an inner node over the flow through it, node by node."""
+    worst = 0.0
+    for node in set(range(len(network.nodes))) - ends:
+        signed = [
+            (1 if nodes[0] == node else -1) * flow
+            for nodes, flow in zip(network.vessel_nodes.tolist(), solution.flow, strict=True)
+            if node in nodes
+        ]
+        worst = max(worst, abs(sum(signed)) / sum(map(abs, signed)))
+    return worst
+
+
+def test_vessels_in_series_add_their_resistances() -> None:
+    network = network_of([[0, 0, 0], [1, 0, 0], [3, 0, 0]], [(0, 1), (1, 2)], [0.2, 0.1])
+    first, last = vessel_resistance(network, VISCOSITY)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=100.0))
+    assert solution.flow == pytest.approx([100.0 / (first + last)] * 2, rel=1e-13)
+    assert solution.pressure[1] == pytest.approx(100.0 * last / (first + last), rel=1e-13)
+
+
+def test_vessels_in_parallel_add_their_conductances() -> None:
+    network = network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)] * 3, [0.2, 0.1, 0.3])
+    conductance = 1 / vessel_resistance(network, VISCOSITY)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=2.0))
+    assert solution.pressure[0] == pytest.approx(2.0 / conductance.sum(), rel=1e-13)
+    assert solution.flow == pytest.approx(2.0 * conductance / conductance.sum(), rel=1e-13)
+
+
+def test_a_wheatstone_bridge_is_as_by_hand() -> None:
+    """Four arms of resistances 1, 2, 3, 4 and a bridge of 5.
+
+    One unit of pressure over the whole; the two inner nodes' equations:
+    p₁ (1 + 1/3 + 1/5) - p₂/5 = 1, p₂ (1/2 + 1/4 + 1/5) - p₁/5 = 1/2.
+    """
+    arms = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    corner = 1 / np.sqrt(2)
+    nodes = [[0, 0, 0], [corner, corner, 0], [corner, -corner, 0], [2 * corner, 0, 0]]
+    ends = [(0, 1), (0, 2), (1, 3), (2, 3), (1, 2)]
+    lengths = np.array([1, 1, 1, 1, 2 * corner])
+    radius = (8 * VISCOSITY * lengths / (np.pi * arms)) ** 0.25
+    network = network_of(nodes, ends, radius.tolist())
+    assert vessel_resistance(network, VISCOSITY) == pytest.approx(arms)
+
+    a, b, c = 1 + 1 / 3 + 1 / 5, 1 / 5, 1 / 2 + 1 / 4 + 1 / 5
+    p1 = (c * 1.0 + b * 0.5) / (a * c - b * b)
+    p2 = (a * 0.5 + b * 1.0) / (a * c - b * b)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=1.0))
+    assert solution.pressure == pytest.approx([1.0, p1, p2, 0.0], rel=1e-12)
+    by_hand = [1 - p1, (1 - p2) / 2, p1 / 3, p2 / 4, (p1 - p2) / 5]
+    assert solution.flow == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_a_balanced_bridge_carries_nothing_across() -> None:
+    nodes = [[0, 0, 0], [1, 1, 0], [1, -1, 0], [2, 0, 0]]
+    network = network_of(nodes, [(0, 1), (0, 2), (1, 3), (2, 3), (1, 2)], 0.3)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
+    assert abs(solution.flow[4]) < 1e-15
+
+
+def test_shear_and_velocity_are_those_of_the_flow() -> None:
+    network = network_of([[0, 0, 0], [5, 0, 0]], [(0, 1)], 0.2)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0))
+    assert solution.velocity[0] == pytest.approx(3.0 / (np.pi * 0.04))
+    # Force balance: the drop over the lumen's area is the shear over its wall.
+    drop = solution.pressure[0] - solution.pressure[1]
+    assert solution.wall_shear[0] * 2 * np.pi * 0.2 * 5 == pytest.approx(drop * np.pi * 0.04)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), vessels=st.integers(1, 60), spread=st.floats(0.0, 2.0))
+def test_random_trees_conserve_mass_and_divide_by_what_lies_below(
+    seed: int, vessels: int, spread: float
+) -> None:
+    network = random_tree(seed, vessels, spread)
+    conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=2.0, outlet_pressure_pa=500.0)
+    solution = solve_flow(network, conditions)
+    ends = {0, *network.outlets().tolist()}
+    assert _imbalance(network, solution, ends) <= 1e-12
+    inflow = node_inflow(network, solution.flow)
+    assert inflow[0] == pytest.approx(2.0, rel=1e-12)
+    assert inflow[network.outlets()].sum() == pytest.approx(-2.0, rel=1e-12)
+    assert solution.flow == pytest.approx(_tree_oracle(network, 2.0), rel=1e-11, abs=1e-300)
+
+
+def _tree_oracle(network: VesselNetwork, total: float) -> np.ndarray:
+    """Equal outlet pressures: flow divides by the conductance below, from the leaves up."""
+    resistance = vessel_resistance(network, VISCOSITY)
+    children: dict[int, list[int]] = {}
+    for vessel, (first, _) in enumerate(network.vessel_nodes.tolist()):
+        children.setdefault(first, []).append(vessel)
+
+    def below(vessel: int) -> float:
+        """Resistance of a vessel and all that hangs on it."""
+        branches = children.get(int(network.vessel_nodes[vessel, 1]), [])
+        rest = 1 / sum(1 / below(branch) for branch in branches) if branches else 0.0
+        return float(resistance[vessel]) + rest
+
+    flow = np.zeros(network.vessel_count)
+
+    def share(node: int, amount: float) -> None:
+        weights = {branch: 1 / below(branch) for branch in children.get(node, [])}
+        for branch, weight in weights.items():
+            flow[branch] = amount * weight / sum(weights.values())
+            share(int(network.vessel_nodes[branch, 1]), flow[branch])
+
+    share(0, total)
+    return flow
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_graphs_with_loops_agree_with_a_dense_solution(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tree = random_tree(seed, 25, 0.7)
+    extra = rng.integers(1, 25, (12, 2))
+    extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
+    network = VesselNetwork.from_segments(
+        tree.nodes,
+        np.concatenate([tree.vessel_nodes, extra]),
+        np.exp(rng.normal(size=25 + len(extra))),
+        np.zeros(25 + len(extra)),
+        np.zeros(25 + len(extra)),
+    )
+    outlets = network.outlets()
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=1000.0))
+    conductance = np.diag(1 / vessel_resistance(network, VISCOSITY))
+    incidence = np.zeros((network.vessel_count, len(network.nodes)))
+    incidence[np.arange(network.vessel_count), network.vessel_nodes[:, 0]] = 1
+    incidence[np.arange(network.vessel_count), network.vessel_nodes[:, 1]] -= 1
+    matrix = incidence.T @ conductance @ incidence
+    right = np.zeros(len(network.nodes))
+    for node, value in [(0, 1000.0), *((node, 0.0) for node in outlets)]:
+        matrix[node], right[node] = 0.0, value
+        matrix[node, node] = 1.0
+    pressure = np.linalg.solve(matrix, right)
+    assert solution.pressure == pytest.approx(pressure, rel=1e-8, abs=1e-8)
+    assert _imbalance(network, solution, {0, *outlets.tolist()}) <= 1e-12
+
+
+def test_mass_is_conserved_where_pressure_differences_drown_in_the_pressure() -> None:
+    """A wide vessel's drop is 1e-16 of the pressure: p₀ - p₁ alone has no digit left."""
+    nodes = [[0, 0, 0], [20, 0, 0], [20.01, 0, 0], [40, 1, 0], [40, -1, 0]]
+    network = network_of(nodes, [(0, 1), (1, 2), (2, 3), (2, 4)], [0.01, 10.0, 0.01, 0.01])
+    solution = solve_flow(
+        network, FlowConditions(VISCOSITY, inlet_pressure_pa=1e4, outlet_pressure_pa=9e3)
+    )
+    assert _imbalance(network, solution, {0, 3, 4}) <= 1e-12
+
+
+def test_mass_is_conserved_round_a_wide_loop_between_thin_vessels() -> None:
+    """The same in a loop, which no elimination of branches takes away."""
+    nodes = [[0, 0, 0], [20, 0, 0], [20.5, 1, 0], [20.5, -1, 0], [40, 1, 0], [40, -1, 0]]
+    ends = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 4), (3, 5)]
+    network = network_of(nodes, ends, [0.01, 2.0, 2.0, 2.0, 0.01, 0.02])
+    solution = solve_flow(
+        network, FlowConditions(VISCOSITY, inlet_pressure_pa=1e4, outlet_pressure_pa=9e3)
+    )
+    assert _imbalance(network, solution, {0, 4, 5}) <= 1e-12
+
+
+def test_several_inlets_on_one_supply_share_its_pressure() -> None:
+    nodes = [[0, 0, 0], [0, 2, 0], [1, 1, 0], [2, 1, 0]]
+    network = network_of(nodes, [(0, 2), (1, 2), (2, 3)], [0.2, 0.4, 0.3])
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0))
+    assert solution.pressure[0] == solution.pressure[1]
+    assert solution.flow[:2].sum() == pytest.approx(1.0, rel=1e-13)
+    assert solution.flow[1] / solution.flow[0] == pytest.approx(16.0, rel=1e-12)
+
+
+def test_outlets_take_the_flows_they_are_given() -> None:
+    network = network_of(
+        [[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.2
+    )
+    conditions = FlowConditions(VISCOSITY, inlet_pressure_pa=50.0, outlet_flow_ul_s={2: 1, 3: 2})
+    solution = solve_flow(network, conditions)
+    assert solution.flow == pytest.approx([3.0, 1.0, 2.0], rel=1e-13)
+    one = replace(conditions, outlet_flow_ul_s={2: 1.0})
+    assert solve_flow(network, one).pressure[3] == 0.0
+
+
+def test_parts_that_are_not_joined_are_solved_together() -> None:
+    nodes = [[0, 0, 0], [1, 0, 0], [0, 5, 0], [2, 5, 0]]
+    network = network_of(nodes, [(0, 1), (2, 3)], 0.2)
+    solution = solve_flow(network, FlowConditions(VISCOSITY, inlet_pressure_pa=10.0))
+    assert solution.flow[0] == pytest.approx(2 * solution.flow[1], rel=1e-13)
+
+
+def test_the_numbering_of_vessels_and_nodes_changes_nothing() -> None:
+    network = random_tree(3, 40)
+    rng = np.random.default_rng(0)
+    node, vessel = rng.permutation(41), rng.permutation(40)
+    nodes = np.empty_like(network.nodes)
+    nodes[node] = network.nodes
+    other = VesselNetwork.from_segments(
+        nodes,
+        node[network.vessel_nodes[vessel]],
+        network.mean_radius()[vessel],
+        network.kind[vessel],
+        network.tree[vessel],
+    )
+    conditions = FlowConditions(VISCOSITY, inlet_pressure_pa=100.0)
+    before, after = solve_flow(network, conditions), solve_flow(other, conditions)
+    assert after.flow == pytest.approx(before.flow[vessel], rel=1e-10)
+    assert after.pressure[node] == pytest.approx(before.pressure, rel=1e-10, abs=1e-12)

@@ -1,0 +1,165 @@
+"""Mesh files, judged after being read back."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from design.errors import SolidError
+from design.solids import (
+    Solid,
+    block_solid,
+    construct_solid,
+    lumen_solid,
+    read_solid,
+    validate_file,
+    write_3mf,
+    write_ply,
+    write_stl,
+)
+from design.units import LengthUnit
+from tests.design.solids.networks import ladder
+
+WRITERS = {".stl": write_stl, ".3mf": write_3mf, ".ply": write_ply}
+
+
+@pytest.fixture(scope="module")
+def construct() -> Solid:
+    lumen = lumen_solid(ladder(), extend_ends_mm=1.0)
+    return construct_solid(block_solid((16, 8, 3)), lumen, [((1.5, 1, 3), 0.6)])
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_file_read_back_is_the_same_solid(construct: Solid, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"solid{suffix}"
+    WRITERS[suffix](path, construct)
+    check = validate_file(path)
+    check.require_valid()
+    assert (check.watertight, check.oriented, check.manifold) == (True, True, True)
+    assert (check.genus, check.shells) == (4, 1)
+    assert check.volume == pytest.approx(construct.volume_mm3, rel=1e-7)
+    assert "not tested" in check.self_intersection
+    again = read_solid(path, "mm")
+    order = np.lexsort(construct.vertices.T), np.lexsort(again.vertices.T)
+    assert np.array_equal(construct.vertices[order[0]], again.vertices[order[1]])
+    assert len(again.faces) == len(construct.faces)
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_the_same_solid_gives_the_same_bytes(construct: Solid, tmp_path: Path, suffix: str) -> None:
+    first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+    WRITERS[suffix](first, construct)
+    WRITERS[suffix](second, construct)
+    assert first.read_bytes() == second.read_bytes()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("um", 1e-3), ("cm", 10.0), ("in", 25.4)])
+def test_a_file_without_unit_is_read_in_the_one_given(
+    tmp_path: Path, unit: LengthUnit, factor: float
+) -> None:
+    path = tmp_path / "block.stl"
+    write_stl(path, block_solid((1, 2, 3)))
+    assert read_solid(path, unit).bounds[1] == pytest.approx(np.array([1, 2, 3]) * factor)
+
+
+def test_a_unit_is_asked_for_and_never_guessed(tmp_path: Path) -> None:
+    write_stl(tmp_path / "block.stl", block_solid((1, 2, 3)))
+    with pytest.raises(SolidError, match="doesn't say its unit"):
+        read_solid(tmp_path / "block.stl", None)
+    write_3mf(tmp_path / "block.3mf", block_solid((1, 2, 3)))
+    assert read_solid(tmp_path / "block.3mf", None).volume_mm3 == pytest.approx(6.0)
+    with pytest.raises(SolidError, match="says mm, not in"):
+        read_solid(tmp_path / "block.3mf", "in")
+
+
+def test_3mf_in_another_unit_is_converted(tmp_path: Path) -> None:
+    write_3mf(tmp_path / "mm.3mf", block_solid((1, 2, 3)))
+    path = tmp_path / "inch.3mf"
+    with zipfile.ZipFile(tmp_path / "mm.3mf") as old, zipfile.ZipFile(path, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b'unit="millimeter"', b'unit="inch"'))
+    assert read_solid(path, None).volume_mm3 == pytest.approx(6.0 * 25.4**3)
+
+
+def test_ply_carries_a_named_number_a_vertex(tmp_path: Path) -> None:
+    solid = block_solid((1, 2, 3))
+    values = np.arange(8) * 1.5
+    write_ply(tmp_path / "block.ply", solid, values, "deviation_um")
+    mesh = trimesh.load_mesh(tmp_path / "block.ply", process=False)
+    data = mesh.metadata["_ply_raw"]["vertex"]["data"]
+    assert np.array_equal(data["deviation_um"], values.astype(np.float32))
+    assert np.array_equal(np.asarray(mesh.vertices), solid.vertices)
+    with pytest.raises(SolidError, match="8 vertices"):
+        write_ply(tmp_path / "block.ply", solid, np.zeros(7))
+    with pytest.raises(SolidError, match="one word"):
+        write_ply(tmp_path / "block.ply", solid, np.zeros(8), "two words")
+
+
+def test_a_holed_file_is_called_open(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 1, 1))
+    trimesh.Trimesh(box.vertices, box.faces[:-1], process=False).export(tmp_path / "open.stl")
+    check = validate_file(tmp_path / "open.stl")
+    assert (check.watertight, check.manifold, check.open_edges) == (False, False, 3)
+    assert check.genus is None
+    with pytest.raises(SolidError, match=r"open.stl.*3 open"):
+        check.require_valid()
+    with pytest.raises(SolidError, match=r"open.stl.*3 open edges"):
+        read_solid(tmp_path / "open.stl", "mm")
+
+
+def test_an_inside_out_file_is_not_valid(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 1, 1))
+    trimesh.Trimesh(box.vertices, box.faces[:, ::-1], process=False).export(tmp_path / "in.stl")
+    check = validate_file(tmp_path / "in.stl")
+    assert (check.watertight, check.oriented) == (True, False)
+    assert not check.valid
+
+
+def test_two_boxes_that_share_an_edge_are_not_valid(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 1, 1))
+    other = box.copy()
+    other.apply_translation([1, 1, 0])
+    trimesh.util.concatenate([box, other]).export(tmp_path / "edge.stl")
+    check = validate_file(tmp_path / "edge.stl")
+    assert (check.wrong_edges, check.valid) == (1, False)
+
+
+def test_boxes_that_touch_in_a_point_count_as_two_shells(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 1, 1))
+    other = box.copy()
+    other.apply_translation([1, 1, 1])
+    trimesh.util.concatenate([box, other]).export(tmp_path / "point.stl")
+    check = validate_file(tmp_path / "point.stl")
+    assert (check.genus, check.shells) == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.stl", b"", "a.stl"),
+        ("a.stl", b"solid x\nendsolid x\n", "a.stl"),
+        ("a.ply", b"not a ply file", "not a readable PLY"),
+        ("a.3mf", b"not a zip archive", "not a readable 3MF"),
+        ("a.docx", b"", r"\.docx isn't one of"),
+    ],
+)
+def test_unreadable_files_are_refused(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SolidError, match=message):
+        validate_file(tmp_path / name)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, construct: Solid) -> None:
+    path = tmp_path / "solid.ply"
+    write_ply(path, construct)
+    before = path.read_bytes()
+    with pytest.raises(SolidError):
+        write_ply(path, construct, np.zeros(3))
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["solid.ply"]
