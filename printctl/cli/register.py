@@ -16,7 +16,14 @@ from design.units import LengthUnit
 from printctl.cli.options import JsonFlag, print_json, print_lines, three_numbers
 from printctl.errors import UsageError
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
-from printctl.pipeline.stages.registration import DEVIATION, NUMBERS, SIGN, write_deviation
+from printctl.pipeline.deviation_surfaces import split_surfaces
+from printctl.pipeline.stages.registration import (
+    DEVIATION,
+    NUMBERS,
+    SIGN,
+    load_deviation,
+    write_deviation,
+)
 from printctl.pipeline.stages.report import HTML
 from printctl.pipeline.verdict import verdict
 from registration import read_scan, register_scan, report_dict
@@ -80,14 +87,9 @@ def register(
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_deviation(out / DEVIATION, found)
+    vertices, faces, deviation_um = load_deviation(out / DEVIATION)
     shown = [
-        ReportSurface(
-            "Scanned surface, deviation",
-            found.vertices,
-            found.faces,
-            found.scaled_deviation_um,
-            "µm",
-        ),
+        *split_surfaces(vertices, faces, deviation_um, vessels),
         ReportSurface("As designed", surface.vertices, surface.faces),
     ]
     write_report_html(out / HTML, data, shown, vessels)

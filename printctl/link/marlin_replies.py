@@ -54,6 +54,8 @@ _UNKNOWN = re.compile(rb'echo:Unknown command: "(.*)"$', re.DOTALL)
 _REPORT = re.compile(rb"(?: ?T:| ?B:|X:)-?\d")
 _PLAIN = re.compile(rb"[ -~]{5,}$")
 
+_BANNER: Final = (b"Marlin ", b"echo: Last Updated")
+"""What follows ``start``, which noise may have garbled."""
 _FAULTS: Final = (b"cold extrusion prevented", b"too long extrusion prevented")
 
 ORDER_ERROR: Final = b"Line Number is not Last Line Number+1"
@@ -111,7 +113,7 @@ def _echo(text: bytes) -> Reply | None:
 
 
 def _plain(text: bytes) -> Reply | None:
-    if text == b"start":
+    if text == b"start" or text.startswith(_BANNER):
         return Reply(Kind.START, text)
     if text == b"wait":
         return Reply(Kind.WAIT, text)

@@ -131,10 +131,6 @@ class LinkProtocol(Protocol):
         Job lines known to be taken.
     number : int
         Line number known to be taken last, control commands included.
-    line_errors : int
-        Lines sent again so far.
-    idle : bool
-        Nothing is in flight and nothing is being asked.
     held : bool
         While set, no further job line is sent; control commands are.
     kill_bytes : bytes
@@ -144,9 +140,13 @@ class LinkProtocol(Protocol):
     deadline: float
     lines_done: int
     number: int
-    line_errors: int
     held: bool
     kill_bytes: bytes
+
+    @property
+    def line_errors(self) -> int:
+        """Lines sent again so far."""
+        ...
 
     @property
     def idle(self) -> bool:

@@ -25,27 +25,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import Enum, auto
 from functools import reduce
 from operator import xor
 from typing import Final
 
-from printctl.link.marlin_replies import (
-    ORDER_ERROR,
-    Kind,
-    Reply,
-    classify,
-    frame,
-    unknown_command,
-)
+from printctl.link.line_errors import LineErrors
+from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Timing
+from printctl.link.marlin_replies import Kind, Reply, classify, frame
 from printctl.link.protocol import (
     Action,
     Event,
     Fault,
     Halted,
     InStep,
-    Noisy,
     Notice,
     OutOfStep,
     Replied,
@@ -53,43 +46,10 @@ from printctl.link.protocol import (
     WasReset,
 )
 
-QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
-"""Starts with a line end, to end what noise may have left open. Any tail of it that survives a
-flush reads M105 or an unknown command, both harmless."""
-
-RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 _MEMORY: Final = 8
 _REST_LIMIT: Final = 4096
 
-
-@dataclass(frozen=True)
-class Timing:
-    """Time limits and the limit on line errors.
-
-    Attributes
-    ----------
-    silence_s : float
-        Without any sign of life while a line is in flight; more than twice the interval of busy
-        messages that the handshake sets (M113 S1).
-    quiet_s : float
-        Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
-    answer_s : float
-        For the answer to a question.
-    doubt_limit_s : float
-        From the first question until the printer counts as silent.
-    busy_limit_s : float
-        For one line, however busy the printer says it is.
-    noise_window, noise_limit : int
-        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
-    """
-
-    silence_s: float = 2.5
-    quiet_s: float = 0.05
-    answer_s: float = 1.0
-    doubt_limit_s: float = 6.0
-    busy_limit_s: float = 1800.0
-    noise_window: int = 1000
-    noise_limit: int = 50
+__all__ = ["QUESTION", "RENUMBER", "MarlinProtocol", "Timing"]
 
 
 class _Phase(Enum):
@@ -122,7 +82,6 @@ class MarlinProtocol:
         self.deadline = math.inf
         self.lines_done = 0
         self.number = 0
-        self.line_errors = 0
         self.held = True
         self._lines: Sequence[bytes] = ()
         self._count = 0
@@ -138,10 +97,10 @@ class MarlinProtocol:
         self._rest = b""
         self._out: list[bytes] = []
         self._said: list[bytes] = []
-        self._window = (0, 0)
+        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
         self._busy_since = math.nan
         self._taken_at = math.nan
-        self._forget()
+        self._doubt = Doubt(0.0)
 
     # --- what the streamer calls -----------------------------------------------------------
 
@@ -149,6 +108,11 @@ class MarlinProtocol:
     def idle(self) -> bool:
         """Nothing is in flight and nothing is being asked."""
         return self._phase is _Phase.READY
+
+    @property
+    def line_errors(self) -> int:
+        """Lines sent again so far."""
+        return self._errors.total
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the printer's last line being ``number``."""
@@ -311,61 +275,30 @@ class MarlinProtocol:
     def _doubt_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         if reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(Notice(f"doubtful reply {_words(reply)!r} to line {self.number + 1}"))
-        self._begin(_Goal.GO_ON, now)
-        # A garbled ok is short; whatever else was garbled, the ok may still come.
-        self._conclusive = reply.kind is Kind.JUNK and len(reply.text) <= 4
-        # An idle printer says "wait"; it has nothing more to say to a line that it has taken.
-        self._conclusive |= reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
+        # A garbled ok is short; whatever else was garbled, the ok may still come. An idle printer
+        # says "wait"; it has nothing more to say to a line that it has taken.
+        short = reply.kind is Kind.JUNK and len(reply.text) <= 4
+        idle = reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
+        self._begin(_Goal.GO_ON, now, conclusive=short or idle)
         if reply.kind is Kind.ERROR and reply.number < 0:
-            self._error = _words(reply)  # a fault, if the line turns out to have been taken
+            self._doubt.error = _words(reply)
         self._hear_in_doubt(reply, now)
 
     # --- doubt: drain, ask, settle ---------------------------------------------------------
 
-    def _forget(self) -> None:
-        """Start a doubt with a clean slate."""
-        self._last = self._resend = -1
-        self._confirmed = -1
-        self._swallow = self._oks = 0
-        self._quoted = b""
-        self._error = ""
-        self._conclusive = False
-        self._doubt_since = math.nan
-
-    def _begin(self, goal: _Goal, now: float) -> None:
-        self._forget()
+    def _begin(self, goal: _Goal, now: float, conclusive: bool = False) -> None:
         self._fast = False
         self._goal, self._phase = goal, _Phase.DRAIN
-        self._doubt_since = now
+        self._doubt = Doubt(now, self.number + 1, self._flight, conclusive)
         self.deadline = now + self.timing.quiet_s
 
     def _hear_in_doubt(self, reply: Reply, now: float) -> None:
-        kind = reply.kind
-        if kind is Kind.OK:
-            self._hear_ok_in_doubt(reply)
-        elif kind is Kind.RESEND:
-            self._resend, self._swallow = reply.number, 1
-        elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
-            self._last = reply.number
-        elif kind is Kind.UNKNOWN_COMMAND:
-            self._quoted = unknown_command(reply.text).split(b"*")[0].strip()
-            self._swallow = int(self._quoted != self._flight)
-        elif kind is Kind.BUSY:
-            self._conclusive = False
-        elif kind in (Kind.REPORT, Kind.TEXT):
+        self._doubt.hear(reply)
+        if reply.kind in (Kind.REPORT, Kind.TEXT):
             self._said.append(reply.text)
-        if kind not in (Kind.REPORT, Kind.BUSY):
-            self._prolong(now)
-
-    def _hear_ok_in_doubt(self, reply: Reply) -> None:
-        if self._swallow:
-            self._swallow = 0
-        elif reply.number in (-1, self.number + 1):
-            self._oks += 1
-
-    def _prolong(self, now: float) -> None:
-        complete = self._last >= 0 and self._resend >= 0
-        if self._phase is _Phase.ASK and complete:
+        if reply.kind in (Kind.REPORT, Kind.BUSY):
+            return  # they come at any time and are no sign that a reply is under way
+        if self._phase is _Phase.ASK and self._doubt.answered:
             self._phase = _Phase.SETTLE
         if self._phase is not _Phase.ASK:
             self.deadline = now + self.timing.quiet_s
@@ -373,11 +306,10 @@ class MarlinProtocol:
             self.deadline = min(self.deadline, now + 4 * self.timing.quiet_s)
 
     def _ask_now(self, now: float, events: list[Event]) -> None:
-        if now - self._doubt_since > self.timing.doubt_limit_s:
-            self._end(Silent(now - self._doubt_since), events)
+        if now - self._doubt.since > self.timing.doubt_limit_s:
+            self._end(Silent(now - self._doubt.since), events)
             return
-        self._last = self._resend = -1
-        self._swallow = 0
+        self._doubt.ask_again()
         self._out.append(QUESTION)
         self._phase, self.deadline = _Phase.ASK, now + self.timing.answer_s
 
@@ -387,17 +319,18 @@ class MarlinProtocol:
         self._phase, self.deadline = _Phase.DRAIN, now + self.timing.quiet_s
 
     def _settled(self, now: float, events: list[Event]) -> None:
-        failed = self._goal is _Goal.RENUMBER and self._last != 0
-        if failed or self._resend != self._last + 1:
+        last = self._doubt.last
+        failed = self._goal is _Goal.RENUMBER and last != 0
+        if failed or not self._doubt.agreed:
             self._unanswered(now, events)
-        elif self._goal is not _Goal.GO_ON:
-            self._numbered = self._goal is _Goal.RENUMBER
-            self.number = self._last
-            self._arrive(now, events)
+        elif self._goal is _Goal.GO_ON:
+            self._go_on_from(last, now, events)
         else:
-            self._go_on_from(self._last, now, events)
+            self._numbered = self._goal is _Goal.RENUMBER
+            self.number = last
+            self._arrive(events)
 
-    def _arrive(self, now: float, events: list[Event]) -> None:
+    def _arrive(self, events: list[Event]) -> None:
         events.append(InStep(self.number))
         self._flight = None
         self._phase, self.deadline = _Phase.READY, math.inf
@@ -406,13 +339,13 @@ class MarlinProtocol:
         if last == 0 and self.number > 0:
             self._end(WasReset(), events)
         elif last == self.number and self._flight is None:
-            self._arrive(now, events)
+            self._arrive(events)
         elif last == self.number:
             self._send_again(now, events)
         elif last == self.number + 1 and self._flight is not None:
             self._was_taken(now, events)
-        elif last != self._confirmed:
-            self._confirmed = last
+        elif last != self._doubt.confirmed:
+            self._doubt.confirmed = last
             self._unanswered(now, events)
         elif self.number - _MEMORY <= last < self.number:
             self._go_back(last, now, events)
@@ -420,26 +353,22 @@ class MarlinProtocol:
             self._end(OutOfStep(last, self.number), events)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
-        self.line_errors += 1
         self._said = []
-        start, errors = self._window
-        if self.number - start > self.timing.noise_window:
-            start, errors = self.number, 0
-        self._window = (start, errors + 1)
-        if errors + 1 > self.timing.noise_limit:
-            events.append(Noisy(errors + 1, self.number - start))
-            self._window = (self.number, 0)
+        noisy = self._errors.count(self.number)
+        if noisy:
+            events.append(noisy)
         self._fly(now)
 
     def _was_taken(self, now: float, events: list[Event]) -> None:
-        if self._error and self._flight is not None:
-            events.append(self._fault(self._error))
-        if self._quoted and self._quoted == self._flight:
-            text = f'unknown command "{self._quoted.decode("ascii", "replace")}"'
+        doubt = self._doubt
+        if doubt.error:
+            events.append(self._fault(doubt.error))
+        if doubt.quoted and doubt.quoted == self._flight:
+            text = f'unknown command "{doubt.quoted.decode("ascii", "replace")}"'
             events.append(self._fault(text))
             self._acknowledge(now, events)
-        elif self._oks or self._conclusive:
-            if not self._oks:
+        elif doubt.oks or doubt.conclusive:
+            if not doubt.oks:
                 events.append(Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         else:
@@ -450,7 +379,9 @@ class MarlinProtocol:
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
         events.append(Notice(f"lines {last + 1} to {self.number} weren't taken; sent again"))
-        if self._flight is not None and self._flight_control:
+        if self._flight is None:
+            events.append(InStep(last))  # it was asked for
+        elif self._flight_control:
             self._controls.appendleft(self._flight)
         while self.number > last:
             if self.number in self._control_numbers:
@@ -458,7 +389,7 @@ class MarlinProtocol:
             else:
                 self.lines_done -= 1
             self.number -= 1
-            self.line_errors += 1
+            self._errors.total += 1
         self._send_next(now)
 
     # --- time ------------------------------------------------------------------------------
@@ -468,8 +399,7 @@ class MarlinProtocol:
             events.append(Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         else:
-            self._begin(_Goal.GO_ON, now)
-            self._conclusive = True
+            self._begin(_Goal.GO_ON, now, conclusive=True)
             self._ask_now(now, events)
 
     def _never(self, now: float, events: list[Event]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from design.files import write_text
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.stages.registration import DEVIATION, load_deviation
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
@@ -87,7 +88,7 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
     vertices, faces, deviation_um = load_deviation(context.folder / DEVIATION)
     solid = context.solid
     return [
-        ReportSurface("Scanned surface, deviation", vertices, faces, deviation_um, "µm"),
+        *split_surfaces(vertices, faces, deviation_um, context.network),
         ReportSurface("Construct, as designed", solid.vertices, solid.faces),
     ]
 

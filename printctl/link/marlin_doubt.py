@@ -1,0 +1,119 @@
+"""Doubt about which line Marlin took last: the time limits, and the evidence heard so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from printctl.link.marlin_replies import ORDER_ERROR, Kind, Reply, frame, unknown_command
+
+QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
+"""Starts with a line end, to end what noise may have left open. Any tail of it that survives a
+flush reads M105 or an unknown command, both harmless."""
+
+RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Time limits and the limit on line errors.
+
+    Attributes
+    ----------
+    silence_s : float
+        Without any sign of life while a line is in flight; more than twice the interval of busy
+        messages that the handshake sets (M113 S1).
+    quiet_s : float
+        Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
+    answer_s : float
+        For the answer to a question.
+    doubt_limit_s : float
+        From the first question until the printer counts as silent.
+    busy_limit_s : float
+        For one line, however busy the printer says it is.
+    noise_window, noise_limit : int
+        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
+    """
+
+    silence_s: float = 2.5
+    quiet_s: float = 0.05
+    answer_s: float = 1.0
+    doubt_limit_s: float = 6.0
+    busy_limit_s: float = 1800.0
+    noise_window: int = 1000
+    noise_limit: int = 50
+
+
+@dataclass
+class Doubt:
+    """What was heard since the doubt began.
+
+    Attributes
+    ----------
+    since : float
+        When it began, s.
+    number : int
+        Of the line in flight.
+    flight : bytes or None
+        The command in flight.
+    conclusive : bool
+        Whether "taken" alone will do as acknowledgement, because an ok can't come any more.
+    last, resend : int
+        The answer to the last question: ``Last Line`` and ``Resend``; -1 until heard.
+    confirmed : int
+        An unexpected last line that was heard once already.
+    oks : int
+        That belong to no ``Resend`` and no unknown command of a stray fragment.
+    quoted : bytes
+        The command in an unknown-command echo.
+    error : str
+        An error that is a fault of the line in flight, should that have been taken.
+    """
+
+    since: float
+    number: int = 0
+    flight: bytes | None = None
+    conclusive: bool = False
+    last: int = -1
+    resend: int = -1
+    confirmed: int = -1
+    oks: int = 0
+    quoted: bytes = b""
+    error: str = ""
+    _foreign_ok: bool = False
+
+    @property
+    def answered(self) -> bool:
+        """Whether both halves of an answer are there."""
+        return self.last >= 0 and self.resend >= 0
+
+    @property
+    def agreed(self) -> bool:
+        """Whether they say the same."""
+        return self.last >= 0 and self.resend == self.last + 1
+
+    def ask_again(self) -> None:
+        """Forget the last answer; what it said of the ok to come, too."""
+        self.last = self.resend = -1
+        self._foreign_ok = False
+
+    def hear(self, reply: Reply) -> None:
+        """Take one more line into account."""
+        kind = reply.kind
+        if kind is Kind.OK:
+            self._hear_ok(reply)
+        elif kind is Kind.RESEND:
+            self.resend, self._foreign_ok = reply.number, True
+        elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
+            self.last = reply.number
+        elif kind is Kind.UNKNOWN_COMMAND:
+            self.quoted = unknown_command(reply.text).split(b"*")[0].strip()
+            self._foreign_ok = self.quoted != self.flight
+        elif kind is Kind.BUSY:
+            self.conclusive = False
+
+    def _hear_ok(self, reply: Reply) -> None:
+        if self._foreign_ok:
+            self._foreign_ok = False
+        elif reply.number in (-1, self.number):
+            self.oks += 1
