@@ -91,15 +91,16 @@ class VesselNetwork:
         """Length of each vessel along its polyline, (v,), mm."""
         start, end, _, _, vessel = self.pieces()
         steps = np.linalg.norm(end - start, axis=1)
-        return np.bincount(vessel, weights=steps, minlength=self.vessel_count)
+        lengths: FloatArray = np.zeros(self.vessel_count)
+        np.add.at(lengths, vessel, steps)
+        return lengths
 
     def mean_radius(self) -> FloatArray:
         """Length-weighted mean radius of each vessel, (v,), mm."""
         start, end, r0, r1, vessel = self.pieces()
         steps = np.linalg.norm(end - start, axis=1)
-        total = np.bincount(vessel, weights=steps, minlength=self.vessel_count)
         weighted = np.bincount(vessel, weights=steps * (r0 + r1) / 2, minlength=self.vessel_count)
-        return weighted / total
+        return weighted / self.lengths()
 
     def degree(self) -> IntArray:
         """Number of vessel ends at each node, (m,)."""

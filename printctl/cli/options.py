@@ -17,6 +17,9 @@ RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show
 JsonFlag = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
 ]
+YesFlag = Annotated[
+    bool, typer.Option("--yes", help="Start a print on a real printer without asking first.")
+]
 PrinterOption = Annotated[
     str, typer.Option("--printer", help="Printer profile: a shipped name or a .yaml file.")
 ]

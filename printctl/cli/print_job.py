@@ -13,22 +13,24 @@ from printctl.cli.options import (
     PrinterOption,
     StartOption,
     SyringeOption,
+    YesFlag,
     messages,
     print_json,
     print_lines,
     read_gcode_file,
     three_numbers,
 )
-from printctl.progress import StageBars
 from printctl.preflight import gcode_checks, refuse_failed, syringe_check
 from printctl.printing import (
     SIMULATED,
+    confirm,
     follow,
     retreat_for,
     running,
     simulated_printer,
     start_or_attach,
 )
+from printctl.progress import StageBars
 from sim.dryrun import dry_run
 
 
@@ -48,6 +50,7 @@ def print_job(
         Path | None,
         typer.Option("--folder", help="For the journal; FILE.print by default."),
     ] = None,
+    yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Check a G-code file and print it; attach when its print is already going on.
@@ -65,6 +68,7 @@ def print_job(
 
     def open_port() -> str:
         if port != SIMULATED:
+            confirm(port, bars, yes)
             return port
         return simulated_printer(printer, tip, place / "executed.npz", place)
 

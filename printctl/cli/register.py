@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -77,7 +77,7 @@ def register(
     )
     found = register_scan(read_scan(scan, overrides), surface, vessels)
     numbers = {**report_dict(found), "sign_convention": SIGN}
-    data = {
+    data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
         "verdict": verdict(numbers, tolerance_um),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
 from printctl.pipeline import run_recipe
 from printctl.recipe import load_recipe
 
@@ -16,16 +16,24 @@ OutOption = Annotated[
 ]
 
 
-def run(recipe: RecipeArg, out: OutOption = None, as_json: JsonFlag = False) -> None:
-    """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again."""
+def run(
+    recipe: RecipeArg, out: OutOption = None, yes: YesFlag = False, as_json: JsonFlag = False
+) -> None:
+    """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again.
+
+    Exit code 1 when the print doesn't pass, 3 when a safety check refuses it, 4 when the printer
+    fails.
+    """
     loaded = load_recipe(recipe)
     folder = out if out is not None else Path("runs") / loaded.name
-    data = run_recipe(loaded, recipe.resolve().parent, folder, messages())
+    data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), assume_yes=yes)
+    verdict = data["verdict"]
     if as_json:
         print_json(data)
-        return
-    verdict = data["verdict"]
-    print_lines(
-        ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
-        str(folder / "report.html"),
-    )
+    else:
+        print_lines(
+            ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
+            str(folder / "report.html"),
+        )
+    if not verdict["passed"]:
+        raise typer.Exit(1)

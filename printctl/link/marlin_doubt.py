@@ -1,8 +1,9 @@
-"""Doubt about which line Marlin took last: the time limits, and the evidence heard so far."""
+"""Doubt about which line Marlin took last: phases, time limits, and the evidence heard so far."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Final
 
 from printctl.link.marlin_replies import ORDER_ERROR, Kind, Reply, frame, unknown_command
@@ -12,6 +13,25 @@ QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
 flush reads M105 or an unknown command, both harmless."""
 
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+
+
+class Phase(Enum):
+    """Where the protocol stands."""
+
+    READY = auto()
+    FLIGHT = auto()
+    DRAIN = auto()
+    ASK = auto()
+    SETTLE = auto()
+    OVER = auto()
+
+
+class Goal(Enum):
+    """What a question is asked for."""
+
+    GO_ON = auto()
+    NUMBER = auto()
+    RENUMBER = auto()
 
 
 @dataclass(frozen=True)

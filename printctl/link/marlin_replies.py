@@ -46,6 +46,11 @@ class Reply:
     text: bytes
     number: int = -1
 
+    @property
+    def words(self) -> str:
+        """The text, printable."""
+        return self.text.decode("ascii", "backslashreplace")
+
 
 _OK = re.compile(rb"ok(?: N(\d+)(?: P\d+)?(?: B\d+)?| P\d+ B\d+| T:.*| [ BC]:?.*)?$")
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")

@@ -25,46 +25,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum, auto
 from functools import reduce
 from operator import xor
 from typing import Final
 
+from printctl.link import protocol as said
 from printctl.link.line_errors import LineErrors
-from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Timing
+from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Goal, Phase, Timing
 from printctl.link.marlin_replies import Kind, Reply, classify, frame
-from printctl.link.protocol import (
-    Action,
-    Event,
-    Fault,
-    Halted,
-    InStep,
-    Notice,
-    OutOfStep,
-    Replied,
-    Silent,
-    WasReset,
-)
+from printctl.link.protocol import Event
 
 _MEMORY: Final = 8
 _REST_LIMIT: Final = 4096
 
 __all__ = ["QUESTION", "RENUMBER", "MarlinProtocol", "Timing"]
-
-
-class _Phase(Enum):
-    READY = auto()
-    FLIGHT = auto()
-    DRAIN = auto()
-    ASK = auto()
-    SETTLE = auto()
-    OVER = auto()
-
-
-class _Goal(Enum):
-    GO_ON = auto()
-    NUMBER = auto()
-    RENUMBER = auto()
 
 
 class MarlinProtocol:
@@ -85,8 +59,8 @@ class MarlinProtocol:
         self.held = True
         self._lines: Sequence[bytes] = ()
         self._count = 0
-        self._phase = _Phase.READY
-        self._goal = _Goal.GO_ON
+        self._phase = Phase.READY
+        self._goal = Goal.GO_ON
         self._numbered = False
         self._controls: deque[bytes] = deque()
         self._control_numbers: dict[int, bytes] = {}
@@ -107,7 +81,7 @@ class MarlinProtocol:
     @property
     def idle(self) -> bool:
         """Nothing is in flight and nothing is being asked."""
-        return self._phase is _Phase.READY
+        return self._phase is Phase.READY
 
     @property
     def line_errors(self) -> int:
@@ -124,11 +98,11 @@ class MarlinProtocol:
     def renumber(self, now: float) -> None:
         """Set the printer's last line to 0; `InStep` follows, or an error event."""
         self._out.append(RENUMBER)
-        self._begin(_Goal.RENUMBER, now)
+        self._begin(Goal.RENUMBER, now)
 
     def ask(self, now: float) -> None:
         """Ask which line was taken last; `InStep` follows, or an error event."""
-        self._begin(_Goal.GO_ON if self._numbered else _Goal.NUMBER, now)
+        self._begin(Goal.GO_ON if self._numbered else Goal.NUMBER, now)
 
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
@@ -137,7 +111,7 @@ class MarlinProtocol:
 
     def go(self, now: float) -> None:
         """Send the next line if nothing is in flight."""
-        if self._phase is _Phase.READY:
+        if self._phase is Phase.READY:
             self._send_next(now)
 
     def take_output(self) -> bytes:
@@ -168,9 +142,8 @@ class MarlinProtocol:
             texts, self._rest = [*texts, self._rest], b""
         self._fast = False
         for text in texts:
-            text = text.rstrip(b"\r")
-            if text:
-                self._hear(classify(text), now, events)
+            if text.strip():
+                self._hear(classify(text.rstrip(b"\r")), now, events)
         return events
 
     def tick(self, now: float) -> Sequence[Event]:
@@ -193,7 +166,7 @@ class MarlinProtocol:
         elif not self.held and self.lines_done < self._count:
             self._flight, self._flight_control = self._lines[self.lines_done], False
         else:
-            self._flight, self._phase, self.deadline = None, _Phase.READY, math.inf
+            self._flight, self._phase, self.deadline = None, Phase.READY, math.inf
             return
         self._flight_frame = frame(self.number + 1, self._flight)
         self._fast = not self._rest and not self._flight_control
@@ -201,14 +174,14 @@ class MarlinProtocol:
 
     def _fly(self, now: float) -> None:
         self._out.append(self._flight_frame)
-        self._phase, self.deadline = _Phase.FLIGHT, now + self.timing.silence_s
+        self._phase, self.deadline = Phase.FLIGHT, now + self.timing.silence_s
 
     def _acknowledge(self, now: float, events: list[Event]) -> None:
-        assert self._flight is not None
         self.number += 1
         if self._flight_control:
-            self._control_numbers[self.number] = self._flight
-            events.append(Replied(self._flight, self.number, tuple(self._said)))
+            command = self._flight or b""
+            self._control_numbers[self.number] = command
+            events.append(said.Replied(command, self.number, tuple(self._said)))
         else:
             self.lines_done += 1
         self._send_next(now)
@@ -216,35 +189,32 @@ class MarlinProtocol:
     # --- hearing ---------------------------------------------------------------------------
 
     def _hear(self, reply: Reply, now: float, events: list[Event]) -> None:
-        if self._phase is _Phase.OVER:
+        if self._phase is Phase.OVER:
             return
         if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
-            self._end(Halted(_words(reply)), events)
+            self._end(said.Halted(reply.words), events)
         elif reply.kind is Kind.START:
-            self._started(events)
+            if self._numbered:
+                self._end(said.WasReset(), events)
+            else:
+                events.append(said.WasReset())
         elif reply.kind is Kind.ACTION:
-            events.append(Action(_words(reply).removeprefix("//action:")))
+            events.append(said.Action(reply.words.removeprefix("//action:")))
         elif reply.kind is Kind.FAULT:
-            events.append(self._fault(_words(reply)))
-        elif self._phase is _Phase.FLIGHT:
+            events.append(self._fault(reply.words))
+        elif self._phase is Phase.FLIGHT:
             self._hear_in_flight(reply, now, events)
-        elif self._phase is _Phase.READY:
+        elif self._phase is Phase.READY:
             if reply.kind is Kind.ERROR:
-                events.append(self._fault(_words(reply)))
+                events.append(self._fault(reply.words))
             elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
-                events.append(Notice(f"stray {_words(reply)!r} with nothing in flight"))
+                events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
         else:
             self._hear_in_doubt(reply, now)
 
-    def _fault(self, text: str) -> Fault:
+    def _fault(self, text: str) -> said.Fault:
         in_job = self._flight is not None and not self._flight_control
-        return Fault(text, self.lines_done + in_job)
-
-    def _started(self, events: list[Event]) -> None:
-        if self._numbered:
-            self._end(WasReset(), events)
-        else:
-            events.append(WasReset())
+        return said.Fault(text, self.lines_done + in_job)
 
     def _hear_in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         kind = reply.kind
@@ -270,25 +240,25 @@ class MarlinProtocol:
         self.deadline = now + self.timing.silence_s
         self._taken_at = math.nan
         if now - self._busy_since > self.timing.busy_limit_s:
-            self._end(Silent(now - self._busy_since), events)
+            self._end(said.Silent(now - self._busy_since), events)
 
     def _doubt_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         if reply.kind not in (Kind.RESEND, Kind.ERROR):
-            events.append(Notice(f"doubtful reply {_words(reply)!r} to line {self.number + 1}"))
+            events.append(said.Notice(f"doubtful reply {reply.words!r} to line {self.number + 1}"))
         # A garbled ok is short; whatever else was garbled, the ok may still come. An idle printer
         # says "wait"; it has nothing more to say to a line that it has taken.
         short = reply.kind is Kind.JUNK and len(reply.text) <= 4
         idle = reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
-        self._begin(_Goal.GO_ON, now, conclusive=short or idle)
+        self._begin(Goal.GO_ON, now, conclusive=short or idle)
         if reply.kind is Kind.ERROR and reply.number < 0:
-            self._doubt.error = _words(reply)
+            self._doubt.error = reply.words
         self._hear_in_doubt(reply, now)
 
     # --- doubt: drain, ask, settle ---------------------------------------------------------
 
-    def _begin(self, goal: _Goal, now: float, conclusive: bool = False) -> None:
+    def _begin(self, goal: Goal, now: float, conclusive: bool = False) -> None:
         self._fast = False
-        self._goal, self._phase = goal, _Phase.DRAIN
+        self._goal, self._phase = goal, Phase.DRAIN
         self._doubt = Doubt(now, self.number + 1, self._flight, conclusive)
         self.deadline = now + self.timing.quiet_s
 
@@ -298,46 +268,46 @@ class MarlinProtocol:
             self._said.append(reply.text)
         if reply.kind in (Kind.REPORT, Kind.BUSY):
             return  # they come at any time and are no sign that a reply is under way
-        if self._phase is _Phase.ASK and self._doubt.answered:
-            self._phase = _Phase.SETTLE
-        if self._phase is not _Phase.ASK:
+        if self._phase is Phase.ASK and self._doubt.answered:
+            self._phase = Phase.SETTLE
+        if self._phase is not Phase.ASK:
             self.deadline = now + self.timing.quiet_s
         else:  # something other than the whole answer: what follows comes soon or not at all
             self.deadline = min(self.deadline, now + 4 * self.timing.quiet_s)
 
     def _ask_now(self, now: float, events: list[Event]) -> None:
         if now - self._doubt.since > self.timing.doubt_limit_s:
-            self._end(Silent(now - self._doubt.since), events)
+            self._end(said.Silent(now - self._doubt.since), events)
             return
         self._doubt.ask_again()
         self._out.append(QUESTION)
-        self._phase, self.deadline = _Phase.ASK, now + self.timing.answer_s
+        self._phase, self.deadline = Phase.ASK, now + self.timing.answer_s
 
     def _unanswered(self, now: float, events: list[Event]) -> None:
-        if self._goal is _Goal.RENUMBER:
+        if self._goal is Goal.RENUMBER:
             self._out.append(RENUMBER)
-        self._phase, self.deadline = _Phase.DRAIN, now + self.timing.quiet_s
+        self._phase, self.deadline = Phase.DRAIN, now + self.timing.quiet_s
 
     def _settled(self, now: float, events: list[Event]) -> None:
         last = self._doubt.last
-        failed = self._goal is _Goal.RENUMBER and last != 0
+        failed = self._goal is Goal.RENUMBER and last != 0
         if failed or not self._doubt.agreed:
             self._unanswered(now, events)
-        elif self._goal is _Goal.GO_ON:
+        elif self._goal is Goal.GO_ON:
             self._go_on_from(last, now, events)
         else:
-            self._numbered = self._goal is _Goal.RENUMBER
+            self._numbered = self._goal is Goal.RENUMBER
             self.number = last
             self._arrive(events)
 
     def _arrive(self, events: list[Event]) -> None:
-        events.append(InStep(self.number))
+        events.append(said.InStep(self.number))
         self._flight = None
-        self._phase, self.deadline = _Phase.READY, math.inf
+        self._phase, self.deadline = Phase.READY, math.inf
 
     def _go_on_from(self, last: int, now: float, events: list[Event]) -> None:
         if last == 0 and self.number > 0:
-            self._end(WasReset(), events)
+            self._end(said.WasReset(), events)
         elif last == self.number and self._flight is None:
             self._arrive(events)
         elif last == self.number:
@@ -350,7 +320,7 @@ class MarlinProtocol:
         elif self.number - _MEMORY <= last < self.number:
             self._go_back(last, now, events)
         else:
-            self._end(OutOfStep(last, self.number), events)
+            self._end(said.OutOfStep(last, self.number), events)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         self._said = []
@@ -369,18 +339,18 @@ class MarlinProtocol:
             self._acknowledge(now, events)
         elif doubt.oks or doubt.conclusive:
             if not doubt.oks:
-                events.append(Notice(f"the ok to line {self.number + 1} was lost"))
+                events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         else:
             if math.isnan(self._taken_at):
                 self._taken_at = now
-            self._phase, self.deadline = _Phase.FLIGHT, self._taken_at + self.timing.silence_s
+            self._phase, self.deadline = Phase.FLIGHT, self._taken_at + self.timing.silence_s
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
-        events.append(Notice(f"lines {last + 1} to {self.number} weren't taken; sent again"))
+        events.append(said.Notice(f"lines {last + 1} to {self.number} weren't taken; sent again"))
         if self._flight is None:
-            events.append(InStep(last))  # it was asked for
+            events.append(said.InStep(last))  # it was asked for
         elif self._flight_control:
             self._controls.appendleft(self._flight)
         while self.number > last:
@@ -396,29 +366,20 @@ class MarlinProtocol:
 
     def _silence(self, now: float, events: list[Event]) -> None:
         if not math.isnan(self._taken_at):
-            events.append(Notice(f"the ok to line {self.number + 1} was lost"))
+            events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         else:
-            self._begin(_Goal.GO_ON, now, conclusive=True)
+            self._begin(Goal.GO_ON, now, conclusive=True)
             self._ask_now(now, events)
 
-    def _never(self, now: float, events: list[Event]) -> None:
-        self.deadline = math.inf
-
     def _end(self, event: Event, events: list[Event]) -> None:
-        self._phase, self._fast, self.deadline = _Phase.OVER, False, math.inf
+        self._phase, self._fast, self.deadline = Phase.OVER, False, math.inf
         events.append(event)
 
 
-_ON_TIME: Final[dict[_Phase, Callable[[MarlinProtocol, float, list[Event]], None]]] = {
-    _Phase.READY: MarlinProtocol._never,
-    _Phase.FLIGHT: MarlinProtocol._silence,
-    _Phase.DRAIN: MarlinProtocol._ask_now,
-    _Phase.ASK: MarlinProtocol._unanswered,
-    _Phase.SETTLE: MarlinProtocol._settled,
-    _Phase.OVER: MarlinProtocol._never,
+_ON_TIME: Final[dict[Phase, Callable[[MarlinProtocol, float, list[Event]], None]]] = {
+    Phase.FLIGHT: MarlinProtocol._silence,
+    Phase.DRAIN: MarlinProtocol._ask_now,
+    Phase.ASK: MarlinProtocol._unanswered,
+    Phase.SETTLE: MarlinProtocol._settled,
 }
-
-
-def _words(reply: Reply) -> str:
-    return reply.text.decode("ascii", "backslashreplace")

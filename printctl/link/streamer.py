@@ -22,7 +22,7 @@ BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
-RETRIES: Final = 3
+RETRIES: Final = 8
 PAUSE_SIGN_S: Final = 20.0
 """Interval of M105 in a pause: it shows that the printer is there and restarts M85's timer."""
 

@@ -19,8 +19,8 @@ from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
 from printctl.pipeline.manifest import Manifest
-from printctl.progress import StageBars
 from printctl.pipeline.tissue_source import make_tissue
+from printctl.progress import StageBars
 from printctl.recipe import Recipe
 
 NETWORK = "network.csv"
@@ -37,6 +37,7 @@ class RunContext:
     folder: Path
     manifest: Manifest
     bars: StageBars
+    assume_yes: bool = False
     reused: set[str] = field(default_factory=set)
 
     @cached_property

@@ -21,9 +21,7 @@ def split_surfaces(
     """Lumens first (the page shows the first coloured surface), then the rest, if there is any."""
     lumen = near_lumen(vertices, network)[faces].all(axis=1)
     parts = (("Lumens as scanned, deviation", lumen), ("Outside as scanned, deviation", ~lumen))
-    return [
-        _part(name, vertices, faces[kept], deviation_um) for name, kept in parts if kept.any()
-    ]
+    return [_part(name, vertices, faces[kept], deviation_um) for name, kept in parts if kept.any()]
 
 
 def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:

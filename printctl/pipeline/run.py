@@ -12,7 +12,6 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.manifest import Manifest
-from printctl.progress import StageBars
 from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import (
     dry_run,
@@ -26,6 +25,7 @@ from printctl.pipeline.stages import (
     toolpath,
     vasculature,
 )
+from printctl.progress import StageBars
 from printctl.recipe import Recipe
 
 DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, solid.STAGE)
@@ -34,9 +34,16 @@ WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.ST
 
 
 def run_recipe(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
+    recipe: Recipe,
+    recipe_folder: Path,
+    folder: Path,
+    console: Console,
+    *,
+    assume_yes: bool = False,
 ) -> dict[str, Any]:
     """Run all stages in ``folder`` and write the report; return report.json's content.
+
+    Before a print on a real printer starts, the user is asked, unless ``assume_yes``.
 
     Raises
     ------
@@ -44,7 +51,7 @@ def run_recipe(
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
     with run_lock(folder):
-        context = _run(recipe, recipe_folder, folder, console, WHOLE)
+        context = _run(recipe, recipe_folder, folder, console, WHOLE, assume_yes)
         return report.write_report(context)
 
 
@@ -65,11 +72,16 @@ def toolpath_recipe(
 
 
 def _run(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, stages: Sequence[Stage]
+    recipe: Recipe,
+    recipe_folder: Path,
+    folder: Path,
+    console: Console,
+    stages: Sequence[Stage],
+    assume_yes: bool = False,
 ) -> RunContext:
     manifest = Manifest.load(folder)
     bars = StageBars(console)
-    context = RunContext(recipe, recipe_folder, folder, manifest, bars)
+    context = RunContext(recipe, recipe_folder, folder, manifest, bars, assume_yes)
     manifest.facts = run_facts(context)
     manifest.save()
     run_stages(context, stages, bars)

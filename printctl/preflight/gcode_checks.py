@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from firmware_profiles import Printer
 from printctl.preflight.check import Check
-from sim.dryrun import DryRun, Finding
+from sim.dryrun import DryRun
+from sim.dryrun_checks import Finding
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",

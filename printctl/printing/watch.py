@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from firmware_profiles import Ink, Syringe
-from printctl.errors import PrinterFailedError, PrintctlError
+from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.link.client import PrintClient, attach, start_print
 from printctl.link.errors import NoLink
 from printctl.link.retreat import Retreat
@@ -31,6 +31,30 @@ def running(folder: Path) -> PrintClient | None:
     except NoLink:
         return None
     return None if client.status.ended else client
+
+
+def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
+    """Have a person say that a real machine may move now.
+
+    A changed recipe or a new version of the product makes the print stage run again; that alone
+    mustn't move a needle.
+
+    Raises
+    ------
+    SafetyError
+        When the answer isn't yes, or nobody can be asked.
+    """
+    if assume_yes:
+        return
+    answer = ""
+    if sys.stdin.isatty():
+        with bars.paused():
+            answer = bars.ask(
+                f"\nThe printer on {port} will move. Is the syringe filled, the needle touched "
+                "off, and the dish in place? Type yes to start: "
+            )
+    if answer.strip().lower() != "yes":
+        raise SafetyError(f"the print on {port} wasn't started; answer yes, or give --yes")
 
 
 def start_or_attach(

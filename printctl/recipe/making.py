@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from printctl.recipe.parts import Part, Point, Seed
+from printctl.recipe.parts import Part, Point, Seed, given
 
 Speed = Annotated[float, Field(gt=0, le=1000)]
 
@@ -84,8 +84,7 @@ class FileScan(Part):
 
 
 def _scan_kind(value: Any) -> str:
-    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
-    return "file" if get("file") is not None else "simulated"
+    return "file" if given(value, "file") is not None else "simulated"
 
 
 ScanPart = Annotated[

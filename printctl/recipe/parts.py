@@ -83,9 +83,13 @@ class FoldedCortex(Part):
     thickness_mm: Length = 3.0
 
 
+def given(value: Any, key: str) -> Any:
+    """What a section, as a dict or as a model, says under ``key``; None when it doesn't."""
+    return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
+
+
 def _tissue_kind(value: Any) -> str:
-    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
-    return "mesh" if get("mesh") is not None else str(get("shape"))
+    return "mesh" if given(value, "mesh") is not None else str(given(value, "shape"))
 
 
 TissuePart = Annotated[
@@ -131,8 +135,8 @@ class GrownNetwork(Part):
 
 
 def _network_kind(value: Any) -> str:
-    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
-    return next((key for key in ("design", "network", "grow") if get(key) is not None), "none")
+    keys = ("design", "network", "grow")
+    return next((key for key in keys if given(value, key) is not None), "none")
 
 
 NetworkPart = Annotated[

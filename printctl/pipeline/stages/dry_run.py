@@ -8,7 +8,6 @@ from typing import Any
 
 from design.files import write_text
 from printctl.pipeline.context import RunContext
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.preflight import (
@@ -20,6 +19,7 @@ from printctl.preflight import (
     refuse_failed,
     syringe_check,
 )
+from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from sim.dryrun import DryRun, dry_run
 

@@ -7,16 +7,17 @@ from typing import Any
 
 from printctl.errors import PrinterFailedError
 from printctl.pipeline.context import RunContext
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.printing import (
     SIMULATED,
+    confirm,
     follow,
     retreat_for,
     simulated_printer,
     start_or_attach,
 )
+from printctl.progress import Report
 from sim.executed import ExecutedMotion
 
 EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
@@ -41,6 +42,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     def port() -> str:
         if part.port != SIMULATED:
+            confirm(part.port, context.bars, context.assume_yes)
             return part.port
         record.unlink(missing_ok=True)
         return simulated_printer(part.profile, (x, y, z), record, folder)

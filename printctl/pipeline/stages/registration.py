@@ -15,10 +15,10 @@ from design.files import write_text
 from design.solids import Solid, write_ply
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import SCAN, TRUTH, load_scan
 from printctl.pipeline.truth import pose_error
+from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from registration import RegistrationReport, register_scan, report_dict
 

@@ -10,9 +10,9 @@ from typing import Any
 from design.files import write_text
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
+from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import Scan, read_scan, write_scan_tiff
 from registration.readers import ScanOverrides

@@ -20,9 +20,9 @@ from design.solids import (
 )
 from design.vasculature import PLANAR_DIMPLES
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
+from printctl.progress import Report
 from printctl.recipe.parts import NamedNetwork
 
 SOLID_3MF = "solid.3mf"

@@ -8,8 +8,8 @@ from typing import Any
 from design.solids import Solid, write_stl
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
+from printctl.progress import Report
 from printctl.recipe.parts import MeshTissue
 
 SURFACE = "tissue.stl"

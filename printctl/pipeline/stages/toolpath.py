@@ -14,8 +14,8 @@ from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embed
 from design.toolpath.fresh import FreshOptions, FreshReport, check_lumens, plan_fresh
 from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
+from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"

@@ -19,9 +19,9 @@ from design.vasculature import (
 )
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.progress import Report
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
+from printctl.progress import Report
 from printctl.recipe.parts import GivenNetwork, GrownNetwork, NamedNetwork
 
 

@@ -1,0 +1,34 @@
+"""A grown tree of 200 terminals, written along its centrelines, scanned by micro-CT."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.system.cli import ROOT, SHARED, printctl, recipe_file
+
+GYRUS = SHARED / "data" / "gyrus_patch_fsaverage5.stl"
+
+
+def _run(recipe: Path, folder: Path) -> None:
+    done = printctl("run", recipe, "--out", "run", cwd=folder)
+    assert (folder / "run" / "report.json").exists(), done.stderr
+    report = json.loads((folder / "run" / "report.json").read_text())
+    assert report["network"]["terminals"] == 200
+    assert report["print"]["state"] == "done"
+    assert report["registration"]["scaled"]["rms_um"] < 100
+    assert not report["registration"]["ambiguity"]["flag"]
+    assert report["truth_check"]["pose_error_um"] < 60
+    assert done.returncode == 0, report["verdict"]
+
+
+@pytest.mark.slow
+def test_shipped_phantom(tmp_path: Path) -> None:
+    _run(ROOT / "examples" / "cortex_embedded.yaml", tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not GYRUS.exists(), reason="no shared data beside the project")
+def test_real_gyrus(tmp_path: Path) -> None:
+    tissue = {"=": "replace", "mesh": str(GYRUS), "unit": "mm"}
+    _run(recipe_file(tmp_path, "cortex_embedded", tissue=tissue, name="gyrus_embedded"), tmp_path)

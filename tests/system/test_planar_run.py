@@ -1,0 +1,104 @@
+"""The planar recipe, end to end: what its report promises."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.system.cli import ROOT, printctl
+
+RECIPE = ROOT / "examples" / "planar_fresh.yaml"
+
+
+def test_every_vessel_is_open_and_as_wide_as_designed(planar_report: dict[str, Any]) -> None:
+    vessels = planar_report["registration"]["vessels"]
+    assert len(vessels) == 14
+    assert all(row["open"] for row in vessels)
+    assert max(abs(row["error_percent"]) for row in vessels) < 10
+
+
+def test_deviation_is_given_for_rigid_and_scaled_fit(planar_report: dict[str, Any]) -> None:
+    found = planar_report["registration"]
+    assert 0 < found["scaled"]["rms_um"] < found["rigid"]["rms_um"] < 100
+
+
+def test_pose_is_that_of_the_scanner_within_30_um(planar_report: dict[str, Any]) -> None:
+    assert planar_report["truth_check"]["pose_error_um"] < 30
+
+
+def test_shrinkage_is_found(planar_report: dict[str, Any]) -> None:
+    np.testing.assert_allclose(planar_report["registration"]["scale"], 0.99, atol=0.005)
+
+
+def test_verdict_passes_with_reasons(planar_report: dict[str, Any]) -> None:
+    assert planar_report["verdict"]["passed"]
+    assert planar_report["verdict"]["reasons"]
+
+
+def test_solids_are_watertight_with_the_genus_of_the_graph(planar_report: dict[str, Any]) -> None:
+    solid = planar_report["solid"]
+    assert solid["genus"] == solid["genus_expected"] == 4
+    assert all(found["watertight"] and found["manifold"] for found in solid["files"].values())
+
+
+def test_printer_did_every_line_in_the_time_of_the_dry_run(planar_report: dict[str, Any]) -> None:
+    done, planned = planar_report["print"], planar_report["dry_run"]
+    assert done["state"] == "done"
+    assert done["lines"] == planar_report["toolpath"]["lines"]
+    np.testing.assert_allclose(done["duration_s"], planned["duration_s"], rtol=1e-3)
+
+
+def test_folder_holds_everything_promised(planar_run: Path) -> None:
+    promised = {
+        "network.csv", "network.vtp", "flow.csv", "lumen.stl", "solid.stl", "solid.3mf",
+        "part.gcode", "part.map.npz", "scan.tif", "deviation.ply", "report.html", "report.json",
+        "manifest.json",
+    }  # fmt: skip
+    assert promised <= {path.name for path in planar_run.iterdir()}
+    assert not [path for path in planar_run.rglob("*") if ".part" in path.suffixes]
+
+
+def test_report_opens_offline(planar_run: Path) -> None:
+    page = (planar_run / "report.html").read_text()
+    assert 'src="http' not in page
+    assert 'href="http' not in page
+
+
+def test_manifest_holds_versions_frames_and_hashes(planar_run: Path) -> None:
+    manifest = json.loads((planar_run / "manifest.json").read_text())
+    assert {"versions", "seed", "profiles", "frames", "recipe"} <= set(manifest["facts"])
+    digest = hashlib.sha256((planar_run / "part.gcode").read_bytes()).hexdigest()
+    assert manifest["stages"]["toolpath"]["outputs"]["part.gcode"] == digest
+
+
+def test_second_run_does_nothing_again(planar_run: Path) -> None:
+    before = (planar_run / "part.gcode").stat().st_mtime_ns
+    done = printctl("run", RECIPE, "--out", planar_run, "--json", cwd=planar_run)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert all(stage["reused"] for stage in report["timings"].values())
+    assert (planar_run / "part.gcode").stat().st_mtime_ns == before
+
+
+def test_same_recipe_gives_the_same_bytes(planar_run: Path, tmp_path: Path) -> None:
+    done = printctl("toolpath", RECIPE, "--out", "again.gcode", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "again.gcode").read_bytes() == (planar_run / "part.gcode").read_bytes()
+
+
+def test_registering_the_scan_again_gives_the_same_numbers(
+    planar_run: Path, planar_report: dict[str, Any], tmp_path: Path
+) -> None:
+    (planar_run / "scan_truth.json").rename(tmp_path / "hidden.json")
+    try:
+        done = printctl(
+            "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", "--json",
+            cwd=tmp_path,
+        )  # fmt: skip
+    finally:
+        (tmp_path / "hidden.json").rename(planar_run / "scan_truth.json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["registration"]
+    assert found["scaled"] == planar_report["registration"]["scaled"]
