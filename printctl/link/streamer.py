@@ -6,6 +6,7 @@ The states are in ``docs/link.md``; how one step is done, and what other threads
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from printctl.link.channel import POLL_S, Channel, Over, Wiring
@@ -183,7 +184,8 @@ class Streamer(Channel):
         """Ask a printer in mid-job for its last line, and go on from there if all agrees."""
         number = self._agree(self.protocol.ask)
         done = history.job_line(number)
-        if self._booted or number == 0 or not history.done <= done <= len(self.job):
+        reset = self._booted or (number == 0 and history.done > 0)
+        if reset or not history.done <= done <= len(self.job):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"the printer's last line is {number}, the journal knows of {history.done} job "
@@ -192,12 +194,13 @@ class Streamer(Channel):
             )
         self.protocol.load(self.job.lines, done, number)
         self._record("ack", done=done)
-        self._record("control", n=number + 1, command="M400")
-        self._command(b"M400", journalled=False)
+        self._command(b"M400")
         at = modal_state(self.job.lines, done)
-        self._verify(at)
+        self._verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
         for command in self.wiring.retreat.rejoin(at, self.wiring.printer):
             self._command(command)
+        self._command(b"M400")
+        self._verify(at)
 
     # --- pausing, stopping, finishing --------------------------------------------------------
 

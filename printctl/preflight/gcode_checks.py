@@ -25,7 +25,7 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
     """Every check of a dry run, passed or not."""
     found = {finding.code: finding for finding in run.findings}
     checks = [
-        *_travel(run, printer, found),
+        *_travel(run, printer),
         *_speed(run, found),
         _plunger(run, printer, found),
         _line_length(run, printer, found),
@@ -44,28 +44,28 @@ def _line(finding: Finding | None) -> str:
     return f"line {finding.line}" if finding else ""
 
 
-def _travel(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
+def _travel(run: DryRun, printer: Printer) -> list[Check]:
+    """Both ends of each axis; a file may leave the work area at either."""
+    beyond = {
+        (finding.code, finding.limit): finding
+        for finding in run.findings
+        if finding.code.startswith("outside_")
+    }
     checks = []
     spans = (printer.x_mm, printer.y_mm, printer.z_mm)
     for axis, (name, span) in enumerate(zip("xyz", spans, strict=True)):
-        wrong = found.get(f"outside_{name}")
+        remedy = (
+            f"the part doesn't fit into {printer.name} ({name}_mm {span.low:g} to {span.high:g}); "
+            "move it (place_mm), or take a smaller part or a larger printer"
+        )
         for end, value, limit, line in (
             ("lowest", run.low_mm[axis], span.low, run.low_line[axis]),
             ("highest", run.high_mm[axis], span.high, run.high_line[axis]),
         ):
-            beyond = wrong is not None and wrong.limit == limit
+            wrong = beyond.get((f"outside_{name}", limit))
+            place = _line(wrong) if wrong else f"line {line}"
             checks.append(
-                Check(
-                    f"{name}, {end}",
-                    float(value),
-                    limit,
-                    "mm",
-                    not beyond,
-                    _line(wrong) if beyond else f"line {line}",
-                    f"the part doesn't fit into {printer.name} ({name}_mm {span.low:g} to "
-                    f"{span.high:g}); move it (place_mm), or take a smaller part or a larger "
-                    "printer",
-                )
+                Check(f"{name}, {end}", float(value), limit, "mm", wrong is None, place, remedy)
             )
     return checks
 

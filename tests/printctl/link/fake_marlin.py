@@ -1,5 +1,7 @@
 """A small Marlin for the link's own tests: it takes, refuses and answers lines as the recorded one.
 
+With a generator it also empties its receive buffer in mid-line when it refuses a line.
+
 No motion and no time: what matters here is which lines it executed, in which order. Its faults
 are drawn from the generator that it is given. (The whole printer is `sim`'s.)
 """
@@ -24,7 +26,8 @@ from printctl.link.clock import VirtualClock
 class FakeMarlin:
     """Bytes in by `receive`, bytes out as its return value."""
 
-    def __init__(self) -> None:
+    def __init__(self, rng: np.random.Generator | None = None) -> None:
+        self.rng = rng
         self.last = 0
         self.executed: list[str] = []
         self.numbered: list[str] = []
@@ -37,9 +40,10 @@ class FakeMarlin:
         self._rest = b""
 
     def receive(self, data: bytes) -> bytes:
-        *lines, self._rest = (self._rest + data).split(b"\n")
+        self._rest += data
         out = b""
-        for line in lines:
+        while b"\n" in self._rest:
+            line, self._rest = self._rest.split(b"\n", 1)
             if line.strip() and not self.halted:
                 out += self._take(line.decode("latin-1").strip())
         return b"" if self.mute else out
@@ -75,6 +79,8 @@ class FakeMarlin:
         return self._do(command)
 
     def _refuse(self, why: str) -> bytes:
+        if self.rng is not None and self._rest:  # what has arrived by now is thrown away
+            self._rest = self._rest[self.rng.integers(0, len(self._rest) + 1) :]
         return f"Error:{why}, Last Line: {self.last}\nResend: {self.last + 1}\nok\n".encode()
 
     def _do(self, command: str) -> bytes:

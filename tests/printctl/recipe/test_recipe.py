@@ -47,7 +47,7 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("seed", -1, r"seed.*-1"),
         ("scan.voxel_um", [25, 25, 0.1], r"scan.*0\.1.*1 to 1000"),
         ("printer.port", "/dev/ttyACM0", r"scan\.simulated.*scan\.file"),
-        ("tissue", {"shape": "cylinder", "radius_mm": 3, "height_mm": 3}, "made for a block"),
+        ("tissue", {"shape": "cylinder", "diameter_mm": 6, "height_mm": 3}, "made for a block"),
     ],
 )
 def test_wrong_recipe_names_place_value_and_remedy(path: str, value: Any, message: str) -> None:

@@ -1,0 +1,193 @@
+"""Whole prints on the simulated printer, in virtual time: what it executed is the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.link.channel import Wiring
+from printctl.link.clock import VirtualClock
+from printctl.link.job import parse_job
+from printctl.link.journal import Journal, read_journal
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
+from sim.dryrun import dry_run
+from sim.executed import ExecutedMotion
+from sim.marlin import MarlinPrinter
+from sim.marlin_board import parse_fault
+from tests.printctl.link.sim_transport import SimTransport
+
+PRINTER = load(Printer, "generic_marlin")
+START = (50.0, 50.0, 10.0)
+HEADER = b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
+
+
+def gcode(moves: int) -> bytes:
+    """A zigzag whose segments are longer than the firmware's least steps."""
+    lines = [
+        b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0035 * (i + 1))
+        for i in range(moves)
+    ]
+    return HEADER + b"\n".join(lines) + b"\n"
+
+
+def printed(
+    data: bytes, folder: Path, transport: SimTransport, *wishes: str
+) -> tuple[Status, Streamer]:
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(folder / "journal.log"),
+        printer=PRINTER,
+    )
+    streamer = Streamer(wiring, parse_job(data, "test.gcode"))
+    for wish in wishes:
+        getattr(streamer, wish)()
+    return streamer.run(), streamer
+
+
+def wire(*faults: str, seed: int = 0, **troubles: float) -> SimTransport:
+    printer = MarlinPrinter(PRINTER, START, faults=tuple(parse_fault(text) for text in faults))
+    return SimTransport(printer, VirtualClock(), np.random.default_rng(seed), **troubles)
+
+
+def same_motion(one: ExecutedMotion, other: ExecutedMotion) -> bool:
+    return (
+        np.array_equal(one.line, other.line)
+        and np.array_equal(one.end, other.end)
+        and np.array_equal(one.plunger_end, other.plunger_end)
+    )
+
+
+def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
+    data, transport = gcode(500), wire()
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.DONE
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert same_motion(transport.printer.executed(), foreseen)
+
+
+def test_lost_ok_costs_one_question_and_no_line(tmp_path):
+    data, transport = gcode(100), wire("drop_ok@20")
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.DONE
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert same_motion(transport.printer.executed(), foreseen)
+
+
+def test_reset_in_mid_print_ends_as_position_unknown(tmp_path):
+    status, _ = printed(gcode(100), tmp_path, wire("reset@40"))
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert not status.position_known
+    assert 38 <= status.lines_done <= 40
+
+
+def test_firmware_that_kills_itself_ends_as_killed(tmp_path):
+    status, _ = printed(gcode(100), tmp_path, wire("kill@40"))
+    assert status.state is LinkState.KILLED
+    assert "halted itself" in status.message
+
+
+def test_cold_extrusion_is_a_fault_although_the_printer_says_ok(tmp_path):
+    data = gcode(100).replace(b"M302 P1\n", b"")
+    status, _ = printed(data, tmp_path, wire())
+    assert status.state is LinkState.FAILED
+    assert "cold extrusion prevented" in status.message
+    assert "line 5 of test.gcode" in status.message
+
+
+def test_unknown_command_is_a_fault_although_the_printer_says_ok(tmp_path):
+    data = HEADER + b"M999999\n" + gcode(10)[len(HEADER) :]
+    status, _ = printed(data, tmp_path, wire())
+    assert status.state is LinkState.FAILED
+    assert "M999999" in status.message
+
+
+def test_controlled_stop_leaves_the_bath(tmp_path):
+    transport = wire()
+    streamer_at: list[Streamer] = []
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=PRINTER,
+        on_status=lambda status: streamer_at[0].stop() if status.lines_done > 50 else None,
+    )
+    streamer_at.append(Streamer(wiring, parse_job(gcode(500), "test.gcode")))
+    status = streamer_at[0].run()
+    motion = transport.printer.executed()
+    assert status.state is LinkState.STOPPED
+    assert status.position_known
+    assert motion.plunger_end[-2] < motion.plunger_start[-2]  # relieved first,
+    assert motion.end[-2, 2] == motion.start[-2, 2]
+    assert motion.end[-1, 2] == pytest.approx(30.0)  # then straight up
+    assert np.array_equal(motion.end[-1, :2], motion.start[-1, :2])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed):
+    data = gcode(400)
+    transport = wire(seed=seed, noise=0.0004, drop_ok=0.002, delay=0.002)
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.DONE, status
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert transport.slips or same_motion(transport.printer.executed(), foreseen)
+    assert read_journal(tmp_path / "journal.log").done == status.lines_total
+
+
+class HostDiedError(BaseException):
+    """In place of kill -9: nothing of the host runs after it."""
+
+
+class DoomedTransport(SimTransport):
+    """Dies at its ``last``-th write, of which only a part leaves."""
+
+    def __init__(self, printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> None:
+        super().__init__(printer, clock)
+        self._left, self._part = last, part
+
+    def write(self, data: bytes) -> None:
+        self._left -= 1
+        if self._left > 0:
+            super().write(data)
+            return
+        super().write(data[: round(len(data) * self._part)])
+        self.printer.settle()
+        self.printer.take_output()  # the answer, if any, reaches nobody
+        raise HostDiedError
+
+
+def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
+    history = read_journal(folder / "journal.log")
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(folder / "journal.log"),
+        printer=PRINTER,
+    )
+    return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    handshake = 8  # writes before the first job line
+    doomed = DoomedTransport(printer, clock, handshake + int(rng.integers(1, 60)), rng.random())
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed)
+    with pytest.raises(HostDiedError):
+        resumed(data, tmp_path, DoomedTransport(printer, clock, int(rng.integers(1, 9)), 0.5))
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE, status
+    motion = printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end, foreseen.end)
+    assert np.array_equal(motion.plunger_end, foreseen.plunger_end)

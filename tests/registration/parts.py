@@ -1,0 +1,135 @@
+"""Parts for registration tests: solids by manifold3d, deposits by analytic distance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.solids.solid import Solid
+from registration.scan import Scan
+from sim.deposit import Deposit
+from sim.scanner import Scanned
+
+FloatArray = NDArray[np.float64]
+PLACE = np.array([60.0, 50.0, 0.5])
+BLOCK = (16.0, 8.0, 3.0)
+DIMPLES = ((1.5, 1.0), (14.5, 1.0), (1.5, 7.0))
+CHANNELS = {1.4: 0.4, 3.2: 0.5, 5.0: 0.6, 6.8: 0.8}
+
+
+def planar_network() -> VesselNetwork:
+    ys = [1.4, 3.2, 4.1, 5.0, 6.8]
+    nodes = [(0, 4.1), *((3, y) for y in ys), *((13, y) for y in ys), (16, 4.1)]
+    vessels = [(0, 3), (3, 2), (2, 1), (3, 4), (4, 5)]
+    vessels += [(1, 6), (2, 7), (4, 9), (5, 10)]
+    vessels += [(6, 7), (7, 8), (10, 9), (9, 8), (8, 11)]
+    radius = [0.5] * 5 + [d / 2 for d in CHANNELS.values()] + [0.5] * 5
+    return VesselNetwork.from_segments(
+        np.array([(x, y, 1.5) for x, y in nodes], dtype=float),
+        np.array(vessels),
+        np.array(radius),
+        np.full(len(vessels), 4),
+        np.zeros(len(vessels)),
+    )
+
+
+def rod(start: FloatArray, end: FloatArray, radius: float, sides: int = 32) -> manifold3d.Manifold:
+    axis = (end - start) / np.linalg.norm(end - start)
+    side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    frame = np.column_stack([side, np.cross(axis, side), axis, start])
+    length = float(np.linalg.norm(end - start))
+    return manifold3d.Manifold.cylinder(length, radius, radius, sides).transform(frame)
+
+
+def ball(centre: FloatArray, radius: float) -> manifold3d.Manifold:
+    return manifold3d.Manifold.sphere(radius, 32).translate(tuple(centre))
+
+
+def lumens(network: VesselNetwork) -> manifold3d.Manifold:
+    shapes = []
+    for points, radii in network.polylines():
+        for a, b, r in zip(points[:-1], points[1:], radii[:-1], strict=True):
+            shapes += [rod(a, b, r), ball(a, r), ball(b, r)]
+    return manifold3d.Manifold.batch_boolean(shapes, manifold3d.OpType.Add)
+
+
+def solid(shape: manifold3d.Manifold) -> Solid:
+    mesh = shape.to_mesh()
+    vertices = np.asarray(mesh.vert_properties[:, :3], dtype=np.float32).astype(float)
+    return Solid(vertices, np.asarray(mesh.tri_verts, dtype=np.int32))
+
+
+def planar_construct(dimples: tuple[tuple[float, float], ...] = DIMPLES) -> Solid:
+    shape = manifold3d.Manifold.cube(BLOCK) - lumens(planar_network())
+    for x, y in dimples:
+        shape -= ball(np.array([x, y, BLOCK[2]]), 0.3)
+    return solid(shape)
+
+
+def lumen_distance(network: VesselNetwork, points: FloatArray) -> FloatArray:
+    """Signed distance to the lumens' wall, negative inside; plain NumPy."""
+    best = np.full(points.shape[:-1], np.inf)
+    starts, ends, radii, _, _ = network.pieces()
+    for a, b, r in zip(starts, ends, radii, strict=True):
+        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        best = np.minimum(best, np.linalg.norm(points - a - t[..., None] * (b - a), axis=-1) - r)
+    return best
+
+
+def planar_distance(points: FloatArray) -> FloatArray:
+    """Signed distance to the planar part's material, negative inside (a bound near edges)."""
+    half = np.array(BLOCK) / 2
+    box = (np.abs(points - half) - half).max(axis=-1)
+    void = lumen_distance(planar_network(), points)
+    for x, y in DIMPLES:
+        centre = np.array([x, y, BLOCK[2]])
+        void = np.minimum(void, np.linalg.norm(points - centre, axis=-1) - 0.3)
+    return np.maximum(box, -void)
+
+
+def analytic_deposit(
+    distance: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, voxel: float
+) -> Deposit:
+    """Voxels filled by the signed distance of their centre; part frame moved by PLACE."""
+    count = np.ceil((high - low) / voxel).astype(int) + 2
+    origin = low - voxel / 2
+    volume = np.empty(count[::-1], dtype=np.uint8)
+    y, x = np.meshgrid(*(origin[k] + voxel * np.arange(count[k]) for k in (1, 0)), indexing="ij")
+    for k in range(count[2]):
+        points = np.stack([x, y, np.full_like(x, origin[2] + voxel * k)], axis=-1)
+        volume[k] = 255 * np.clip(0.5 - distance(points) / voxel, 0, 1)
+    return Deposit(volume, origin + PLACE, voxel, "layered", 0.0, 0.0)
+
+
+def planar_deposit(voxel: float) -> Deposit:
+    return analytic_deposit(planar_distance, np.zeros(3), np.array(BLOCK), voxel)
+
+
+def as_scan(scanned: Scanned) -> Scan:
+    return Scan(
+        volume=scanned.volume,
+        voxel_mm=scanned.voxel_mm,
+        refractive_index=scanned.refractive_index,
+        optical_depth=scanned.optical_depth,
+        scale=scanned.scale,
+        modality=scanned.modality,
+        depth_down=scanned.depth_down,
+        came_from=Path("simulated"),
+    )
+
+
+def corners(size: tuple[float, float, float]) -> FloatArray:
+    return np.array([[x, y, z] for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])])
+
+
+def target_error(part: FloatArray, scan_to_part: FloatArray, pose_truth: FloatArray) -> float:
+    """Largest distance, mm, between part points and where truth and registration put them."""
+    scan = (part + PLACE) @ pose_truth[:3, :3].T + pose_truth[:3, 3]
+    back = scan @ scan_to_part[:3, :3].T + scan_to_part[:3, 3]
+    return float(np.linalg.norm(back - part, axis=1).max())

@@ -1,0 +1,195 @@
+"""Whole registrations on simulated scans of analytic parts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.network import VesselNetwork
+from registration import RegistrationReport, register_scan, report_dict
+from registration.errors import AlignmentError, RegistrationError, SegmentationError
+from registration.scan import Scan
+from sim.scanner import MicroCtOptions, OctOptions, Placing, Scanned, simulate_microct, simulate_oct
+from tests.registration.parts import (
+    BLOCK,
+    analytic_deposit,
+    as_scan,
+    corners,
+    lumen_distance,
+    lumens,
+    planar_construct,
+    planar_deposit,
+    planar_network,
+    solid,
+    target_error,
+)
+
+COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
+
+
+@pytest.fixture(scope="module")
+def planar() -> tuple[Scanned, RegistrationReport]:
+    scanned = simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)
+    return scanned, register_scan(as_scan(scanned), planar_construct(), planar_network())
+
+
+def test_planar_pose_is_recovered_within_30_um(planar: tuple[Scanned, RegistrationReport]) -> None:
+    scanned, report = planar
+    assert target_error(corners(BLOCK), report.scaled_scan_to_part, scanned.pose_truth) < 0.030
+    assert not report.ambiguous
+
+
+def test_planar_diameters_are_those_of_the_shrunken_print(
+    planar: tuple[Scanned, RegistrationReport],
+) -> None:
+    _, report = planar
+    for vessel in report.vessels[5:9]:
+        assert vessel.sections > 50
+        assert vessel.measured_um == pytest.approx(0.985 * vessel.designed_um, abs=25)
+    assert all(abs(vessel.error_percent) < 10 for vessel in report.vessels)
+    assert all(vessel.open for vessel in report.vessels)
+    assert report.all_open
+
+
+def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
+    planar: tuple[Scanned, RegistrationReport],
+) -> None:
+    _, report = planar
+    assert report.rigid.rms_um > 40
+    assert report.scaled.rms_um < 20
+    assert report.scaled.within[100] > 0.99
+    np.testing.assert_allclose(report.scale, 0.985, atol=0.004)
+
+
+def test_shrunken_outer_faces_deviate_positively(
+    planar: tuple[Scanned, RegistrationReport],
+) -> None:
+    _, report = planar
+    end = (report.vertices[:, 0] < 0.3) & report.seen & (report.vertices[:, 2] < 2.7)
+    assert np.median(report.deviation_um[end]) > 30
+
+
+def test_report_is_json_with_the_promised_keys(planar: tuple[Scanned, RegistrationReport]) -> None:
+    found = json.loads(json.dumps(report_dict(planar[1]), allow_nan=False))
+    assert set(found) >= {
+        "rigid", "scaled", "transform_scan_to_part", "scale", "ambiguity", "histogram", "vessels",
+        "notes",
+    }  # fmt: skip
+    assert set(found["rigid"]["within"]) == {"25", "50", "100"}
+    assert len(found["histogram"]["counts"]) == len(found["histogram"]["edges_um"]) - 1
+    assert sum(found["histogram"]["counts"]) == planar[1].seen.sum()
+    assert set(found["vessels"][0]) >= {
+        "vessel", "kind", "designed_um", "measured_um", "error_percent", "narrowest_um", "open",
+        "offset_um", "rms_um", "length_mm", "seen_fraction",
+    }  # fmt: skip
+
+
+def test_decibels_give_the_same_surface_as_linear_values(
+    planar: tuple[Scanned, RegistrationReport],
+) -> None:
+    scanned, linear = planar
+    volume = 10 * np.log10(np.maximum(scanned.volume, 0.1)).astype(np.float32)
+    scan = replace(as_scan(scanned), volume=volume, scale="db")
+    report = register_scan(scan, planar_construct(), planar_network())
+    assert report.scaled.rms_um == pytest.approx(linear.scaled.rms_um, abs=1)
+
+
+def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, RegistrationReport]) -> None:
+    scan = as_scan(planar[0])
+    with pytest.raises(AlignmentError, match="mirror image"):
+        register_scan(
+            replace(scan, volume=scan.volume[:, ::-1].copy()), planar_construct(), planar_network()
+        )
+
+
+def test_upside_down_scan_ends_with_a_reason(planar: tuple[Scanned, RegistrationReport]) -> None:
+    scan = as_scan(planar[0])
+    with pytest.raises(RegistrationError):
+        register_scan(
+            replace(scan, volume=scan.volume[::-1].copy()), planar_construct(), planar_network()
+        )
+
+
+def test_network_of_another_frame_is_refused(planar: tuple[Scanned, RegistrationReport]) -> None:
+    moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
+    with pytest.raises(RegistrationError, match="same"):
+        register_scan(as_scan(planar[0]), planar_construct(), moved)
+
+
+def bent_network() -> VesselNetwork:
+    nodes = np.array([[2, 2, 1], [5, 3, 3], [9, 2, 5], [8, 7, 4], [11, 9, 6], [4, 8, 6.0]])
+    ends = np.array([[0, 1], [1, 2], [1, 3], [3, 4], [3, 5]])
+    radius = np.array([0.6, 0.45, 0.5, 0.35, 0.35])
+    return VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
+
+
+def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> Scanned:
+    low, high = network.nodes.min(axis=0) - 0.7, network.nodes.max(axis=0) + 0.7
+    deposit = analytic_deposit(lambda p: lumen_distance(printed, p), low, high, 0.08)
+    placing = Placing(rotation_deg=180, tilt_deg=8, margin_mm=1.0, shrink=(0.98, 0.99, 1.0))
+    return simulate_microct(deposit, MicroCtOptions(placing=placing), seed)
+
+
+def test_embedded_lumens_in_microct_are_registered_from_any_rotation() -> None:
+    network = bent_network()
+    scanned = microct_of(network, network, seed=3)
+    report = register_scan(as_scan(scanned), solid(lumens(network)), network)
+    assert target_error(network.nodes, report.scaled_scan_to_part, scanned.pose_truth) < 0.010
+    assert report.scaled.rms_um < 20
+    assert report.all_open
+    for vessel in report.vessels:
+        assert abs(vessel.error_percent) < 6
+
+
+def test_bright_lumens_are_found_when_told() -> None:
+    network = bent_network()
+    scanned = microct_of(network, network, seed=3)
+    scan = replace(as_scan(scanned), volume=np.uint16(40000) - scanned.volume)
+    from registration import RegistrationOptions
+
+    report = register_scan(
+        scan, solid(lumens(network)), network, RegistrationOptions(lumens="bright")
+    )
+    assert report.all_open
+    with pytest.raises(SegmentationError, match="bright"):
+        register_scan(scan, solid(lumens(network)), network)
+
+
+def test_occluded_vessel_is_found_closed_and_its_neighbours_open() -> None:
+    network = bent_network()
+    cut = network.nodes.copy()
+    gap = VesselNetwork.from_segments(
+        np.vstack([cut, cut[1] + 0.4 * (cut[2] - cut[1]), cut[1] + 0.6 * (cut[2] - cut[1])]),
+        np.array([[0, 1], [1, 6], [7, 2], [1, 3], [3, 4], [3, 5]]),
+        np.array([0.6, 0.45, 0.45, 0.5, 0.35, 0.35]),
+        np.zeros(6),
+        np.zeros(6),
+    )
+    report = register_scan(as_scan(microct_of(network, gap, 5)), solid(lumens(network)), network)
+    assert [vessel.open for vessel in report.vessels] == [True, False, True, True, True]
+    assert report.vessels[1].narrowest_um == 0
+    assert not report.all_open
+    assert any("Closed vessels: 1" in note for note in report.notes)
+
+
+def scan_like(volume: np.ndarray) -> Scan:
+    scanned = microct_of(bent_network(), bent_network(), seed=1)
+    return replace(as_scan(scanned), volume=volume)
+
+
+@pytest.mark.parametrize(
+    ("volume", "reason"),
+    [
+        (np.zeros((40, 40, 40), np.uint16), "empty"),
+        (np.full((40, 40, 40), np.nan, np.float32), "NaN"),
+        (np.pad(np.full((30, 40, 40), 65535, np.uint16), ((10, 0), (0, 0), (0, 0))), "saturated"),
+        (np.random.default_rng(0).integers(900, 1100, (60, 60, 60)).astype(np.uint16), "stands"),
+        (np.zeros((40, 40), np.uint16), "stack"),
+    ],
+)
+def test_useless_volumes_end_with_a_reason(volume: np.ndarray, reason: str) -> None:
+    with pytest.raises(SegmentationError, match=reason):
+        register_scan(scan_like(volume), solid(lumens(bent_network())), bent_network())

@@ -1,0 +1,151 @@
+"""A user's mistake ends in one clear message, the right exit code, and no half-written file."""
+
+import resource
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.system.cli import ROOT, printctl, recipe_file
+
+HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
+
+
+def _refused(
+    recipe: Path, folder: Path, code: int, *words: str, command: tuple[str, ...] = ("design",)
+) -> str:
+    """Run a command on ``recipe``, expect ``code`` and every one of ``words``, no traceback."""
+    out = ("--out", "out" if command[0] != "toolpath" else "out.gcode")
+    done = printctl(*command, recipe, *out, cwd=folder)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert not [path for path in folder.rglob("*") if ".part" in path.suffixes]
+    return done.stderr
+
+
+def _mesh_recipe(folder: Path, mesh: trimesh.Trimesh, unit: str = "mm") -> Path:
+    mesh.export(folder / "tissue.stl")
+    tissue = {"=": "replace", "mesh": "tissue.stl", "unit": unit}
+    return recipe_file(folder, "cortex_embedded", tissue=tissue)
+
+
+def test_empty_mesh(tmp_path: Path) -> None:
+    (tmp_path / "tissue.stl").write_bytes(b"solid nothing\nendsolid nothing\n")
+    tissue = {"=": "replace", "mesh": "tissue.stl", "unit": "mm"}
+    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 1, "tissue.stl")
+
+
+def test_missing_mesh(tmp_path: Path) -> None:
+    tissue = {"=": "replace", "mesh": "none.stl", "unit": "mm"}
+    _refused(recipe_file(tmp_path, "cortex_embedded", tissue=tissue), tmp_path, 1, "none.stl")
+
+
+def test_mesh_in_inches_labelled_mm(tmp_path: Path) -> None:
+    inches = trimesh.creation.box((3.0, 2.0, 1.0))
+    _refused(_mesh_recipe(tmp_path, inches), tmp_path, 1, "3", "mm", "in")
+
+
+def test_open_mesh(tmp_path: Path) -> None:
+    box = trimesh.creation.box((30.0, 20.0, 10.0))
+    box.update_faces(np.arange(len(box.faces)) != 3)
+    _refused(_mesh_recipe(tmp_path, box), tmp_path, 1, "open")
+
+
+def _network_recipe(folder: Path, *rows: str) -> Path:
+    (folder / "network.csv").write_text(HEADER + "\n".join(rows) + "\n")
+    given = {"=": "replace", "network": "network.csv", "unit": "mm"}
+    return recipe_file(folder, "planar_fresh", vasculature=given)
+
+
+def test_nan_in_a_network(tmp_path: Path) -> None:
+    row = "0,0,1,0,4,1.5,16,nan,1.5,0.4,0.4,channel,0"
+    _refused(_network_recipe(tmp_path, row), tmp_path, 1, "network.csv", "NaN")
+
+
+def test_self_intersecting_network(tmp_path: Path) -> None:
+    rows = ("0,0,1,0,4,1.5,16,4,1.5,0.4,0.4,channel,0", "1,2,3,8,0,1.6,8,8,1.6,0.4,0.4,channel,0")
+    _refused(_network_recipe(tmp_path, *rows), tmp_path, 1, "vessel")
+
+
+def test_vessel_thinner_than_the_needle_leaves_open(tmp_path: Path) -> None:
+    recipe = _network_recipe(tmp_path, "0,0,1,0,4,1.5,16,4,1.5,0.04,0.04,channel,0")
+    _refused(recipe, tmp_path, 1, "0.080 mm", "vessel 0", command=("toolpath",))
+
+
+def test_vessel_thinner_than_the_needle_writes(tmp_path: Path) -> None:
+    (tmp_path / "network.csv").write_text(HEADER + "0,0,1,2,4,1.5,14,4,1.5,0.05,0.05,artery,0\n")
+    given = {"=": "replace", "network": "network.csv", "unit": "mm"}
+    embedded = {"=": "replace", "method": "embedded", "needle": "30g"}
+    recipe = recipe_file(tmp_path, "planar_fresh", vasculature=given, toolpath=embedded)
+    _refused(recipe, tmp_path, 1, "0.100 mm", "needle", command=("toolpath",))
+
+
+def _coarse(**sections: Any) -> dict[str, Any]:
+    """Large parts are sliced coarsely, so that their tests are quick."""
+    return {"toolpath": {"layer_um": 500, "line_um": 1000}, **sections}
+
+
+def test_part_larger_than_the_printer(tmp_path: Path) -> None:
+    _network = "0,0,1,0,4,5,240,4,5,1.5,1.5,channel,0"
+    recipe = _network_recipe(tmp_path, _network)
+    data = _coarse(tissue={"size_mm": [240, 8, 10]}, vasculature={"=": "replace",
+                   "network": "network.csv", "unit": "mm"})  # fmt: skip
+    recipe = recipe_file(tmp_path, "planar_fresh", **data)
+    said = _refused(recipe, tmp_path, 3, "line ", "place_mm", command=("toolpath",))
+    assert "x, lowest" in said
+
+
+def test_more_ink_than_the_syringe_holds(tmp_path: Path) -> None:
+    recipe = _network_recipe(tmp_path, "0,0,1,0,4,5,40,4,5,1.5,1.5,channel,0")
+    data = _coarse(tissue={"size_mm": [40, 8, 10]}, vasculature={"=": "replace",
+                   "network": "network.csv", "unit": "mm"})  # fmt: skip
+    recipe = recipe_file(tmp_path, "planar_fresh", **data)
+    _refused(recipe, tmp_path, 3, "µL", "1000", "syringe", command=("toolpath",))
+
+
+def test_missing_port(tmp_path: Path) -> None:
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    done = printctl(
+        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", "--yes",
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 4, done.stderr
+    assert "/dev/ttyNONE9" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_print_on_a_real_port_asks_first(tmp_path: Path) -> None:
+    (tmp_path / "job.gcode").write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG1 X5 F600\nM400\n")
+    done = printctl(
+        "print", "job.gcode", "--printer", "generic_marlin", "--port", "/dev/ttyNONE9", cwd=tmp_path
+    )
+    assert done.returncode == 3, done.stderr
+    assert "--yes" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["design", "run"])
+def test_missing_recipe(tmp_path: Path, command: str) -> None:
+    _refused(tmp_path / "none.yaml", tmp_path, 2, "printctl init", command=(command,))
+
+
+def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
+    """A write that fails half-way (here by a file size limit) leaves what was there."""
+    recipe = shutil.copy(ROOT / "examples" / "planar_fresh.yaml", tmp_path)
+    (tmp_path / "part.gcode").write_text("a good file")
+
+    def small_files_only() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    done = printctl(
+        "toolpath", recipe, "--out", "part.gcode", cwd=tmp_path, preexec=small_files_only
+    )
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "too large" in done.stderr
+    assert (tmp_path / "part.gcode").read_text() == "a good file"
+    assert {path.name for path in tmp_path.iterdir()} == {"planar_fresh.yaml", "part.gcode"}
