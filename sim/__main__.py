@@ -12,6 +12,7 @@ from sim.marlin import MarlinPrinter
 from sim.marlin_board import Board, parse_fault
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving
+from sim.warm import warm_printer
 
 
 def _start(text: str) -> tuple[float, float, float]:
@@ -71,6 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
+    warm_printer()
     print(port.address, flush=True)
     serving = Serving(given.speed, given.record, given.exit_on_hangup, given.parent_pid)
     Server(printer, port, serving).run()

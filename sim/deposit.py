@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.deposit_kernels import paint_filaments, paint_layers, stack_layers, writing_runs
+from sim.errors import DepositError
 from sim.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
@@ -38,10 +39,6 @@ Style = Literal["layered", "embedded"]
 LEVEL_TOLERANCE_MM = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""
 MOST_VOXELS = 2_000_000_000
-
-
-class DepositError(ValueError):
-    """A motion that leaves no deposit, or one too large to hold."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +238,7 @@ def _layered(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArray
     order = np.argsort(layer, kind="stable")
     first = np.searchsorted(layer[order], np.arange(len(levels) + 1))
     segments = np.column_stack([lines.start[order, :2], lines.end[order, :2]])
-    plan = paint_layers(segments, radius[order], first, origin, voxel, shape[1:])
+    plan = paint_layers(segments, radius[order], first, origin, voxel, (shape[1], shape[2]))
     volume = stack_layers(plan, levels - height, levels, origin[2], voxel, shape[0])
     return volume, origin
 
@@ -254,7 +251,9 @@ def _embedded(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArra
     return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
 
 
-def _grid(low: FloatArray, high: FloatArray, voxel: float) -> tuple[FloatArray, tuple[int, ...]]:
+def _grid(
+    low: FloatArray, high: FloatArray, voxel: float
+) -> tuple[FloatArray, tuple[int, int, int]]:
     """Voxel grid over a box with one empty voxel all round: origin (x, y, z), shape (z, y, x)."""
     count = np.ceil((high - low) / voxel - 1e-9).astype(int) + 2
     if np.prod(count.astype(float)) > MOST_VOXELS:

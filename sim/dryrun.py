@@ -19,13 +19,12 @@ from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode import Program, code, read_gcode
 from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC
-from sim.planner import add_move, next_event, run_until, set_axis
+from sim.marlin_board import Board
+from sim.planner import add_move, command_time, next_event, run_until, set_axis
 from sim.planner_state import LOG, Records, new_planner, new_ring
 
 FloatArray = NDArray[np.float64]
 
-COMMAND_S: Final = 0.002
-"""What an 8-bit board needs for a move, beside the time of its bytes (from the recordings)."""
 _BITS_PER_BYTE: Final = 10
 _OK_BYTES: Final = 3
 _HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
@@ -116,6 +115,7 @@ def dry_run(
         program.command,
         _seconds_on_the_wire(program, printer),
         extrudes,
+        Board().costs(),
         planner,
         ring,
         log,
@@ -132,7 +132,7 @@ def dry_run(
 
 def _seconds_on_the_wire(program: Program, printer: Printer) -> FloatArray:
     size = sent_length(program)
-    seconds = (size + _OK_BYTES) * (_BITS_PER_BYTE / printer.baud) + COMMAND_S
+    seconds = (size + _OK_BYTES) * (_BITS_PER_BYTE / printer.baud)
     return np.where(size > 0, seconds, 0.0)
 
 
@@ -154,6 +154,7 @@ def _plan(
     command: NDArray[np.int64],
     wire_s: FloatArray,
     extrudes: NDArray[np.bool_],
+    costs: FloatArray,
     planner: Records,
     ring: Records,
     log: Records,
@@ -163,7 +164,10 @@ def _plan(
     begin = np.inf
     finish = 0.0
     for i in range(len(kind)):
-        now += wire_s[i]
+        if wire_s[i] > 0.0:
+            now += wire_s[i]
+            run_until(planner, ring, log, now)
+            now += command_time(planner, ring, now, costs)
         run_until(planner, ring, log, now)
         if kind[i] == MOVE:
             while planner[0].count >= len(ring) - 1:

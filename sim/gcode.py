@@ -35,7 +35,7 @@ from sim.gcode_modal import (
     speed,
 )
 from sim.gcode_words import WORDS, split_words
-from sim.planner_state import Records
+from sim.planner_state import Record, Records
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -292,7 +292,7 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Records) -> i
 
 
 @jit
-def _value(words: Records, kind: int) -> float:
+def _value(words: Record, kind: int) -> float:
     if kind == DWELL:
         return dwell_s(words)
     if has(words, 18):
@@ -303,7 +303,7 @@ def _value(words: Records, kind: int) -> float:
 
 
 @jit
-def _home(modal: Records, words: Records) -> None:
+def _home(modal: Record, words: Record) -> None:
     """Homed axes read zero; none named means all three."""
     named = words.seen >> 23 & 7
     for axis in range(3):

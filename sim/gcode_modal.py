@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.planner_state import Records
+from sim.planner_state import Record, Records
 
 MODAL: Final = np.dtype(
     [
@@ -81,13 +81,13 @@ def new_modal(start_mm: tuple[float, float, float]) -> Records:
 
 
 @jit
-def has(words: Records, letter: int) -> bool:
+def has(words: Record, letter: int) -> bool:
     """Whether a letter (0 = A) stands in the line with a number."""
     return (words.valued >> letter) & 1 == 1
 
 
 @jit
-def interpret(modal: Records, words: Records) -> int:
+def interpret(modal: Record, words: Record) -> int:
     """Carry a line's words into the modal state; returns a `Kind`.
 
     Parameters
@@ -129,7 +129,7 @@ def interpret(modal: Records, words: Records) -> int:
 
 
 @jit
-def _set_target(modal: Records, words: Records) -> None:
+def _set_target(modal: Record, words: Record) -> None:
     for axis in range(4):
         letter = _E if axis == 3 else _X + axis
         if has(words, letter):
@@ -147,7 +147,7 @@ def _set_target(modal: Records, words: Records) -> None:
 
 
 @jit
-def _set_position(modal: Records, words: Records) -> None:
+def _set_position(modal: Record, words: Record) -> None:
     """G92: x, y and z shift the workspace, e is counted anew; G92.1 takes the shift back."""
     if words.subcode == 1:
         modal.shift[:] = 0.0
@@ -167,7 +167,7 @@ def _set_position(modal: Records, words: Records) -> None:
 
 
 @jit
-def dwell_s(words: Records) -> float:
+def dwell_s(words: Record) -> float:
     """How long G4 waits: P milliseconds or S seconds, S wins."""
     seconds = 0.0
     if has(words, _P):
@@ -178,7 +178,7 @@ def dwell_s(words: Records) -> float:
 
 
 @jit
-def speed(modal: Records) -> float:
+def speed(modal: Record) -> float:
     """Feed with the M220 factor, mm/s."""
     return modal.feed * 0.01 * modal.speed_percent
 
@@ -190,8 +190,8 @@ LEAST_SEGMENTS_PER_TURN = 72
 
 @jit
 def arc_centre(
-    begin: NDArray[np.float64], end: NDArray[np.float64], words: Records, unit: float
-) -> tuple[float, float]:  # noqa: E501
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, unit: float
+) -> tuple[float, float]:
     """Centre of a G2/G3 arc in x and y, mm; NaN where there is none."""
     if has(words, _R):
         radius = words.value[_R] * unit
@@ -216,10 +216,10 @@ def arc_centre(
 def arc_points(
     begin: NDArray[np.float64],
     end: NDArray[np.float64],
-    words: Records,
+    words: Record,
     unit: float,
     out: NDArray[np.float64],
-) -> int:  # noqa: E501
+) -> int:
     """Cut an arc (or helix) into straight segments.
 
     Parameters

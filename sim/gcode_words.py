@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from kernels import jit
-from sim.planner_state import Records
+from sim.planner_state import Record
 
 WORDS: Final = np.dtype(
     [
@@ -91,7 +91,7 @@ def _skip_blanks(text: bytes, at: int, end: int) -> int:
 
 
 @jit
-def split_words(text: bytes, start: int, end: int, words: Records) -> None:
+def split_words(text: bytes, start: int, end: int, words: Record) -> None:
     """Take ``text[start:end]`` apart: a line without comment and line end.
 
     The rules are Marlin's: capitals only, the last of equal letters counts, a checksum is cut
@@ -124,7 +124,7 @@ def split_words(text: bytes, start: int, end: int, words: Records) -> None:
     stop = at
     while stop < end and text[stop] != _STAR:
         stop += 1
-    if not (letter == _G or letter == _M or letter == _T) or at >= stop or not is_digit(text[at]):
+    if letter not in (_G, _M, _T) or at >= stop or not is_digit(text[at]):
         return
     words.letter = letter
     number = 0
@@ -141,7 +141,7 @@ def split_words(text: bytes, start: int, end: int, words: Records) -> None:
 
 
 @jit
-def _split_parameters(text: bytes, at: int, stop: int, words: Records) -> None:
+def _split_parameters(text: bytes, at: int, stop: int, words: Record) -> None:
     while at < stop:
         letter = text[at]
         at += 1

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kernels import jit
 from sim.gcode_modal import has, interpret, speed
 from sim.gcode_words import number_at, split_words
-from sim.planner import add_move, next_event, run_until
+from sim.planner import add_move, command_time, next_event, run_until
 from sim.planner_state import Records
 
 NOT_TAKEN: Final = -1.0
@@ -34,8 +37,7 @@ def take_numbered_move(
     log: Records,
     now: float,
     alarm: float,
-    command_s: float,
-    step_s: float,
+    costs: NDArray[np.float64],
 ) -> float:
     r"""Take a line if it is the plain next move.
 
@@ -55,8 +57,8 @@ def take_numbered_move(
         When the line's last byte arrived.
     alarm : float, s
         Nothing else may happen before this time; a wait beyond it isn't for this road.
-    command_s, step_s : float, s
-        Processor's time for a command, and the stepper's for an event.
+    costs : (5,) float64
+        Of the processor, see `sim.planner.command_time`.
 
     Returns
     -------
@@ -84,10 +86,7 @@ def take_numbered_move(
     if row.letter != _G or row.number > 1 or row.number < 0 or (cold and has(row, _E_LETTER)):
         return NOT_TAKEN
     run_until(planner, ring, log, now)
-    load = 0.0
-    if planner[0].running:
-        load = min(ring[planner[0].tail].nominal_rate * step_s, 0.8)
-    now += command_s / (1.0 - load)
+    now += command_time(planner, ring, now, costs)
     run_until(planner, ring, log, now)
     if planner[0].count >= len(ring) - 1:
         free = max(now, next_event(planner))

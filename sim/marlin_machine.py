@@ -14,20 +14,21 @@ from sim.executed_log import executed_motion
 from sim.gcode_modal import new_modal
 from sim.heaters import Heater
 from sim.marlin_board import Board
-from sim.planner import add_move, counted, next_event, run_until, set_axis, stop_now
+from sim.planner import add_move, command_time, counted, next_event, run_until, set_axis, stop_now
 from sim.planner_state import LOG, new_planner, new_ring
 
 COLD_C: Final = 170.0
-QUICKSTOP_S: Final = 1.0
-"""For so long after a quickstop the planner takes no moves."""
+QUICKSTOP_S: Final = 1.024
+"""For so long after a quickstop the planner takes no moves: 1000 ticks at 976.6 Hz."""
 _FIRST_LOG: Final = 4096
 
 
 class Wait(Protocol):
     """Something that a command waits for while the board goes on reading and reporting."""
 
-    busy: str
-    """What the board says it is doing."""
+    @property
+    def busy(self) -> str:
+        """What the board says it is doing."""
 
     def done(self, machine: Machine) -> bool:
         """Whether it has come."""
@@ -158,6 +159,7 @@ class Machine:
     def __post_init__(self) -> None:
         self.ring = new_ring(self.printer)
         self.log = np.zeros(_FIRST_LOG, LOG)
+        self.costs = self.board.costs()
         self._steps = np.zeros(4, np.int64)
         self.planner = new_planner(self.printer, self.start_mm)
         self.power_up()
@@ -185,6 +187,7 @@ class Machine:
         self.idle_limit_s = 0.0
         self.idle_since = self.now
         self.closed_until = 0.0
+        self.stalled_until = 0.0
         self.waits_for_user = False
         self.waits_for_heat = False
         self.debug = 0
@@ -227,6 +230,10 @@ class Machine:
     def next_motion(self) -> float:
         """When the stepper next ends or takes a block, s."""
         return float(next_event(self.planner))
+
+    def command_s(self) -> float:
+        """Processor's time for a command now, s."""
+        return float(command_time(self.planner, self.ring, self.now, self.costs))
 
     def move_to(self, target_mm: Any, feed: float, line: int) -> None:
         """Put a straight move into the ring, which must have a place."""

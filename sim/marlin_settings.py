@@ -10,7 +10,7 @@ import numpy as np
 from sim.gcode import Command
 
 if TYPE_CHECKING:
-    from sim.marlin import MarlinPrinter
+    from sim.marlin_loop import MainLoop
     from sim.marlin_machine import Machine
 
 _AXES: Final = "XYZE"
@@ -54,7 +54,7 @@ _HEADINGS: Final = {
 """In the order of M503. The wording of the headings comes from Marlin's documentation."""
 
 
-def m503(board: MarlinPrinter, command: Command) -> None:
+def m503(board: MainLoop, command: Command) -> None:
     """All settings; S0 leaves out headings and the echo: before each line."""
     bare = command.values.get("S") == 0
     rows = [("Linear Units:", "G21 ; (mm)"), ("Temperature Units:", "M149 C ; Units in Celsius")]
@@ -65,8 +65,8 @@ def m503(board: MarlinPrinter, command: Command) -> None:
         board.machine.say(f"  {line}" if bare else f"echo:  {line}")
 
 
-def _change_axes(field: str) -> Callable[[MarlinPrinter, Command], bool]:
-    def change(board: MarlinPrinter, command: Command) -> bool:
+def _change_axes(field: str) -> Callable[[MainLoop, Command], bool]:
+    def change(board: MainLoop, command: Command) -> bool:
         found = False
         for axis, letter in enumerate(_AXES):
             if command.values.get(letter, 0.0) > 0:
@@ -77,7 +77,7 @@ def _change_axes(field: str) -> Callable[[MarlinPrinter, Command], bool]:
     return change
 
 
-def _change_steps(board: MarlinPrinter, command: Command) -> bool:
+def _change_steps(board: MainLoop, command: Command) -> bool:
     changed = _change_axes("steps_per_mm")(board, command)
     if changed:
         state = board.machine.state
@@ -85,7 +85,7 @@ def _change_steps(board: MarlinPrinter, command: Command) -> bool:
     return changed
 
 
-def _change_acceleration(board: MarlinPrinter, command: Command) -> bool:
+def _change_acceleration(board: MainLoop, command: Command) -> bool:
     field = board.machine.state["acceleration"]
     values = command.values
     if "S" in values:
@@ -96,7 +96,7 @@ def _change_acceleration(board: MarlinPrinter, command: Command) -> bool:
     return bool(values.keys() & set("SPRT"))
 
 
-def _change_advanced(board: MarlinPrinter, command: Command) -> bool:
+def _change_advanced(board: MainLoop, command: Command) -> bool:
     state, values = board.machine.state, command.values
     if "B" in values:
         state["min_segment_us"] = values["B"]
@@ -105,7 +105,7 @@ def _change_advanced(board: MarlinPrinter, command: Command) -> bool:
     return bool(values)
 
 
-def _change_home(board: MarlinPrinter, command: Command) -> bool:
+def _change_home(board: MainLoop, command: Command) -> bool:
     for axis, letter in enumerate("XYZ"):
         board.machine.home_offset[axis] = command.values.get(
             letter, board.machine.home_offset[axis]
@@ -113,18 +113,18 @@ def _change_home(board: MarlinPrinter, command: Command) -> bool:
     return bool(command.values)
 
 
-def _change_filament(board: MarlinPrinter, command: Command) -> bool:
+def _change_filament(board: MainLoop, command: Command) -> bool:
     board.machine.filament_mm = command.values.get("D", board.machine.filament_mm)
     return bool(command.values)
 
 
-def _change_pid(board: MarlinPrinter, command: Command) -> bool:
+def _change_pid(board: MainLoop, command: Command) -> bool:
     pid = board.machine.pid
     pid.update({key: value for key, value in command.values.items() if key in pid})
     return bool(command.values)
 
 
-_CHANGES: Final[dict[str, Callable[[MarlinPrinter, Command], bool]]] = {
+_CHANGES: Final[dict[str, Callable[[MainLoop, Command], bool]]] = {
     "M92": _change_steps,
     "M200": _change_filament,
     "M201": _change_axes("max_acceleration"),
@@ -136,13 +136,13 @@ _CHANGES: Final[dict[str, Callable[[MarlinPrinter, Command], bool]]] = {
 }
 
 
-def _setting(board: MarlinPrinter, command: Command) -> None:
+def _setting(board: MainLoop, command: Command) -> None:
     """Change a setting; without values, tell it."""
     if not _CHANGES[command.name](board, command):
         board.machine.say(f"  {line_of(board.machine, command.name)}")
 
 
-SETTINGS_HANDLERS: Final[dict[str, Callable[[MarlinPrinter, Command], None]]] = {
+SETTINGS_HANDLERS: Final[dict[str, Callable[[MainLoop, Command], None]]] = {
     **dict.fromkeys(_CHANGES, _setting),
     "M503": m503,
 }

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from kernels import jit
 from sim.planner_block import (
-    MINIMUM_SPEED_SQ,
     fill,
     junction_sq,
     reachable_sq,
@@ -29,8 +28,8 @@ from sim.planner_block import (
     set_speeds,
     to_steps,
 )
-from sim.planner_state import Records
-from sim.planner_stepper import SLOWEST, TICKS_PER_S, axis_steps, walk
+from sim.planner_state import Record, Records
+from sim.planner_stepper import LEAST_RATE, TICKS_PER_S, axis_steps, pulses_per_interrupt, walk
 
 FIRST_BLOCK_DELAY_S = 0.1
 """How long an idle stepper waits for company before it takes a single block."""
@@ -39,18 +38,18 @@ COMPANY = 3
 
 
 @jit
-def set_trapezoid(block: Records, entry: float, leave: float) -> None:
+def set_trapezoid(block: Record, entry: float, leave: float) -> None:
     """Events of acceleration, plateau and deceleration between two speeds, mm/s."""
-    initial = max(int(math.floor(entry * block.steps_per_mm + 0.5)), SLOWEST)
-    final = max(int(math.floor(leave * block.steps_per_mm + 0.5)), SLOWEST)
+    initial = max(math.floor(entry * block.steps_per_mm + 0.5), LEAST_RATE)
+    final = max(math.floor(leave * block.steps_per_mm + 0.5), LEAST_RATE)
     nominal_sq = float(block.nominal_rate) * block.nominal_rate
     half_inverse = 0.5 / block.acceleration_rate
     up = half_inverse * (nominal_sq - float(initial) * initial)
     down = half_inverse * (nominal_sq - float(final) * final)
-    accelerate = int(math.ceil(up))
-    decelerate = int(math.ceil(down))
+    accelerate = math.ceil(up)
+    decelerate = math.ceil(down)
     if accelerate + decelerate > block.events:
-        accelerate = int(math.floor((block.events + up - down) * 0.5 + 0.5))
+        accelerate = math.floor((block.events + up - down) * 0.5 + 0.5)
         accelerate = min(max(accelerate, 0), block.events)
         decelerate = block.events - accelerate
     block.initial_rate = initial
@@ -60,9 +59,9 @@ def set_trapezoid(block: Records, entry: float, leave: float) -> None:
 
 
 @jit
-def _reverse_pass(planner: Records, ring: Records) -> None:
+def _reverse_pass(planner: Record, ring: Records) -> None:
     """Raise entry speeds from the newest block back, as far as each can still brake."""
-    exit_sq = MINIMUM_SPEED_SQ
+    exit_sq = ring[(planner.tail + planner.count - 1) % len(ring)].least_sq
     for age in range(planner.count - 1, planner.planned, -1):
         block = ring[(planner.tail + age) % len(ring)]
         allowed = min(
@@ -76,7 +75,7 @@ def _reverse_pass(planner: Records, ring: Records) -> None:
 
 
 @jit
-def _forward_pass(planner: Records, ring: Records) -> None:
+def _forward_pass(planner: Record, ring: Records) -> None:
     """Lower entry speeds that the block before can't accelerate to; push the planned mark."""
     for age in range(planner.planned + 1, planner.count):
         before = ring[(planner.tail + age - 1) % len(ring)]
@@ -92,14 +91,14 @@ def _forward_pass(planner: Records, ring: Records) -> None:
 
 
 @jit
-def _recalculate(planner: Records, ring: Records) -> None:
+def _recalculate(planner: Record, ring: Records) -> None:
     """Plan again after a block was added; the running block can't be changed any more."""
     newest = planner.count - 1
     if newest > planner.planned:
         _reverse_pass(planner, ring)
         _forward_pass(planner, ring)
     block = ring[(planner.tail + newest) % len(ring)]
-    set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(MINIMUM_SPEED_SQ))
+    set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(block.least_sq))
     changed = block.recalculate
     block.recalculate = False
     oldest = 1 if planner.running else 0
@@ -154,16 +153,16 @@ def add_move(
     set_acceleration(planner, block)
     set_direction(block)
     block.line = line
-    block.max_entry_sq = 0
+    block.max_entry_sq = block.least_sq
     if waiting > 0 and planner.prev_speed > 0:
         block.max_entry_sq = min(
             junction_sq(planner, planner.prev_unit, block),
             block.nominal_speed * block.nominal_speed,
             planner.prev_speed * planner.prev_speed,
         )
-    block.entry_sq = MINIMUM_SPEED_SQ
+    block.entry_sq = block.least_sq
     block.recalculate = False
-    allowed = reachable_sq(MINIMUM_SPEED_SQ, block.acceleration, block.millimetres)
+    allowed = reachable_sq(block.least_sq, block.acceleration, block.millimetres)
     block.nominal_length = block.nominal_speed * block.nominal_speed <= allowed
     for axis in range(4):
         planner.prev_unit[axis] = block.unit[axis]
@@ -191,6 +190,33 @@ def next_event(planner_of: Records) -> float:
 
 
 @jit
+def command_time(
+    planner_of: Records, ring: Records, now: float, costs: NDArray[np.float64]
+) -> float:
+    """Time that the main thread takes for a command, s.
+
+    (command + blocks · block) / (1 - load), with load = interrupts/s · (interrupt + pulses ·
+    pulse) at the rate that the running block's trapezoid has at ``now``.
+
+    Parameters
+    ----------
+    costs : (5,) float64
+        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.marlin_board.Board`.
+    """
+    planner = planner_of[0]
+    seconds = costs[0] + planner.count * costs[1]
+    if not planner.running:
+        return seconds
+    block = ring[planner.tail]
+    up = block.initial_rate + block.acceleration_rate * (now - planner.run_start)
+    down = block.final_rate + block.acceleration_rate * (planner.run_end - now)
+    rate = max(min(up, down, float(block.nominal_rate)), 0.0)
+    pulses = pulses_per_interrupt(int(rate))
+    load = rate / pulses * (costs[2] + pulses * costs[3])
+    return seconds / (1.0 - min(load, costs[4]))
+
+
+@jit
 def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> None:
     """Let the stepper run until ``now``, s; the log must have room for all blocks of the ring."""
     planner = planner_of[0]
@@ -213,7 +239,7 @@ def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> N
 
 
 @jit
-def _write_log(planner: Records, block: Records, log: Records, done: int, end: float) -> None:
+def _write_log(planner: Record, block: Record, log: Records, done: int, end: float) -> None:
     """Note the part of a block that ran, and move the motors' counters on."""
     row = log[planner.logged]
     for axis in range(4):

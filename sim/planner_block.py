@@ -11,30 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.planner_state import Records
-from sim.planner_stepper import SLOWEST
+from sim.planner_state import Record
+from sim.planner_stepper import LEAST_RATE
 
 F = np.float32
-MINIMUM_SPEED_SQ = F(0.05) * F(0.05)
-"""(mm/s)² at which the planner enters and leaves a standstill."""
+Single = np.float32 | float
+"""A 32-bit float inside the kernels."""
 
 
 @jit
 def to_steps(target_mm: float, steps_per_mm: float) -> int:
     """Nearest step of a target, rounded as a 32-bit firmware float is; halves away from zero."""
     scaled = F(target_mm) * F(steps_per_mm)
-    steps = int(math.floor(abs(scaled) + 0.5))
+    steps = math.floor(abs(scaled) + 0.5)
     return steps if scaled >= 0 else -steps
 
 
 @jit
-def reachable_sq(speed_sq: float, acceleration: float, distance: float) -> float:
+def reachable_sq(speed_sq: Single, acceleration: Single, distance: Single) -> Single:
     """v² + 2 a s, (mm/s)²."""
     return F(F(speed_sq) + F(2) * F(acceleration) * F(distance))
 
 
 @jit
-def fill(planner: Records, block: Records, target: NDArray[np.int64]) -> bool:
+def fill(planner: Record, block: Record, target: NDArray[np.int64]) -> bool:
     """Size of a block: steps, events, path length. False when it is below the least steps."""
     events = 0
     path_steps = 0
@@ -42,7 +42,7 @@ def fill(planner: Records, block: Records, target: NDArray[np.int64]) -> bool:
     for axis in range(4):
         steps = target[axis] - planner.position[axis]
         if axis == 3 and planner.flow != 1:
-            steps = int(math.floor(abs(steps * planner.flow) + 0.5)) * (1 if steps > 0 else -1)
+            steps = math.floor(abs(steps * planner.flow) + 0.5) * (1 if steps > 0 else -1)
         block.steps[axis] = steps
         block.unit[axis] = F(steps) * planner.mm_per_step[axis]
         events = max(events, abs(steps))
@@ -58,7 +58,7 @@ def fill(planner: Records, block: Records, target: NDArray[np.int64]) -> bool:
 
 
 @jit
-def set_speeds(planner: Records, block: Records, feed: float, waiting: int, half: int) -> None:
+def set_speeds(planner: Record, block: Record, feed: float, waiting: int, half: int) -> None:
     """Nominal speed and rate: the feed, lowered by each axis's limit.
 
     While 2 to ``half - 1`` blocks are waiting, a segment shorter than the least segment time is
@@ -77,17 +77,17 @@ def set_speeds(planner: Records, block: Records, feed: float, waiting: int, half
             factor = min(factor, planner.max_speed[axis] / wanted)
     rate = math.ceil(F(block.events) * per_s)
     block.nominal_speed = block.millimetres * per_s * factor
-    block.nominal_rate = max(int(F(rate) * factor), SLOWEST)
+    block.nominal_rate = max(int(F(rate) * factor), LEAST_RATE)
 
 
 @jit
-def set_acceleration(planner: Records, block: Records) -> None:
+def set_acceleration(planner: Record, block: Record) -> None:
     """Acceleration along the path, lowered until each axis keeps its own limit."""
     block.steps_per_mm = F(block.events) / block.millimetres
     sort = 0 if block.steps[3] != 0 else 2
     if block.steps[0] == 0 and block.steps[1] == 0 and block.steps[2] == 0:
         sort = 1
-    rate = int(math.ceil(planner.acceleration[sort] * block.steps_per_mm))
+    rate = math.ceil(planner.acceleration[sort] * block.steps_per_mm)
     for axis in range(4):
         size = abs(block.steps[axis])
         if size > 0:
@@ -95,10 +95,13 @@ def set_acceleration(planner: Records, block: Records) -> None:
             rate = min(rate, limit * block.events // size)
     block.acceleration_rate = rate
     block.acceleration = F(rate) / block.steps_per_mm
+    # Mean speed over the first step from rest, the slowest that the stepper can do in one.
+    slowest = F(0.5) * block.acceleration / block.steps_per_mm
+    block.least_sq = min(slowest, block.nominal_speed * block.nominal_speed)
 
 
 @jit
-def set_direction(block: Records) -> None:
+def set_direction(block: Record) -> None:
     """Turn the block's displacement into a unit vector; E counts where the plunger moves."""
     square = F(0)
     for axis in range(4 if block.steps[3] != 0 else 3):
@@ -109,7 +112,7 @@ def set_direction(block: Records) -> None:
 
 
 @jit
-def junction_sq(planner: Records, before: Records, block: Records) -> float:
+def junction_sq(planner: Record, before: Record, block: Record) -> Single:
     """Square of the speed with which a block may be entered from ``before``, (mm/s)².
 
     Junction deviation (Sonny Jeon's centripetal model, as in Grbl and Marlin), with Marlin's
@@ -122,7 +125,7 @@ def junction_sq(planner: Records, before: Records, block: Records) -> float:
         cosine -= before[axis] * block.unit[axis]
         square += (block.unit[axis] - before[axis]) ** 2
     if cosine > F(0.999999):
-        return MINIMUM_SPEED_SQ
+        return block.least_sq
     length = np.sqrt(square)
     limit = block.acceleration
     for axis in range(4):
@@ -138,7 +141,7 @@ def junction_sq(planner: Records, before: Records, block: Records) -> float:
 
 
 @jit
-def turn_angle(cosine: float) -> float:
+def turn_angle(cosine: Single) -> Single:
     """acos(-cosine), by W. R. Franklin's minimax polynomial of the arcsine, within 0.033."""
     sign = F(-1) if cosine < 0 else F(1)
     t = sign * F(cosine)

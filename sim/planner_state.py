@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from firmware_profiles import Axes, Printer
 
 Records = NDArray[np.void]
-"""A structured array; the kernels take these, one record or many."""
+"""A structured array; the compiled kernels take these."""
+Record = Any
+"""One row of such an array: its fields are attributes inside a kernel."""
 
 BLOCK: Final = np.dtype(
     [
@@ -24,6 +26,7 @@ BLOCK: Final = np.dtype(
         ("acceleration", "f4"),  # mm/s²
         ("entry_sq", "f4"),  # (mm/s)²
         ("max_entry_sq", "f4"),
+        ("least_sq", "f4"),  # at which it begins and ends beside a standstill
         ("nominal_length", "b1"),  # reaches its nominal speed from a standstill
         ("recalculate", "b1"),
         ("initial_rate", "i8"),  # events/s

@@ -9,11 +9,13 @@ timer's clear-on-compare mode a period is one tick longer than its compare value
 from __future__ import annotations
 
 from kernels import jit
-from sim.planner_state import Records
+from sim.planner_state import Record
 
 TICKS_PER_S = 2_000_000
 SLOWEST = 32
 """Least rate, events/s, at which the 16-bit timer doesn't overflow."""
+LEAST_RATE = 32
+"""Least rate of a trapezoid's ends, events/s."""
 MAX_RATE = 10_000
 """Events/s above which one interrupt gives two pulses, then four and so on."""
 PERIOD_EXTRA = 1
@@ -46,7 +48,7 @@ def pulses_per_interrupt(rate: int) -> int:
 
 
 @jit
-def walk(block: Records, ticks_left: int) -> tuple[int, int, int]:
+def walk(block: Record, ticks_left: int) -> tuple[int, int, int]:
     """Step a block through its trapezoid until it ends or ``ticks_left`` run out.
 
     Parameters

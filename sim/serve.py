@@ -12,7 +12,6 @@ end.
 from __future__ import annotations
 
 import os
-import select
 import signal
 import socket
 import time
@@ -25,6 +24,7 @@ from typing import Final
 
 from sim.marlin import MarlinPrinter
 from sim.ports import Port
+from sim.waiter import Event, Waiter
 
 BOOT_S: Final = 0.05
 """Real time between a reset by the port's opening and the first word, so that a host that empties
@@ -93,61 +93,47 @@ class Server:
     def _ask_to_stop(self) -> None:
         self._stop = True
 
-    def _loop(self, wake: int) -> None:
+    def _loop(self, alarm: int) -> None:
+        waiter = Waiter(alarm)
         watched = time.monotonic()
-        poller = select.poll()
-        poller.register(wake, select.POLLIN)
-        at = -1
         while not self._stop:
-            if self._port_there and self._port.fileno() != at:
-                if at >= 0:
-                    poller.unregister(at)
-                at = self._port.fileno()
-                poller.register(at, select.POLLIN)
-            if self._outbox:
-                poller.modify(at, select.POLLIN | select.POLLOUT)
-            events = dict(poller.poll(self._timeout_ms()))
-            if self._outbox:
-                poller.modify(at, select.POLLIN)
-            if self._port_there:
-                self._turn(events.get(at, 0))
-                if not self._port_there:
-                    poller.unregister(at)
-                    at = -1
+            port = self._port.fileno() if self._port_there else -1
+            event = waiter.wait(port, bool(self._outbox), self._patience_s())
+            if self._port_there and not self._turn(event):
+                waiter.forget()
+                self._unplug()
             now = time.monotonic()
             if now - watched > _WATCH_S:
                 watched = now
                 self._stop |= self._orphaned()
 
-    def _timeout_ms(self) -> int:
-        if self._boots_at is not None or (self._serving.speed > 0 and not self._printer.dead):
-            return max(int(_TICK_S * 1e3), 1)
-        return int(_WATCH_S * 1e3)
+    def _patience_s(self) -> float:
+        paced = self._serving.speed > 0 and not self._printer.dead
+        return _TICK_S if paced or self._boots_at is not None else _WATCH_S
 
-    def _turn(self, event: int) -> None:
-        """One round: who is there, what came, what goes."""
-        there = self._port.connected(bool(event & select.POLLHUP))
+    def _turn(self, event: Event) -> bool:
+        """One round: who is there, what came, what goes. False when the port was pulled out."""
+        there = self._port.connected(event.hung_up)
         if there != self._host_there:
             self._host_there = there
             self._on_change(there)
         if not there:
             self._pace(b"")
             self._outbox = b""
-            if event & select.POLLHUP:
+            if event.hung_up:
                 time.sleep(_ABSENT_S)
-            return
+            return True
         if self._boots_at is not None:
             if time.monotonic() < self._boots_at:
-                return
+                return True
             self._boots_at = None
             self._printer.reset()
-        data = self._port.read() if event & select.POLLIN else b""
+        data = self._port.read() if event.readable else b""
         self._pace(data)
         self._outbox += self._printer.take_output()
         if self._outbox:
             self._outbox = self._outbox[self._port.write(self._outbox) :]
-        if self._printer.unplugged:
-            self._unplug()
+        return not self._printer.unplugged
 
     def _on_change(self, there: bool) -> None:
         if there:
@@ -174,9 +160,11 @@ class Server:
             self._save()
 
     def _unplug(self) -> None:
+        """The line to the host is gone; the printer goes on with what it has."""
         self._port.close()
         self._port_there = False
         self._host_there = False
+        self._outbox = b""
         self._let_go()
         if self._serving.exit_on_hangup:
             self._stop = True
@@ -208,7 +196,7 @@ class Server:
 
 @contextmanager
 def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[int]:
-    """Call ``stop`` on SIGTERM and SIGINT; yields a file descriptor that wakes a poll."""
+    """Call ``stop`` on SIGTERM and SIGINT; yields a file descriptor that ends a wait."""
     reader, writer = socket.socketpair()
     writer.setblocking(False)
 

@@ -29,8 +29,9 @@ POLL_S: Final = 0.1
 """Longest wait for the printer before wishes are looked at."""
 NOTE_S: Final = 0.25
 """Interval of progress records and progress events."""
-KILL_WAIT_S: Final = 2.0
 KILL_REPEAT_S: Final = 0.2
+KILL_ATTEMPTS: Final = 10
+KILL_WAIT_S: Final = 4.0
 EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
 """States in which the printer hasn't got the job's first line."""
 
@@ -93,6 +94,7 @@ class Channel:
         self._in_step: list[int] = []
         self._booted = False
         self._heard = 0
+        self._kill_left = self._kill_host_s = 0.0
         self._killed = threading.Event()
         self._halted = threading.Event()
         self._ended = threading.Event()
@@ -119,22 +121,23 @@ class Channel:
         """Halt the firmware at once, from any thread and any state.
 
         M112 goes to the wire before anything else is done. It is repeated until the printer says
-        that it has halted; after `KILL_WAIT_S` the reset line is pulled.
+        that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
         """
         if self._ended.is_set():
             return
+        asked = self._kill_left = self.wiring.clock.now()
         self._killed.set()
-        lost = False
-        for _ in range(int(KILL_WAIT_S / 0.2)):
+        for attempt in range(KILL_ATTEMPTS):
             try:
                 self.wiring.transport.write_urgent(self.protocol.kill_bytes)
             except PortLost:
-                lost = True
-                break
-            if self._halted.wait(0.2):
                 return
-        if not lost:
-            self.wiring.transport.reset()
+            if attempt == 0:
+                self._kill_left = self.wiring.clock.now()
+                self._kill_host_s = self._kill_left - asked
+            if self._halted.wait(KILL_REPEAT_S):
+                return
+        self.wiring.transport.reset()
 
     @property
     def status(self) -> Status:
@@ -207,10 +210,7 @@ class Channel:
                 data = self.wiring.transport.read(POLL_S)
             except PortLost:
                 break
-            for event in self.protocol.feed(data, clock.now()) if data else ():
-                if isinstance(event, said.Halted):
-                    self._halted.set()
-                    raise Over(LinkState.KILLED, "killed by the user; the printer halted", False)
+            self._handle(self.protocol.feed(data, clock.now()) if data else ())
         raise Over(
             LinkState.KILLED,
             "killed by the user; the printer has NOT confirmed: cut its power",
@@ -253,12 +253,21 @@ class Channel:
     def _on_halted(self, event: said.Halted) -> None:
         self._halted.set()
         if self._killed.is_set():
-            raise Over(LinkState.KILLED, "killed by the user; the printer halted", False)
+            printer_s = self.wiring.clock.now() - self._kill_left
+            raise Over(
+                LinkState.KILLED,
+                f"killed by the user; M112 left the host after {self._kill_host_s * 1e3:.1f} ms, "
+                f"the printer halted {printer_s * 1e3:.0f} ms later",
+                known=False,
+            )
         because = f": {self._fault}" if self._fault else ""
         raise Over(LinkState.KILLED, f"the firmware halted itself ({event.text}){because}", False)
 
     def _on_reset(self, event: said.WasReset) -> None:
         self._booted = True
+        if self._killed.is_set():
+            message = "killed by the user; M112 had no answer, the reset line did it"
+            raise Over(LinkState.KILLED, message, known=False)
         if self._state not in (LinkState.CONNECTING, LinkState.CHECKING):
             raise Over(
                 LinkState.POSITION_UNKNOWN,

@@ -189,7 +189,7 @@ class MarlinProtocol:
     # --- hearing ---------------------------------------------------------------------------
 
     def _hear(self, reply: Reply, now: float, events: list[Event]) -> None:
-        if self._phase is Phase.OVER:
+        if self._phase is Phase.OVER and reply.kind is not Kind.HALT:
             return
         if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
             self._end(said.Halted(reply.words), events)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.scanner.scanned import ScannerError, check_range
+from sim.errors import ScannerError
+from sim.scanner.scanned import check_range
 
 FloatArray = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ def random_bits(key: np.uint64, counter: np.uint64) -> np.uint64:
 def lookup(volume: ByteArray, x: float, y: float, z: float) -> float:
     """Trilinear value at a position in voxels, 0..255; 0 outside."""
     nz, ny, nx = volume.shape
-    i, j, k = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    i, j, k = math.floor(x), math.floor(y), math.floor(z)
     if i < 0 or j < 0 or k < 0 or i >= nx - 1 or j >= ny - 1 or k >= nz - 1:
         return 0.0
     u, v, w = x - i, y - j, z - k
@@ -51,10 +51,7 @@ def blurred(volume: ByteArray, sigma_voxels: tuple[float, float, float]) -> Byte
 def _weights(sigma: float) -> NDArray[np.float32]:
     reach = max(1, math.ceil(3 * sigma))
     offsets = np.arange(-reach, reach + 1)
-    if sigma <= 0:
-        weights = (offsets == 0).astype(float)
-    else:
-        weights = np.exp(-0.5 * (offsets / sigma) ** 2)
+    weights = np.exp(-0.5 * (offsets / max(sigma, 1e-6)) ** 2)
     return (weights / weights.sum()).astype(np.float32)
 
 
@@ -86,7 +83,7 @@ def _blur_z(volume: ByteArray, wz: NDArray[np.float32]) -> ByteArray:
     rz = len(wz) // 2
     for k in numba.prange(nz):
         row = np.zeros(nx, dtype=np.float32)
-        here = np.int64(k)  # numba's own index is unsigned
+        here = int(np.int64(k))  # numba's own index is unsigned
         for y in range(ny):
             row[:] = 0.5
             for j in range(max(0, here - rz), min(nz, here + rz + 1)):

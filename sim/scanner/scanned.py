@@ -8,9 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-
-class ScannerError(ValueError):
-    """Scanner options that make no scan."""
+from sim.errors import ScannerError
 
 
 @dataclass(frozen=True)

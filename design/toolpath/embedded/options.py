@@ -30,7 +30,7 @@ class EmbeddedOptions:
     lift_mm : float, mm
         Height of a travel above everything written.
     overlap_radii : float
-        Overlap of a joint in radii of the vessel that is written later.
+        Overlap of a joint in radii of the thinner vessel of the two that meet.
     retract_ul : float, µL
         Plunger relief at the end of a pass; the same volume primes the next.
     plunger_ul_s : float, µL/s

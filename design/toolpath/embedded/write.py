@@ -28,7 +28,7 @@ class FilamentWriter:
         self.passes = self.joints = self.overlapped = self.continued = 0
         self.overlap_ul = 0.0
         self._options = options
-        self._written_nodes: set[int] = set()
+        self._widest: dict[int, float] = {}
         self._top = -np.inf
         self._node = -1
 
@@ -39,33 +39,42 @@ class FilamentWriter:
         self.continued += goes_on
         self.joints += goes_on
         if not goes_on and self._is_joint(piece.ends[0]):
-            path = self._overlapping(path.reversed()).reversed()
-        self._written_nodes.add(piece.ends[0])  # so that a ring's end meets its own beginning
+            path = self._overlapping(path.reversed(), piece.ends[0]).reversed()
+        self._wrote(piece.ends[0], piece.radius[0])  # so that a ring's end meets its beginning
         if self._is_joint(piece.ends[1]):
-            path = self._overlapping(path)
+            path = self._overlapping(path, piece.ends[1])
         if not goes_on:
             self._go(path.points[0], path.vessel)
         length = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
         volume = frustum_ul(path.points, path.radius)
         speed = writing_speed(volume / length, self._options)
         self.builder.write(path.points[1:], volume, speed, path.vessel)
-        self._written_nodes.add(piece.ends[1])
+        self._wrote(piece.ends[1], piece.radius[-1])
         self._top = max(self._top, float((path.points[:, 2] + path.radius).max()))
         self._node = piece.ends[1]
         return path
 
     def _is_joint(self, node: int) -> bool:
-        if node not in self._written_nodes:
+        if node not in self._widest:
             return False
         self.joints += 1
         return True
 
-    def _overlapping(self, piece: Piece) -> Piece:
-        """Go on past the last point, into what is written there."""
-        longer = piece.extended(self._options.overlap_radii)
+    def _wrote(self, node: int, radius: float) -> None:
+        self._widest[node] = max(self._widest.get(node, 0.0), float(radius))
+
+    def _overlapping(self, piece: Piece, node: int) -> Piece:
+        """Go on past the last point, into what is written there.
+
+        By radii of the thinner of the two: a wide vessel that went on by its own would swell the
+        thin one that it meets.
+        """
+        own = float(piece.radius[-1])
+        radii = self._options.overlap_radii * min(1.0, self._widest[node] / own)
+        longer = piece.extended(radii)
         if longer is not piece:
             self.overlapped += 1
-            self.overlap_ul += float(np.pi * piece.radius[-1] ** 3 * self._options.overlap_radii)
+            self.overlap_ul += float(np.pi * own**3 * radii)
         return longer
 
     def _go(self, to: FloatArray, vessel: int) -> None:

@@ -9,16 +9,25 @@ import sys
 import time
 
 import pytest
+import yaml
 
+from firmware_profiles import Printer, load
 from printctl.link import LinkState, attach, start_print
 from printctl.link.client import _alive
-from printctl.link.errors import AlreadyPrinting, HandshakeError, JobError, PortMissing
+from printctl.link.errors import AlreadyPrinting, JobError, PortInUse, PortMissing
 from printctl.link.journal import read_journal
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
-PROFILE = "generic_marlin"
+
+@pytest.fixture(scope="module")
+def profile(tmp_path_factory) -> str:
+    """A printer that doesn't reset when its port is opened: no wait for its boot."""
+    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
+    path = tmp_path_factory.mktemp("profile") / "test.yaml"
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
@@ -40,10 +49,10 @@ def under_way(client) -> None:
     raise AssertionError("never under way")
 
 
-def test_prints_a_whole_job(tmp_path):
+def test_prints_a_whole_job(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 500)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         outcome = client.wait(30)
         assert outcome.state is LinkState.DONE
         assert outcome.lines_done == len(lines)
@@ -51,33 +60,22 @@ def test_prints_a_whole_job(tmp_path):
         assert attach(tmp_path / "run").wait().state is LinkState.DONE
 
 
-def test_missing_port_is_named_with_a_remedy(tmp_path):
+def test_missing_port_is_named_with_a_remedy(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 3)
     with pytest.raises(PortMissing, match=r"/dev/nowhere doesn't exist \(ports found: .*--port"):
-        start_print(tmp_path / "job.gcode", PROFILE, "/dev/nowhere", tmp_path / "run")
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
 
 
-def test_silent_printer_is_a_handshake_error(tmp_path):
-    write_job(tmp_path / "job.gcode", 3)
-    printer = FakeMarlin()
-    printer.mute = True
-    with (
-        pty_printer(printer) as served,
-        pytest.raises(HandshakeError, match=r"no firmware answers at .* baud rate"),
-    ):
-        start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
-
-
-def test_job_that_would_dose_twice_is_refused(tmp_path):
+def test_job_that_would_dose_twice_is_refused(tmp_path, profile):
     (tmp_path / "job.gcode").write_text("G90\nM83\nG1 X1 E1\n")
     with pytest.raises(JobError, match="line 2: M83: relative extrusion"):
-        start_print(tmp_path / "job.gcode", PROFILE, "/dev/nowhere", tmp_path / "run")
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
 
 
-def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path):
+def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 500)
     with pty_printer(FakeMarlin(), unplug_at=200) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         outcome = client.wait(30)
     assert outcome.state is LinkState.FAILED
     assert outcome.error == "PortLost"
@@ -87,36 +85,36 @@ def test_unplugged_port_fails_and_says_what_was_acknowledged(tmp_path):
     assert "position unknown" in outcome.message
 
 
-def test_reset_in_mid_print_is_position_unknown(tmp_path):
+def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 500)
     printer = FakeMarlin()
     printer.reset_at = 100
     with pty_printer(printer) as served:
-        outcome = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run").wait(
+        outcome = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run").wait(
             30
         )
     assert outcome.state is LinkState.POSITION_UNKNOWN
     assert len(handshake_and(printer)) <= 100
 
 
-def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path):
+def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 300)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         client.pause()
         until(client, LinkState.PAUSED)
         with pytest.raises(AlreadyPrinting, match="attach"):
-            start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
-        with pytest.raises(Exception, match="held by another program"):
-            start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "other")
+            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        with pytest.raises(PortInUse, match="held by another program"):
+            start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "other")
         client.resume()
         assert client.wait(30).state is LinkState.DONE
 
 
-def test_pause_relieves_lifts_and_rejoins(tmp_path):
-    lines = write_job(tmp_path / "job.gcode", 20_000)
+def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 4_000)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         under_way(client)
         client.pause()
         until(client, LinkState.PAUSED)
@@ -132,10 +130,10 @@ def test_pause_relieves_lifts_and_rejoins(tmp_path):
     assert next(line for line in sent[away:] if line.startswith("G1 Z0.5")).startswith("G1 Z0.5")
 
 
-def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path):
-    lines = write_job(tmp_path / "job.gcode", 20_000)
+def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 4_000)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         under_way(client)
         client.stop()
         outcome = client.wait(30)
@@ -150,10 +148,10 @@ def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path):
     assert tail[1].startswith("G1 Z20.5")
 
 
-def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path):
-    write_job(tmp_path / "job.gcode", 20_000)
+def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 4_000)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         under_way(client)
         client.kill()
         outcome = client.wait(30)
@@ -162,11 +160,11 @@ def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path):
     assert "halted" in outcome.message
 
 
-def test_print_goes_on_when_its_client_is_killed(tmp_path):
+def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
     lines = write_job(tmp_path / "job.gcode", 2000)
     script = (
         "import sys; from pathlib import Path; from printctl.link import start_print\n"
-        f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {PROFILE!r}, sys.argv[1], "
+        f"start_print(Path({str(tmp_path / 'job.gcode')!r}), {profile!r}, sys.argv[1], "
         f"Path({str(tmp_path / 'run')!r}))\n"
         "print('up', flush=True)\n"
         "import time; time.sleep(60)\n"
@@ -183,10 +181,10 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path):
         assert handshake_and(served.printer)[: len(lines)] == lines
 
 
-def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path):
-    lines = write_job(tmp_path / "job.gcode", 20_000)
+def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 4_000)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         for status in client.events():
             if status.lines_done > 1000:
                 break
@@ -197,7 +195,7 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
         at_least = read_journal(tmp_path / "run" / "journal.log").done
         assert 1000 < at_least <= served.printer.last
         again = start_print(
-            tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run", resume=True
+            tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True
         )
         assert again.wait(60).state is LinkState.DONE
         sent = handshake_and(served.printer)
@@ -205,10 +203,10 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
     assert [line for line in sent if line in written] == lines
 
 
-def test_link_process_ends_by_itself(tmp_path):
+def test_link_process_ends_by_itself(tmp_path, profile):
     write_job(tmp_path / "job.gcode", 10)
     with pty_printer(FakeMarlin()) as served:
-        client = start_print(tmp_path / "job.gcode", PROFILE, served.name, tmp_path / "run")
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         client.wait(30)
         limit = time.monotonic() + 5
         while _alive(tmp_path / "run"):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.link import channel
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
+from printctl.link.errors import JournalError
 from printctl.link.job import Job, parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
@@ -61,3 +65,149 @@ def test_noise_and_lost_oks_neither_lose_nor_double_a_line(tmp_path, seed):
     status = streamer_of(job_of(lines), transport, tmp_path).run()
     assert status.state is LinkState.DONE, status
     assert handshake_and(printer)[: len(lines)] == [line.decode() for line in lines]
+
+
+def test_silent_printer_is_a_handshake_error_within_its_time_limit(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    printer.mute = True
+    status = streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
+    assert status.state is LinkState.FAILED
+    assert status.error == "HandshakeError"
+    assert "no firmware answers at fake" in status.message
+    assert "baud rate (profile: 115200)" in status.message
+    assert clock.now() < 30
+
+
+def test_other_firmware_is_refused(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    printer.firmware = "Klipper"
+    status = streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
+    assert status.error == "HandshakeError"
+    assert "answers M115 with 'Klipper'" in status.message
+
+
+def test_printer_whose_steps_differ_from_the_profile_is_refused(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    printer.steps = "  M92 X80.00 Y80.00 Z400.00 E500.00"
+    status = streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
+    assert status.error == "HandshakeError"
+    assert "E makes 500 steps/mm in the firmware, 6400 in the profile" in status.message
+    assert "G1" not in " ".join(printer.executed)
+
+
+def test_printer_that_falls_silent_fails_within_ten_seconds(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+    silent_from: list[float] = []
+
+    class Muting(list):
+        def append(self, status: Status) -> None:
+            if status.lines_done > 50 and not silent_from:
+                printer.mute = True
+                silent_from.append(clock.now())
+
+    status = streamer_of(job_of(zigzag(3000)), transport, tmp_path, Muting()).run()
+    assert status.state is LinkState.FAILED
+    assert not status.position_known
+    assert "may or may not have been taken" in status.message
+    assert clock.now() - silent_from[0] < 10
+
+
+def test_many_line_errors_pause_the_print(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock, np.random.default_rng(3), noise=0.004)
+    seen: list[Status] = []
+    streamer = streamer_of(job_of(zigzag(2000)), transport, tmp_path, seen)
+
+    class Stopping(list):
+        def append(self, status: Status) -> None:
+            seen.append(status)
+            if status.state is LinkState.PAUSED:
+                streamer.stop()
+
+    streamer.wiring = replace(streamer.wiring, on_status=Stopping().append)
+    status = streamer.run()
+    assert LinkState.PAUSED in [one.state for one in seen]
+    assert status.state is LinkState.STOPPED
+    assert any("line errors" in text for text in read_journal(tmp_path / "journal.log").alarms)
+
+
+def test_full_disk_ends_in_a_controlled_stop(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    streamer = streamer_of(job_of(zigzag(3000)), FakeTransport(printer, clock), tmp_path)
+
+    class FullDisk(Journal):
+        def add(self, sort: str, **values: object) -> None:
+            if sort == "ack":
+                raise JournalError("journal can't be written: disk full; free space on the disk")
+            super().add(sort, **values)
+
+    streamer.wiring = replace(streamer.wiring, journal=FullDisk(tmp_path / "other.log"))
+    status = streamer.run()
+    assert status.state is LinkState.FAILED
+    assert "disk full" in status.message
+    assert printer.executed[-1] == "M400"
+    assert any(line.startswith("G1 E") for line in printer.executed[-3:])  # relieved
+
+
+def test_stop_before_the_first_line_sends_none(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    streamer = streamer_of(job_of(zigzag(30)), FakeTransport(printer, clock), tmp_path)
+    streamer.stop()
+    status = streamer.run()
+    assert status.state is LinkState.STOPPED
+    assert not any(line.startswith("G1") for line in printer.executed)
+
+
+class StuckTransport(FakeTransport):
+    """The cable takes no byte, until somebody writes past the queue."""
+
+    def __init__(self, printer: FakeMarlin, clock: VirtualClock, stuck_at: bytes) -> None:
+        super().__init__(printer, clock)
+        self._stuck_at = stuck_at
+        self.stuck, self.freed = threading.Event(), threading.Event()
+
+    def write(self, data: bytes) -> None:
+        if data.startswith(self._stuck_at):
+            self.stuck.set()
+            assert self.freed.wait(10)
+        else:
+            super().write(data)
+
+    def write_urgent(self, data: bytes) -> None:
+        self.waiting += self.printer.receive(data)
+        self.freed.set()
+
+
+def test_kill_leaves_while_a_write_is_stuck(tmp_path):
+    printer = FakeMarlin()
+    transport = StuckTransport(printer, VirtualClock(), b"N20 ")
+    streamer = streamer_of(job_of(zigzag(100)), transport, tmp_path)
+    result: list[Status] = []
+    thread = threading.Thread(target=lambda: result.append(streamer.run()))
+    thread.start()
+    assert transport.stuck.wait(10)
+    streamer.kill()
+    thread.join(10)
+    assert printer.halted
+    assert result[0].state is LinkState.KILLED
+    assert "M112 left the host after" in result[0].message
+    assert len([line for line in printer.executed if line.startswith("G1")]) == 19
+
+
+def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(channel, "KILL_REPEAT_S", 0.001)
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path)
+
+    class Killing(list):
+        def append(self, status: Status) -> None:
+            if status.lines_done > 50:
+                printer.mute = True
+                streamer.kill()
+
+    streamer.wiring = replace(streamer.wiring, on_status=Killing().append)
+    status = streamer.run()
+    assert status.state is LinkState.KILLED
+    assert "reset line" in status.message

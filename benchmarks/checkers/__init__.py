@@ -1,0 +1,36 @@
+"""Checkers of an exported network; they share no code with the product."""
+
+from benchmarks.checkers.collisions import Near, near_pairs
+from benchmarks.checkers.containment import Outside, pieces_outside, winding_numbers
+from benchmarks.checkers.murray import (
+    Perfusion,
+    consistent_radii,
+    murray_ratios,
+    murray_residual,
+)
+from benchmarks.checkers.poiseuille import outlet_flows, spread
+from benchmarks.checkers.read_network import Pieces, pieces_of, read_network
+from benchmarks.checkers.read_stl import box_triangles, enclosed_volume, read_stl, write_stl
+from benchmarks.checkers.volume import total_volume
+
+__all__ = [
+    "Near",
+    "Outside",
+    "Perfusion",
+    "Pieces",
+    "box_triangles",
+    "consistent_radii",
+    "enclosed_volume",
+    "murray_ratios",
+    "murray_residual",
+    "near_pairs",
+    "outlet_flows",
+    "pieces_of",
+    "pieces_outside",
+    "read_network",
+    "read_stl",
+    "spread",
+    "total_volume",
+    "winding_numbers",
+    "write_stl",
+]

@@ -1,0 +1,7 @@
+"""Alignment of scanned surface points to a model."""
+
+from registration.alignment.align import Alignment, align
+from registration.alignment.fit import Fit
+from registration.alignment.options import AlignmentOptions
+
+__all__ = ["Alignment", "AlignmentOptions", "Fit", "align"]

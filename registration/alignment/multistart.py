@@ -1,0 +1,130 @@
+"""Coarse alignment: Gauss-Newton on a grid of signed distances, from many starts at once."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit, pjit
+
+FloatArray = NDArray[np.float64]
+Grid = NDArray[np.float32]
+
+STAGES_MM = (1.0, 0.4, 0.15)
+"""Scale of the robust loss (Geman & McClure 1987), stage by stage; wide first, to be caught."""
+STEPS = 18
+"""Gauss-Newton steps a stage."""
+
+
+@jit
+def _distance(
+    grid: Grid, origin: FloatArray, step: float, x: float, y: float, z: float
+) -> tuple[float, float, float, float]:
+    """Trilinear distance and its gradient; beyond the grid its value at the border, and on."""
+    nz, ny, nx = grid.shape
+    a = (x - origin[0]) / step
+    b = (y - origin[1]) / step
+    c = (z - origin[2]) / step
+    ca = min(max(a, 0.0), nx - 1.000001)
+    cb = min(max(b, 0.0), ny - 1.000001)
+    cc = min(max(c, 0.0), nz - 1.000001)
+    i, j, k = int(ca), int(cb), int(cc)
+    u, v, w = ca - i, cb - j, cc - k
+    g000, g001 = grid[k, j, i], grid[k, j, i + 1]
+    g010, g011 = grid[k, j + 1, i], grid[k, j + 1, i + 1]
+    g100, g101 = grid[k + 1, j, i], grid[k + 1, j, i + 1]
+    g110, g111 = grid[k + 1, j + 1, i], grid[k + 1, j + 1, i + 1]
+    x00, x01 = g000 + u * (g001 - g000), g010 + u * (g011 - g010)
+    x10, x11 = g100 + u * (g101 - g100), g110 + u * (g111 - g110)
+    y0, y1 = x00 + v * (x01 - x00), x10 + v * (x11 - x10)
+    value = y0 + w * (y1 - y0)
+    gx = (1 - w) * ((1 - v) * (g001 - g000) + v * (g011 - g010)) + w * (
+        (1 - v) * (g101 - g100) + v * (g111 - g110)
+    )
+    gy = (1 - w) * (x01 - x00) + w * (x11 - x10)
+    gz = y1 - y0
+    ox, oy, oz = (a - ca) * step, (b - cb) * step, (c - cc) * step
+    outside = math.sqrt(ox * ox + oy * oy + oz * oz)
+    if outside > 0.0:
+        return value + outside, ox / outside, oy / outside, oz / outside
+    return value, gx / step, gy / step, gz / step
+
+
+@pjit
+def losses(
+    grid: Grid, origin: FloatArray, step: float, points: FloatArray, poses: FloatArray, scale: float
+) -> FloatArray:
+    """Mean robust loss d²/(d² + scale²) of each pose (n, 3, 4) over the points."""
+    out = np.empty(len(poses))
+    for s in numba.prange(len(poses)):
+        pose = poses[s]
+        total = 0.0
+        for i in range(len(points)):
+            p = points[i]
+            x = pose[0, 0] * p[0] + pose[0, 1] * p[1] + pose[0, 2] * p[2] + pose[0, 3]
+            y = pose[1, 0] * p[0] + pose[1, 1] * p[1] + pose[1, 2] * p[2] + pose[1, 3]
+            z = pose[2, 0] * p[0] + pose[2, 1] * p[1] + pose[2, 2] * p[2] + pose[2, 3]
+            d = _distance(grid, origin, step, x, y, z)[0]
+            total += d * d / (d * d + scale * scale)
+        out[s] = total / len(points)
+    return out
+
+
+@pjit
+def descend(
+    grid: Grid, origin: FloatArray, step: float, points: FloatArray, poses: FloatArray
+) -> FloatArray:
+    """Poses (n, 3, 4) after robust Gauss-Newton; points should be centred about their mean."""
+    out = poses.copy()
+    for s in numba.prange(len(poses)):
+        pose = out[s]
+        for scale in STAGES_MM:
+            for _ in range(STEPS):
+                normal = np.zeros((6, 6))
+                right = np.zeros(6)
+                row = np.empty(6)
+                for i in range(len(points)):
+                    p = points[i]
+                    rx = pose[0, 0] * p[0] + pose[0, 1] * p[1] + pose[0, 2] * p[2]
+                    ry = pose[1, 0] * p[0] + pose[1, 1] * p[1] + pose[1, 2] * p[2]
+                    rz = pose[2, 0] * p[0] + pose[2, 1] * p[1] + pose[2, 2] * p[2]
+                    d, gx, gy, gz = _distance(
+                        grid, origin, step, rx + pose[0, 3], ry + pose[1, 3], rz + pose[2, 3]
+                    )
+                    weight = (scale * scale / (scale * scale + d * d)) ** 2
+                    row[0], row[1], row[2] = ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx
+                    row[3], row[4], row[5] = gx, gy, gz
+                    for a in range(6):
+                        right[a] -= weight * row[a] * d
+                        for b in range(a + 1):
+                            normal[a, b] += weight * row[a] * row[b]
+                for a in range(6):
+                    for b in range(a):
+                        normal[b, a] = normal[a, b]
+                    normal[a, a] = normal[a, a] * 1.001 + 1e-9
+                delta = np.linalg.solve(normal, right)
+                _advance(pose, delta)
+                if np.abs(delta).max() < 1e-5:
+                    break
+    return out
+
+
+@jit
+def _advance(pose: FloatArray, delta: NDArray[Any]) -> None:
+    """Turn a pose by the rotation vector ``delta[:3]`` (Rodrigues) and shift it."""
+    x, y, z = delta[0], delta[1], delta[2]
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle > 0.3:
+        # A longer turn than the linearisation bears.
+        x, y, z, angle = x * 0.3 / angle, y * 0.3 / angle, z * 0.3 / angle, 0.3
+    a = math.sin(angle) / angle if angle > 1e-12 else 1.0
+    b = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-12 else 0.5
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + a * cross + b * (cross @ cross)
+    pose[:, :3] = turn @ np.ascontiguousarray(pose[:, :3])
+    for c in range(3):
+        pose[c, 3] += delta[3 + c]

@@ -1,0 +1,6 @@
+"""Exact signed distances to a triangle surface, and a grid of them."""
+
+from registration.distance.grid import DistanceGrid, distance_grid
+from registration.distance.surface import ModelSurface, Nearest
+
+__all__ = ["DistanceGrid", "ModelSurface", "Nearest", "distance_grid"]

@@ -1,0 +1,67 @@
+"""A bounding volume hierarchy over triangles, built by median splits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LEAF_TRIANGLES = 4
+
+
+@jit
+def build(triangles: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Build the tree of (m, 3, 3) `triangles`.
+
+    Returns
+    -------
+    boxes : (k, 6) float64
+        Lowest and highest corner of each node.
+    nodes : (k, 2) int64
+        Inner node: its children. Leaf: ``-1 - first``, and one past the last, of `order`.
+    order : (m,) int64
+        Triangles in the order of the leaves.
+    """
+    m = len(triangles)
+    centre = np.empty((m, 3))
+    for i in range(m):
+        for c in range(3):
+            centre[i, c] = (triangles[i, 0, c] + triangles[i, 1, c] + triangles[i, 2, c]) / 3.0
+    order = np.arange(m)
+    boxes = np.empty((2 * m, 6))
+    nodes = np.empty((2 * m, 2), dtype=np.int64)
+    stack = np.empty((128, 3), dtype=np.int64)
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, m
+    top, count = 1, 1
+    while top > 0:
+        top -= 1
+        node, first, last = stack[top, 0], stack[top, 1], stack[top, 2]
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        centre_low, centre_high = np.full(3, np.inf), np.full(3, -np.inf)
+        for i in range(first, last):
+            t = order[i]
+            for c in range(3):
+                for corner in range(3):
+                    low[c] = min(low[c], triangles[t, corner, c])
+                    high[c] = max(high[c], triangles[t, corner, c])
+                centre_low[c] = min(centre_low[c], centre[t, c])
+                centre_high[c] = max(centre_high[c], centre[t, c])
+        boxes[node, :3], boxes[node, 3:] = low, high
+        if last - first <= LEAF_TRIANGLES:
+            nodes[node, 0], nodes[node, 1] = -1 - first, last
+            continue
+        axis = int(np.argmax(centre_high - centre_low))
+        part = order[first:last].copy()
+        part = part[np.argsort(centre[part, axis], kind="mergesort")]
+        order[first:last] = part
+        middle = (first + last) // 2
+        nodes[node, 0], nodes[node, 1] = count, count + 1
+        stack[top, 0], stack[top, 1], stack[top, 2] = count, first, middle
+        stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = count + 1, middle, last
+        top += 2
+        count += 2
+    return boxes[:count].copy(), nodes[:count].copy(), order

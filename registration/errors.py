@@ -1,0 +1,27 @@
+"""Errors of the registration side.
+
+::
+
+    RegistrationError           anything a user can mend on the registration side
+    ├── ScanFileError           a scan that can't be read, or comes without its units
+    ├── SegmentationError       empty, saturated or contrastless volume
+    └── AlignmentError          scan and model don't fit each other
+"""
+
+from __future__ import annotations
+
+
+class RegistrationError(ValueError):
+    """Bad input to registration; the message says what, value, limit, unit and remedy."""
+
+
+class ScanFileError(RegistrationError):
+    """A scan file that can't be read, or comes without its units."""
+
+
+class SegmentationError(RegistrationError):
+    """A volume in which no lumen or surface can be told from the gel."""
+
+
+class AlignmentError(RegistrationError):
+    """A scan that can't be aligned to the model."""

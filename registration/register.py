@@ -1,0 +1,178 @@
+"""Scan to report: segment, align, gauge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.solids.solid import Solid
+from registration.alignment import Alignment, AlignmentOptions, align
+from registration.distance import ModelSurface
+from registration.errors import RegistrationError
+from registration.gauging import VesselGauge, deviations, gauge_vessels, summarise
+from registration.result import RegistrationReport
+from registration.scan import Scan
+from registration.segmentation import SegmentationOptions, segment
+
+FloatArray = NDArray[np.float64]
+
+HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
+
+
+@dataclass(frozen=True)
+class RegistrationOptions:
+    """How a scan is registered.
+
+    Attributes
+    ----------
+    working_voxel_mm : float or None, mm
+        Voxels are averaged to about this; None takes an eighth of the thinnest lumen, at most
+        0.1 mm.
+    smoothing_mm : float or None, mm
+        Gaussian; None takes 0.8 of the working voxel.
+    lumens : "dark" or "bright"
+        Against the gel (micro-CT and confocal).
+    section_mm : float or None, mm
+        Between sections along a vessel; None takes a quarter of the thinnest lumen.
+    alignment : AlignmentOptions
+        Of the search.
+    """
+
+    working_voxel_mm: float | None = None
+    smoothing_mm: float | None = None
+    lumens: Literal["dark", "bright"] = "dark"
+    section_mm: float | None = None
+    alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
+
+
+def register_scan(
+    scan: Scan,
+    model: Solid,
+    network: VesselNetwork,
+    options: RegistrationOptions | None = None,
+) -> RegistrationReport:
+    """Compare a scan with its design.
+
+    Parameters
+    ----------
+    scan : Scan
+        A volume with its units.
+    model : Solid
+        What was to be printed, in the part's frame: the construct (gel) where its outside is
+        scanned too, or the lumens alone. Which of the two it is, is seen from the network: its
+        axes lie inside lumens and outside gel.
+    network : VesselNetwork
+        The vessels, in the part's frame.
+    options : RegistrationOptions
+        Defaults suit both.
+
+    Raises
+    ------
+    RegistrationError
+        When the scan can't be segmented, doesn't fit the model, or model and network don't
+        belong together.
+    """
+    options = options or RegistrationOptions()
+    surface = ModelSurface.of(model)
+    is_lumen = _model_is_lumen(surface, network)
+    thinnest = 2 * float(network.radius.min())
+    segmentation = segment(scan, _segmentation_options(options, thinnest))
+    points = segmentation.vertices[segmentation.seen]
+    alignment = align(surface, points, scan.depth_down, options.alignment)
+    rigid = deviations(surface, alignment.rigid.apply(segmentation.vertices), is_lumen)
+    scaled = deviations(surface, alignment.scaled.apply(segmentation.vertices), is_lumen)
+    vessels = gauge_vessels(
+        network, segmentation, alignment.scaled, scaled, options.section_mm or thinnest / 4
+    )
+    seen = segmentation.seen
+    return RegistrationReport(
+        transform_scan_to_part=alignment.rigid.matrix,
+        scaled_scan_to_part=alignment.scaled.matrix,
+        scale=alignment.scaled.scale,
+        depth_scale_fitted=alignment.depth_fitted,
+        offset_um=1e3 * alignment.scaled.offset_mm * (1 if is_lumen else -1),
+        margin=alignment.margin,
+        ambiguous=alignment.ambiguous,
+        rigid=summarise(rigid[seen]),
+        scaled=summarise(scaled[seen]),
+        vertices=alignment.rigid.apply(segmentation.vertices),
+        faces=segmentation.faces,
+        deviation_um=1e3 * rigid,
+        scaled_deviation_um=1e3 * scaled,
+        seen=seen,
+        histogram_edges_um=HISTOGRAM_EDGES_UM,
+        histogram_counts=_histogram(scaled[seen]),
+        histogram_counts_rigid=_histogram(rigid[seen]),
+        vessels=vessels,
+        all_open=_all_open(vessels),
+        notes=_notes(scan, alignment, vessels, float(seen.mean())),
+    )
+
+
+def _segmentation_options(options: RegistrationOptions, thinnest: float) -> SegmentationOptions:
+    return SegmentationOptions(
+        working_voxel_mm=options.working_voxel_mm or min(0.1, thinnest / 8),
+        smoothing_mm=options.smoothing_mm,
+        lumens=options.lumens,
+    )
+
+
+def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:
+    """Whether the vessels' axes lie inside the model."""
+    start, end, _, _, _ = network.pieces()
+    inside = float((surface.query((start + end) / 2).distance < 0).mean())
+    if 0.1 < inside < 0.9:
+        raise RegistrationError(
+            f"{100 * inside:.0f} % of the network's axes lie inside the model: it is neither "
+            "lumen (nearly all inside) nor construct (nearly none); give model and network of the "
+            "same design, in the same frame"
+        )
+    return inside >= 0.9
+
+
+def _histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
+    clipped = np.clip(1e3 * deviation_mm, HISTOGRAM_EDGES_UM[0], HISTOGRAM_EDGES_UM[-1])
+    return np.histogram(clipped, HISTOGRAM_EDGES_UM)[0].astype(np.int64)
+
+
+def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:
+    known = [vessel.open for vessel in vessels if vessel.open is not None]
+    return bool(known) and all(known)
+
+
+def _notes(
+    scan: Scan, alignment: Alignment, vessels: tuple[VesselGauge, ...], seen: float
+) -> tuple[str, ...]:
+    """What a reader must know before trusting the numbers."""
+    notes = []
+    if alignment.ambiguous:
+        notes.append(
+            f"Pose ambiguous: the best wrong pose deviates only {alignment.margin:.2f} times as "
+            "much as the best."
+        )
+    if not alignment.depth_fitted:
+        notes.append(
+            "Depth scale not fitted: less than 2 mm of depth in view, so it can't be told from an "
+            "error of the refractive index."
+        )
+    elif scan.optical_depth:
+        notes.append(
+            f"Depth scale rests on the refractive index {scan.refractive_index:g} of the scan: "
+            "shrinkage in depth and an error of the index look the same."
+        )
+    if seen < 0.98:
+        notes.append(f"{100 * (1 - seen):.0f} % of the surface lies where light failed; left out.")
+    closed = [str(vessel.vessel) for vessel in vessels if vessel.open is False]
+    unseen = [str(vessel.vessel) for vessel in vessels if vessel.open is None]
+    bare = [str(v.vessel) for v in vessels if v.open is not None and v.sections == 0]
+    if closed:
+        notes.append(f"Closed vessels: {', '.join(closed)}.")
+    if unseen:
+        notes.append(f"Vessels outside the field of view: {', '.join(unseen)}.")
+    if bare:
+        notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
+    return tuple(notes)

@@ -1,0 +1,136 @@
+"""Kernels on whole volumes: binning, smoothing, attenuation compensation, flat field."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import pjit
+from registration.segmentation.volume import Volume
+
+FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
+Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+
+_CHUNK = 12
+"""Planes a thread smooths at a time: enough to spread the halo, little enough for memory."""
+
+
+@pjit
+def bin_mean(
+    raw: NDArray[np.generic], bins: tuple[int, int, int], decibel: bool, offset: float
+) -> FloatVolume:
+    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, less `offset`.
+
+    Intensities in dB become linear before they are averaged; a rest at the end is dropped.
+    """
+    bz, by, bx = bins
+    nz, ny, nx = raw.shape[0] // bz, raw.shape[1] // by, raw.shape[2] // bx
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    share = np.float32(1.0 / (bz * by * bx))
+    for z in numba.prange(nz):
+        row = np.empty(nx, dtype=np.float32)
+        for y in range(ny):
+            row[:] = 0.0
+            for k in range(z * bz, (z + 1) * bz):
+                for j in range(y * by, (y + 1) * by):
+                    for x in range(nx):
+                        for i in range(x * bx, (x + 1) * bx):
+                            value = np.float32(raw[k, j, i])
+                            if decibel:
+                                value = np.float32(10.0) ** (value * np.float32(0.1))
+                            row[x] += value
+            for x in range(nx):
+                out[z, y, x] = row[x] * share - np.float32(offset)
+    return out
+
+
+def gaussian_weights(sigma_voxels: float) -> NDArray[np.float32]:
+    """Weights of a Gaussian out to three standard deviations, summing to 1."""
+    reach = max(1, math.ceil(3 * sigma_voxels))
+    offsets = np.arange(-reach, reach + 1)
+    if sigma_voxels <= 0:
+        return np.asarray(offsets == 0, dtype=np.float32)
+    weights = np.exp(-0.5 * (offsets / sigma_voxels) ** 2)
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
+
+
+@pjit
+def smooth(
+    values: NDArray[np.generic],
+    out: Volume,
+    weights: Weights,
+    rounding: float,
+) -> None:
+    """Separable Gaussian (weights along z, y, x) into `out`, nearest value beyond the edges.
+
+    `rounding` is 0.5 when `out` holds whole numbers.
+    """
+    wz, wy, wx = weights
+    nz, ny, nx = values.shape
+    rz, ry, rx = len(wz) // 2, len(wy) // 2, len(wx) // 2
+    for chunk in numba.prange((nz + _CHUNK - 1) // _CHUNK):
+        first = int(np.int64(chunk)) * _CHUNK  # numba's own index is unsigned
+        last = min(nz, first + _CHUNK)
+        low, high = max(0, first - rz), min(nz, last + rz)
+        planes = np.empty((high - low, ny, nx), dtype=np.float32)
+        row = np.empty(nx + 2 * rx, dtype=np.float32)
+        for z in range(low, high):
+            for y in range(ny):
+                row[:] = 0.0
+                for j in range(-ry, ry + 1):
+                    source = min(max(y + j, 0), ny - 1)
+                    weight = wy[j + ry]
+                    for x in range(nx):
+                        row[x + rx] += weight * np.float32(values[z, source, x])
+                for i in range(rx):
+                    row[i], row[nx + rx + i] = row[rx], row[nx + rx - 1]
+                for x in range(nx):
+                    total = np.float32(0.0)
+                    for i in range(2 * rx + 1):
+                        total += wx[i] * row[x + i]
+                    planes[z - low, y, x] = total
+        line = np.empty(nx, dtype=np.float32)
+        for z in range(first, last):
+            for y in range(ny):
+                line[:] = np.float32(rounding)
+                for k in range(-rz, rz + 1):
+                    source = min(max(z + k, 0), nz - 1) - low
+                    weight = wz[k + rz]
+                    for x in range(nx):
+                        line[x] += weight * planes[source, y, x]
+                for x in range(nx):
+                    out[z, y, x] = line[x]
+
+
+@pjit
+def divide_by_field(values: FloatVolume, field: FloatVolume, factor: tuple[int, int, int]) -> None:
+    """Divide in place by a field given at every `factor`-th voxel (block centres), trilinear."""
+    nz, ny, nx = values.shape
+    mz, my, mx = field.shape
+    fz, fy, fx = factor
+    for z in numba.prange(nz):
+        c = min(max((z + 0.5) / fz - 0.5, 0.0), mz - 1.0)
+        k = min(int(c), mz - 2) if mz > 1 else 0
+        w = c - k
+        k1 = min(k + 1, mz - 1)
+        for y in range(ny):
+            b = min(max((y + 0.5) / fy - 0.5, 0.0), my - 1.0)
+            j = min(int(b), my - 2) if my > 1 else 0
+            v = b - j
+            j1 = min(j + 1, my - 1)
+            for x in range(nx):
+                a = min(max((x + 0.5) / fx - 0.5, 0.0), mx - 1.0)
+                i = min(int(a), mx - 2) if mx > 1 else 0
+                u = a - i
+                i1 = min(i + 1, mx - 1)
+                near = field[k, j, i] * (1 - u) + field[k, j, i1] * u
+                far = field[k, j1, i] * (1 - u) + field[k, j1, i1] * u
+                top = near * (1 - v) + far * v
+                near = field[k1, j, i] * (1 - u) + field[k1, j, i1] * u
+                far = field[k1, j1, i] * (1 - u) + field[k1, j1, i1] * u
+                bottom = near * (1 - v) + far * v
+                values[z, y, x] = np.float32(values[z, y, x] / (top * (1 - w) + bottom * w))

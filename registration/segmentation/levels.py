@@ -1,0 +1,88 @@
+"""Grey levels: Otsu's threshold, the two classes, and whether there is any contrast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.errors import SegmentationError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Two classes of grey values.
+
+    Attributes
+    ----------
+    lumen, gel : float
+        Typical value of each class.
+    contrast : float
+        Their distance over the spread of the gel.
+    """
+
+    lumen: float
+    gel: float
+    contrast: float
+
+    @property
+    def half(self) -> float:
+        """The surface's level, halfway between the classes."""
+        return (self.lumen + self.gel) / 2
+
+
+def otsu(values: FloatArray, bins: int = 256) -> float:
+    """Threshold that separates two classes best (Otsu 1979, 10.1109/TSMC.1979.4310076).
+
+    The histogram runs from the 0.1 to the 99.9 percentile, so that stray values don't eat it.
+    """
+    low, high = np.percentile(values, (0.1, 99.9))
+    if high <= low:
+        return float(low)
+    counts, edges = np.histogram(values, bins=bins, range=(low, high))
+    centre = (edges[:-1] + edges[1:]) / 2
+    below, above = np.cumsum(counts)[:-1], np.cumsum(counts[::-1])[-2::-1]
+    moment = np.cumsum(counts * centre)
+    mean_below = moment[:-1] / np.maximum(below, 1)
+    mean_above = (moment[-1] - moment[:-1]) / np.maximum(above, 1)
+    between = below.astype(float) * above * (mean_above - mean_below) ** 2
+    best = np.flatnonzero(between == between.max())
+    return float(edges[1 + best[len(best) // 2]])
+
+
+def balanced_levels(values: FloatArray) -> Levels:
+    """Classes where both fill a fair share of the volume (OCT of a print in liquid)."""
+    threshold = otsu(values)
+    gel, lumen = values[values > threshold], values[values <= threshold]
+    return _levels(lumen, gel)
+
+
+def sparse_levels(values: FloatArray) -> Levels:
+    """Classes where lumens fill a small share (micro-CT of vessels in gel).
+
+    The gel is the bulk, so median and spread are its own; lumen is what lies far below it, and
+    its level is the median of what is nearer to the darkest than to the gel, because the
+    borders are mixtures.
+    """
+    gel = float(np.median(values))
+    spread = 1.4826 * float(np.median(np.abs(values - gel)))
+    dark = values[values < gel - 6 * max(spread, 1e-6 * abs(gel))]
+    if len(dark) < 100:
+        raise SegmentationError(
+            f"no lumen stands out: {len(dark)} of {len(values)} sampled voxels lie six standard "
+            "deviations from the gel; check the scan, or say lumens='bright' if they are filled "
+            "with contrast agent"
+        )
+    half = (gel + float(np.percentile(dark, 2))) / 2
+    return _levels(dark[dark < half], values[values > half])
+
+
+def _levels(lumen: FloatArray, gel: FloatArray) -> Levels:
+    if len(lumen) == 0 or len(gel) == 0:
+        raise SegmentationError("the scan has one grey value only; nothing can be told apart")
+    low, high = float(np.median(lumen)), float(np.median(gel))
+    spread = 1.4826 * float(np.median(np.abs(gel - high)))
+    return Levels(low, high, (high - low) / max(spread, 1e-9 * abs(high)))

@@ -1,0 +1,155 @@
+"""Light on its way down an A-scan: the compensation of attenuation and shadows in OCT.
+
+Vermeer et al. 2014 (10.1364/BOE.5.000322): what a voxel sends back, I_i, over the light that
+still is on its way there is its attenuation coefficient; and that light is what comes back from
+below it, plus what leaves the gel unseen:
+
+    light_i = 2 Δ (Σ_{j>i} I_j + I_i / 2) + beyond,   μ_i = I_i / light_i
+
+`beyond` decides how true walls come out, so each A-scan gets two estimates of it:
+
+- from below: at the lowest voxels well within the gel, light is I / μ with the gel's own μ;
+- from above: as much light enters here as into the A-scans around.
+
+The first is right where the gel is thick, the second along a steep wall, where an A-scan is
+filled in part all the way and has no voxel that is surely gel. They are weighted by their errors.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from kernels import pjit
+from registration.segmentation.filters import gaussian_weights, smooth
+
+FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
+
+ERROR_BELOW = 0.2
+"""Relative error of the light from below: speckle of four voxels, and the typical μ."""
+ERROR_ABOVE = 0.03
+"""Relative error of the light from above."""
+EVEN_MM = 0.5
+"""The incoming light is taken as even over about this distance."""
+
+
+def light_left(
+    signal: FloatVolume, step_mm: float, floor: float, pixel_mm: FloatArray, depth_down: bool
+) -> tuple[FloatVolume, float]:
+    """Light at every voxel of an OCT volume whose noise floor has been taken off.
+
+    Parameters
+    ----------
+    signal : (nz, ny, nx) float32
+        Linear intensity.
+    step_mm : float, mm
+        Geometric depth of a voxel; below 1/(5 μ).
+    floor : float
+        Signal below this is noise.
+    pixel_mm : (2,) float64, mm
+        Lateral voxel size, x and y.
+    depth_down : bool
+        Whether light runs along growing z.
+
+    Returns
+    -------
+    light : (nz, ny, nx) float32
+        ``signal / light`` is the attenuation coefficient in 1/mm.
+    typical : float, 1/mm
+        That of the gel.
+    """
+    down = signal if depth_down else signal[::-1]
+    unknown = np.full(signal.shape[1:], floor)  # as if μ were 1/mm below what is seen
+    light = accumulate(down, step_mm, unknown)
+    ratio = down / light
+    typical = _typical(down, ratio)
+    gel = (ratio > 0.5 * typical).astype(np.float32)
+    softened = np.empty_like(gel)
+    around = gaussian_weights(1.2)
+    smooth(gel, softened, (around, around, around), 0.0)
+    below, deep, returned = from_below(down, softened > 0.95, step_mm, typical)
+    beyond = _weighted(below, deep, returned, EVEN_MM / pixel_mm[::-1])
+    light = accumulate(down, step_mm, np.maximum(beyond, floor / typical))
+    return (light if depth_down else light[::-1]), typical
+
+
+def _typical(signal: FloatVolume, ratio: FloatVolume) -> float:
+    """Attenuation of the gel, 1/mm, from its brightest 10 dB.
+
+    There the light is strong, and what is unknown beyond the lower end weighs little.
+    """
+    every = max(1, signal.size // 1_000_000)
+    bright, quotient = signal.ravel()[::every], ratio.ravel()[::every]
+    return float(np.median(quotient[bright > 0.1 * np.percentile(bright, 99)]))
+
+
+def _weighted(
+    below: FloatArray, deep: FloatArray, returned: FloatArray, sigma: FloatArray
+) -> FloatArray:
+    """Light beyond each A-scan, (ny, nx), from both estimates."""
+    solid = (deep > 0) & (deep < 0.2 * returned)
+    if not solid.any():
+        solid = deep > 0
+    entering = np.where(solid, returned + below, 0.0)
+    usual = float(np.median(entering[solid])) if solid.any() else float(returned.max())
+    share = gaussian_filter(solid.astype(float), sigma)
+    around = (gaussian_filter(entering, sigma) + 1e-3 * usual) / (share + 1e-3)
+    precise_above = 1.0 / (ERROR_ABOVE * around) ** 2
+    precise_below = np.where(deep > 0, 1.0 / (ERROR_BELOW * np.maximum(deep, 1e-12)) ** 2, 0.0)
+    above = around - returned
+    return np.asarray(
+        (above * precise_above + below * precise_below) / (precise_above + precise_below)
+    )
+
+
+@pjit
+def accumulate(down: FloatVolume, step_mm: float, beyond: FloatArray) -> FloatVolume:
+    """Sum from below: the light at each voxel, given what lies beyond each A-scan."""
+    nz, ny, nx = down.shape
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    for y in numba.prange(ny):
+        sum_below = np.zeros(nx)
+        for step in range(nz):
+            z = nz - 1 - step
+            for x in range(nx):
+                value = down[z, y, x]
+                passed = 2.0 * step_mm * max(sum_below[x] + 0.5 * value, 0.0)
+                out[z, y, x] = np.float32(passed + beyond[y, x])
+                sum_below[x] += value
+    return out
+
+
+@pjit
+def from_below(
+    down: FloatVolume, within: NDArray[np.bool_], step_mm: float, typical: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What the four lowest voxels within the gel say of each A-scan.
+
+    Returns the light beyond, the light at those voxels (0 where there are none), and the light
+    that came back from the whole A-scan, (ny, nx) each.
+    """
+    nz, ny, nx = down.shape
+    beyond = np.zeros((ny, nx))
+    deep = np.zeros((ny, nx))
+    returned = np.zeros((ny, nx))
+    for y in numba.prange(ny):
+        count = np.zeros(nx, dtype=np.int64)
+        for step in range(nz):
+            z = nz - 1 - step
+            for x in range(nx):
+                value = down[z, y, x]
+                if count[x] < 4 and within[z, y, x]:
+                    count[x] += 1
+                    passed = 2.0 * step_mm * returned[y, x] + step_mm * value
+                    beyond[y, x] += value / typical - passed
+                    deep[y, x] += value / typical
+                returned[y, x] += value
+        for x in range(nx):
+            returned[y, x] *= 2.0 * step_mm
+            if count[x] > 0:
+                beyond[y, x] /= count[x]
+                deep[y, x] /= count[x]
+    return beyond, deep, returned

@@ -1,0 +1,83 @@
+"""The surface of a gel field, with what of it was seen and without specks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from registration.errors import SegmentationError
+from registration.segmentation.nets import surface
+from registration.segmentation.volume import GelField, Strength
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SurfaceMesh:
+    """See `registration.segmentation.Segmentation`, of which these are fields."""
+
+    vertices: FloatArray
+    outward: FloatArray
+    faces: NDArray[np.int32]
+    seen: NDArray[np.bool_]
+
+
+def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) -> SurfaceMesh:
+    """Surface of a field in the scan's frame; closed surfaces smaller than `speck_mm` dropped.
+
+    Raises
+    ------
+    SegmentationError
+        When there is none.
+    """
+    position, gradient, faces = surface(field.values, field.level, field.sign)
+    if len(faces) == 0:
+        raise SegmentationError("no surface between gel and lumen in the volume; check the scan")
+    vertices = position * field.voxel_mm + field.origin_mm
+    outward = -gradient / field.voxel_mm
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-30)
+    seen = _away_from_edge(position, field)
+    if strength is not None:
+        seen &= _lit(position, gradient, strength)
+    kept = _large_components(vertices, faces, speck_mm)
+    if not kept.any():
+        raise SegmentationError(
+            f"nothing but specks below {speck_mm:g} mm between gel and lumen; check the scan, and "
+            "whether lumens are dark or bright in it"
+        )
+    number = np.cumsum(kept) - 1
+    faces = number[faces[kept[faces[:, 0]]]].astype(np.int32)
+    return SurfaceMesh(vertices[kept], outward[kept], faces, seen[kept])
+
+
+def _away_from_edge(position: FloatArray, field: GelField) -> NDArray[np.bool_]:
+    """At least two voxels inside the field of view, beyond which smoothing knows nothing."""
+    last = np.array(field.values.shape[::-1]) - 1
+    return np.asarray(((position >= 2) & (position <= last - 2)).all(axis=1))
+
+
+def _lit(position: FloatArray, gradient: FloatArray, strength: Strength) -> NDArray[np.bool_]:
+    """Where the gel beside the surface sends back more than the noise floor."""
+    last = np.array(strength.signal.shape[::-1]) - 1
+    beside = np.clip(np.round(position + 2 * gradient), 0, last).astype(int)
+    signal = strength.signal[beside[:, 2], beside[:, 1], beside[:, 0]]
+    return np.asarray(signal > strength.noise)
+
+
+def _large_components(
+    vertices: FloatArray, faces: NDArray[np.int32], speck_mm: float
+) -> NDArray[np.bool_]:
+    """Vertices whose connected surface has a box diagonal of at least `speck_mm`."""
+    n = len(vertices)
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:]])
+    ones = np.ones(len(pairs), dtype=np.int8)
+    _, label = connected_components(coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(n, n)))
+    order = np.argsort(label, kind="stable")
+    first = np.flatnonzero(np.concatenate([[True], np.diff(label[order]) > 0]))
+    low = np.minimum.reduceat(vertices[order], first, axis=0)
+    high = np.maximum.reduceat(vertices[order], first, axis=0)
+    return np.asarray(np.linalg.norm(high - low, axis=1)[label] >= speck_mm)

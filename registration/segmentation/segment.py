@@ -1,0 +1,123 @@
+"""Segmentation: the scanned surface between gel and what isn't gel, to a fraction of a voxel.
+
+OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014), smooth, Otsu, divide by
+the local level of the gel (which takes roll-off and the rest of the compensation's error away),
+then the surface halfway between liquid and gel. Micro-CT and confocal: bin, smooth, the surface
+halfway between the modes of gel and lumen.
+
+Not done yet: roll-off from the instrument's file, refraction, shadows of absorbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.errors import SegmentationError
+from registration.scan import Scan
+from registration.segmentation.mesh import surface_mesh
+from registration.segmentation.oct_field import oct_field
+from registration.segmentation.plain_field import plain_field
+from registration.segmentation.volume import GelField, Strength
+from registration.segmentation.working import Working
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SegmentationOptions:
+    """How a scan is segmented.
+
+    Attributes
+    ----------
+    working_voxel_mm : float, mm
+        Voxels are averaged to about this edge; an eighth of the thinnest lumen is right.
+    smoothing_mm : float or None, mm
+        Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`.
+    lumens : "dark" or "bright"
+        Against the gel; "bright" when filled with contrast agent.
+    speck_mm : float, mm
+        Closed surfaces with a box diagonal below this are noise.
+    """
+
+    working_voxel_mm: float = 0.05
+    smoothing_mm: float | None = None
+    lumens: Literal["dark", "bright"] = "dark"
+    speck_mm: float = 0.5
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """The scanned surface, in the scan's frame.
+
+    Attributes
+    ----------
+    field : GelField
+        The volume it was taken from.
+    vertices : (n, 3) float64, mm
+        Points of the surface.
+    outward : (n, 3) float64
+        Unit normals, out of the gel.
+    faces : (m, 3) int32
+        Triangles, facing out of the gel.
+    seen : (n,) bool
+        Where light came back from the gel beside the surface, and the field's edge is far.
+    contrast : float
+        Distance of the two classes over the spread of the gel.
+    strength : Strength or None
+        None where no light measured, and all of the field is seen.
+    """
+
+    field: GelField
+    vertices: FloatArray
+    outward: FloatArray
+    faces: NDArray[np.int32]
+    seen: NDArray[np.bool_]
+    contrast: float
+    strength: Strength | None
+
+
+def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentation:
+    """Find the surface between gel and lumen (or liquid) in a scan.
+
+    Raises
+    ------
+    SegmentationError
+        When the volume is empty, saturated, not finite or without contrast.
+    """
+    options = options or SegmentationOptions()
+    _check_volume(scan)
+    smoothing = options.smoothing_mm or 0.8 * options.working_voxel_mm
+    working = Working.of(scan, options.working_voxel_mm, smoothing)
+    strength: Strength | None = None
+    if scan.modality == "oct":
+        field, contrast, strength = oct_field(scan, working)
+    else:
+        field, contrast = plain_field(scan, working, options.lumens)
+    mesh = surface_mesh(field, strength, options.speck_mm)
+    return Segmentation(
+        field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength
+    )
+
+
+def _check_volume(scan: Scan) -> None:
+    volume = scan.volume
+    if volume.ndim != 3 or min(volume.shape) < 8:
+        raise SegmentationError(
+            f"volume of shape {volume.shape} isn't a stack of at least 8 voxels each way"
+        )
+    probe = volume[:: max(1, volume.shape[0] // 64), ::4, ::4]
+    if not np.isfinite(probe.astype(np.float64)).all():
+        raise SegmentationError("the volume holds NaN or infinite values; export it again")
+    low, high = probe.min(), probe.max()
+    if low == high:
+        raise SegmentationError(f"the volume is empty: every sampled voxel is {low}")
+    clipped = float((probe == high).mean())
+    if clipped > 0.05 and np.issubdtype(volume.dtype, np.integer):
+        raise SegmentationError(
+            f"the volume is saturated: {100 * clipped:.0f} % of its voxels hold the largest "
+            f"value {high} (limit 5 %); scan again with less power or gain"
+        )

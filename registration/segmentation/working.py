@@ -1,0 +1,75 @@
+"""The working grid: how a scan's voxels are averaged and smoothed before anything is decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.scan import Scan
+from registration.segmentation.filters import Weights, bin_mean, gaussian_weights, smooth
+from registration.segmentation.volume import Volume
+
+FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Working:
+    """Binning and smoothing of one scan.
+
+    Attributes
+    ----------
+    bins : (bz, by, bx)
+        Voxels averaged into one.
+    weights : Weights
+        Of the Gaussian, along z, y, x.
+    voxel_mm : (3,) float64, mm
+        After binning, geometric, as x, y, z.
+    origin_mm : (3,) float64, mm
+        Centre of the first binned voxel in the scan's frame, as x, y, z.
+    blur_mm : float, mm
+        Standard deviation of binning (a box of edge v has v²/12) and Gaussian together.
+    """
+
+    bins: tuple[int, int, int]
+    weights: Weights
+    voxel_mm: FloatArray
+    origin_mm: FloatArray
+    blur_mm: float
+
+    @staticmethod
+    def of(scan: Scan, voxel_mm: float, smoothing_mm: float) -> Working:
+        """Average to voxels of about `voxel_mm`, smooth by `smoothing_mm`."""
+        voxel = np.array(scan.geometric_voxel_mm)
+        most = np.array(scan.volume.shape) // 8
+        bins = np.clip(np.round(voxel_mm / voxel), 1, most).astype(int)
+        z, y, x = (gaussian_weights(s) for s in smoothing_mm / (voxel * bins))
+        origin = ((bins - 1) / 2 * voxel)[::-1]
+        bz, by, bx = bins.tolist()
+        blur = float(np.sqrt(smoothing_mm**2 + np.mean((voxel * bins) ** 2) / 12))
+        return Working((bz, by, bx), (z, y, x), (voxel * bins)[::-1], origin, blur)
+
+    def binned(self, scan: Scan) -> FloatVolume:
+        """Mean linear intensity on the working grid."""
+        mean: FloatVolume = bin_mean(scan.volume, self.bins, scan.scale == "db", 0.0)
+        return mean
+
+    def smoothed(self, values: FloatVolume) -> FloatVolume:
+        """Gaussian-smoothed copy."""
+        out = np.empty(values.shape, np.float32)
+        smooth(values, out, self.weights, 0.0)
+        return out
+
+    def smoothed_counts(self, values: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """The same in whole counts: half the memory, for scans too large to hold as floats."""
+        out = np.empty(values.shape, np.uint16)
+        smooth(values, out, self.weights, 0.5)
+        return out
+
+
+def probe(values: Volume) -> FloatArray:
+    """About a million values, evenly spread."""
+    flat = values.ravel()
+    return flat[:: max(1, flat.size // 1_000_000)].astype(np.float64)

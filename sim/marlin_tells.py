@@ -1,0 +1,123 @@
+"""Commands that only tell something, or set how often it is told."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from sim.gcode import Command
+from sim.marlin_texts import identity
+
+if TYPE_CHECKING:
+    from sim.marlin_loop import MainLoop
+
+
+def position_report(board: MainLoop, counts: list[int]) -> str:
+    """X to E as the user numbers them, then the steps of x, y and z."""
+    machine = board.machine
+    position = machine.modal["position"][0]
+    shift = machine.modal["shift"][0]
+    x, y, z = (position[axis] + shift[axis] for axis in range(3))
+    return (
+        f"X:{_two(x)} Y:{_two(y)} Z:{_two(z)} E:{_two(position[3])} "
+        f"Count X:{counts[0]} Y:{counts[1]} Z:{counts[2]}"
+    )
+
+
+def _two(value: float) -> str:
+    return f"{value + 0.0:.2f}"
+
+
+def planned_position(board: MainLoop) -> str:
+    """Report of M114: counts are those at the end of the last block taken."""
+    return position_report(board, [int(v) for v in board.machine.planner["position"][0]])
+
+
+def m31(board: MainLoop, command: Command) -> None:
+    """Print time."""
+    seconds = int(board.machine.timer.read(board.machine.now))
+    parts = [(seconds // 86400, "d"), (seconds // 3600 % 24, "h"), (seconds // 60 % 60, "m")]
+    while parts and parts[0][0] == 0:
+        parts.pop(0)
+    text = " ".join(f"{value}{unit}" for value, unit in [*parts, (seconds % 60, "s")])
+    board.machine.say(f"echo:Print time: {text}")
+
+
+def m105(board: MainLoop, command: Command) -> None:
+    """Temperatures behind an ok of its own."""
+    board.say_ok(board.machine.temperatures())
+
+
+def m110(board: MainLoop, command: Command) -> None:
+    """Set or tell the last line number."""
+    position = command.values.get("N")
+    if position is None:
+        board.machine.say(f"Line: {board.lines.last_number}")
+    else:
+        board.lines.last_number = int(position)
+
+
+def m111(board: MainLoop, command: Command) -> None:
+    """Debug flags."""
+    machine = board.machine
+    if "S" in command.values:
+        machine.debug = int(command.values["S"])
+    names = ("ECHO", "INFO", "ERRORS", "DRYRUN", "COMMUNICATION")
+    on = [name for bit, name in enumerate(names) if machine.debug >> bit & 1]
+    machine.say("echo:DEBUG:" + (",".join(on) if on else "Off"))
+
+
+def m113(board: MainLoop, command: Command) -> None:
+    """Interval of the busy message."""
+    if "S" in command.values:
+        board.machine.reports.keepalive_s = min(max(command.values["S"], 0.0), 60.0)
+    else:
+        board.machine.say(f"echo:M113 S{board.machine.reports.keepalive_s:g}")
+
+
+def m114(board: MainLoop, command: Command) -> None:
+    """Position at the end of the last move taken."""
+    board.machine.say(planned_position(board))
+
+
+def m115(board: MainLoop, command: Command) -> None:
+    """Who the firmware is."""
+    for line in identity(board.machine.printer):
+        board.machine.say(line)
+
+
+def m118(board: MainLoop, command: Command) -> None:
+    """Say the text: E1 puts echo: before it, A1 makes it an action."""
+    text = command.text[4:].lstrip(b" ")
+    prefix = b""
+    while text[:1] in (b"E", b"A", b"P") and text[1:2].isdigit():
+        if text[1:2] != b"0":
+            prefix += {b"E": b"echo:", b"A": b"//"}.get(text[:1], b"")
+        text = text[2:].lstrip(b" ")
+    board.machine.say(prefix + text, b"\r\n")
+
+
+def m119(board: MainLoop, command: Command) -> None:
+    """Endstops: all open."""
+    for line in ("Reporting endstop status", "x_min: open", "y_min: open", "z_min: open"):
+        board.machine.say(line)
+
+
+def m154(board: MainLoop, command: Command) -> None:
+    """Interval of the position report."""
+    reports = board.machine.reports
+    if "S" in command.values:
+        reports.position_s = command.values["S"]
+        reports.position_at = board.machine.now + reports.position_s
+        if reports.position_s <= 0:
+            reports.position_at = math.inf
+
+
+def m155(board: MainLoop, command: Command) -> None:
+    """Interval of the temperature report."""
+    reports = board.machine.reports
+    if "S" in command.values:
+        reports.temperature_s = command.values["S"]
+        reports.temperature_at = board.machine.now + reports.temperature_s
+        if reports.temperature_s <= 0:
+            reports.temperature_at = math.inf

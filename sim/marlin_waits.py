@@ -1,0 +1,138 @@
+"""Commands that wait: dwells, homing, the user, heat, the motors, the EEPROM.
+
+A function is a generator that yields what it waits for, or does its work at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+from sim.gcode import Command
+from sim.gcode_modal import dwell_s
+from sim.marlin_machine import QUICKSTOP_S, Still, Until, User, Wait
+from sim.marlin_tells import planned_position
+from sim.marlin_texts import SETTINGS
+
+if TYPE_CHECKING:
+    from sim.marlin_loop import MainLoop
+
+Steps = Iterator[Wait] | None
+
+_RESIDENCE_S: Final = 10.0
+_WINDOW_C: Final = 1.0
+_LOOK_S: Final = 0.25
+_SENSOR_FAULT_S: Final = 0.034
+
+
+def g4(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Dwell: the motors stand first."""
+    seconds = float(dwell_s(board.words[0]))
+    yield Still()
+    yield Until(board.machine.now + seconds)
+
+
+def g28(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Home: a straight run to the low end of each axis; no probing, no second touch."""
+    machine = board.machine
+    named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
+    lows = machine.modal["low"][0].copy()
+    for axis in named or (2, 0, 1):
+        yield Still()
+        target = machine.modal["position"][0].copy()
+        target[axis] = lows[axis]
+        machine.modal["position"] = target
+        machine.move_to(target, 4.0 if axis == 2 else 50.0, -1)
+        yield Still()
+        machine.homed[axis] = True
+        machine.modal["shift"][0, axis] = 0.0
+    limit_homed(board)
+    machine.say(planned_position(board))
+
+
+def limit_homed(board: MainLoop) -> None:
+    """Let the software endstops hold on the axes that were homed, while M211 is on."""
+    machine = board.machine
+    machine.modal["limited"] = [homed and machine.soft_endstops for homed in machine.homed]
+
+
+def m0(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Wait for the user: M108, or the time of S or P."""
+    machine = board.machine
+    message = command.text.partition(b" ")[2].decode("latin-1").strip()
+    seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
+    yield Still()
+    if message:
+        machine.say(f"echo:{message}", b"\r\n")
+    machine.say("//action:prompt_end")
+    stop = "M0 Stop" if command.number == 0 else "M1 Stop"
+    machine.say(f"//action:prompt_begin {message or stop}")
+    machine.say("//action:prompt_button Continue")
+    machine.say("//action:prompt_show")
+    machine.waits_for_user = True
+    yield User(machine.now + seconds if seconds > 0 else math.inf)
+    machine.waits_for_user = False
+
+
+def m104(board: MainLoop, command: Command) -> None:
+    """Target of the hotend, or (M140) of the bed."""
+    heater = board.machine.hotend if command.number in (104, 109) else board.machine.bed
+    target = command.values.get("S", command.values.get("R"))
+    if target is not None:
+        heater.set_target(board.machine.now, target)
+        if not heater.wired and target > 0:
+            board.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
+
+
+def m109(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Wait for the hotend, or (M190) the bed: S while it heats, R while it cools as well."""
+    machine = board.machine
+    m104(board, command)
+    heater = machine.hotend if command.number == 109 else machine.bed
+    target = heater.target_c
+    if "R" not in command.values and heater.read(machine.now) > target:
+        return
+    machine.waits_for_heat = True
+    report_at = machine.now
+    there_at: float | None = None
+    while machine.waits_for_heat:
+        near = abs(heater.read(machine.now) - target) < _WINDOW_C
+        if near and there_at is None:
+            there_at = machine.now
+        left = math.inf if there_at is None else there_at + _RESIDENCE_S - machine.now
+        if machine.now >= report_at:
+            rest = "?" if math.isinf(left) else str(max(int(left), 0))
+            machine.say(f"{machine.temperatures()} W:{rest}")
+            report_at += 1.0
+        if left <= 0:
+            break
+        yield Until(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
+    machine.waits_for_heat = False
+
+
+def m400(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Wait until the motors stand."""
+    yield Still()
+
+
+def m410(board: MainLoop, command: Command) -> Steps:
+    """Quickstop; with the emergency parser it has happened already when the line is read."""
+    return None if board.machine.printer.emergency_parser else quickstop(board)
+
+
+def quickstop(board: MainLoop) -> Iterator[Wait]:
+    """Drop all moves at once; for a second the planner takes no others."""
+    machine = board.machine
+    machine.stop()
+    machine.closed_until = machine.now + QUICKSTOP_S
+    yield Still()
+
+
+def m500(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Store the settings; the processor waits for the EEPROM."""
+    board.machine.stalled_until = board.machine.now + board.machine.board.store_s
+    board.hold_busy()
+    yield Until(board.machine.stalled_until)
+    board.machine.say(f"echo:Settings Stored ({SETTINGS})")
+    board.machine.say("//action:notification Settings Stored")

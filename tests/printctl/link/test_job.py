@@ -1,0 +1,96 @@
+"""What may be sent, where the needle is, how it leaves."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_profiles import Printer, load
+from printctl.link.errors import JobError
+from printctl.link.firmware import differences, parse_firmware
+from printctl.link.job import load_job, parse_job
+from printctl.link.modal import Modal, disagreement, modal_state, parse_position
+from printctl.link.retreat import Retreat, heaters_off
+
+PRINTER = load(Printer, "generic_marlin")
+
+
+def test_comments_and_blanks_are_left_out_and_lines_keep_their_place():
+    job = parse_job(b"; head\r\n\r\nG90 (absolute)\nM82\n\n  G1 X1 ; there\n", "a")
+    assert job.lines == [b"G90", b"M82", b"G1 X1"]
+    assert [job.file_line(done) for done in range(5)] == [0, 3, 4, 6, 6]
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"M83", "relative extrusion"),
+        (b"G91", "relative moves"),
+        (b"M110 N4", "renumbers"),
+        (b"M112", "halt"),
+        (b"M0112", "halt"),
+        (b"G1 X1*55", "can't be sent"),
+        (b"G1 X\xb5", "can't be sent"),
+        (b"G1 " + b"X1 " * 40, r"exceed 96 \(profile: max_line_bytes\)"),
+    ],
+)
+def test_line_that_must_not_be_sent_is_named(line, why):
+    with pytest.raises(JobError, match=f"a, line 2: .*{why}"):
+        parse_job(b"G90\n" + line + b"\n", "a")
+
+
+def test_m1101_is_not_m110():
+    assert len(parse_job(b"M1101\nG910\n", "a")) == 2
+
+
+def test_empty_and_missing_jobs_are_named(tmp_path):
+    with pytest.raises(JobError, match="no command"):
+        parse_job(b"; nothing\n", "a")
+    with pytest.raises(JobError, match="can't be read"):
+        load_job(tmp_path / "none.gcode", 96)
+
+
+def test_modal_state_is_found_by_reading_back():
+    lines = [b"G92 E0", b"G1 Z0.5 F300", b"G1 X1 Y2 E0.1", b"M105", b"G1 X3 F900", b"G1 X9 E9"]
+    assert modal_state(lines, 5) == Modal(x=3, y=2, z=0.5, e=0.1, f=900)
+    assert modal_state(lines, 0) == Modal()
+
+
+@given(st.lists(st.tuples(st.sampled_from("XYZEF"), st.integers(-99, 99)), max_size=30))
+def test_modal_state_is_that_of_a_walk_forwards(words):
+    lines = [f"G1 {axis}{value}".encode() for axis, value in words]
+    walked = {axis.lower(): float(value) for axis, value in words}
+    assert modal_state(lines, len(lines)) == Modal(**walked)
+
+
+def test_position_is_compared_axis_by_axis():
+    position = parse_position([b"X:1.00 Y:2.00 Z:0.50 E:0.10 Count X:80 Y:160 Z:200"])
+    assert position == {"X": 1.0, "Y": 2.0, "Z": 0.5, "E": 0.1}
+    assert disagreement(Modal(x=1.004, e=0.1), position) == ""
+    assert "X is 1.00 mm where the job says 1.20" in disagreement(Modal(x=1.2), position)
+    assert parse_position([b"ok"]) == {}
+
+
+def test_retreat_relieves_before_it_lifts_and_stays_below_the_top():
+    at = Modal(x=1, y=2, z=195, e=3.0, f=600)
+    commands = Retreat(relief_mm=0.5, lift_mm=20).leave(at, PRINTER)
+    assert commands == [b"G1 E2.50000 F30", b"G1 Z200.00000 F300"]
+    back = Retreat().rejoin(at, PRINTER)
+    assert back == [b"G1 Z195.00000 F300", b"G1 E3.00000 F30", b"G1 F600"]
+    assert Retreat().leave(Modal(), PRINTER) == []
+
+
+def test_cooling_stays_on_where_the_profile_says_so():
+    assert heaters_off(PRINTER) == []
+    assert heaters_off(load(Printer, "marlin_avr")) == [b"M104 S0", b"M140 S0"]
+
+
+def test_firmware_that_differs_from_the_profile_is_told():
+    firmware = parse_firmware(
+        [b"FIRMWARE_NAME:Marlin 2.1 SOURCE_CODE_URL:x", b"Cap:EMERGENCY_PARSER:0"]
+    )
+    assert firmware.name == "Marlin 2.1"
+    assert firmware.is_marlin
+    found = differences(firmware, [b"  M92 X80.00 Y80.00 Z400.00 E500.00"], PRINTER)
+    assert [text.split()[0] for text in found] == ["EMERGENCY_PARSER", "E"]

@@ -1,0 +1,111 @@
+"""The wires: what they give, and what they say when they break."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+
+import pytest
+from serial import SerialException
+
+from firmware_profiles import Printer, load
+from printctl.link.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
+from printctl.link.ports import list_ports
+from printctl.link.transport import open_port
+from printctl.link.transport_serial import SerialTransport, _refusal
+
+PRINTER = load(Printer, "generic_marlin")
+needs_pty = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+@needs_pty
+def test_serial_port_reads_writes_and_notices_the_unplugging():
+    import termios
+
+    master, slave = os.openpty()
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    assert not termios.tcgetattr(slave)[2] & termios.HUPCL
+    wire.write(b"N1 M105*38\n")
+    assert os.read(master, 100) == b"N1 M105*38\n"
+    wire.write_urgent(b"\nM112\n")
+    assert os.read(master, 100) == b"\nM112\n"
+    os.write(master, b"ok\n")
+    assert wire.read(1.0) == b"ok\n"
+    assert wire.read(0.0) == b""
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(PortLost, match="went away"):
+        wire.read(1.0)
+    with pytest.raises(PortLost):
+        wire.write(b"x")
+    wire.close()
+    wire.close()
+    with pytest.raises(PortLost):
+        wire.read(0.0)
+
+
+@needs_pty
+def test_port_is_held_by_one_program_alone():
+    master, slave = os.openpty()
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    with pytest.raises(PortInUse, match="another program"):
+        SerialTransport(os.ttyname(slave), 115_200)
+    wire.close()
+    os.close(slave)
+    os.close(master)
+
+
+def test_refusals_name_the_remedy():
+    assert "usermod -aG dialout" in str(_refusal("/dev/x", SerialException(13, "denied")))
+    assert isinstance(_refusal("/dev/x", SerialException(13, "denied")), PortDenied)
+    with pytest.raises(PortMissing, match="ports found"):
+        open_port("/dev/does-not-exist", PRINTER)
+    with pytest.raises(PortError, match="isn't tcp:HOST:PORT"):
+        open_port("tcp:nowhere", PRINTER)
+
+
+def test_file_that_is_no_port_is_refused(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("x")
+    with pytest.raises(PortError, match="serial port"):
+        open_port(str(path), PRINTER)
+
+
+@pytest.mark.parametrize("form", ["tcp:127.0.0.1:{}", "socket://127.0.0.1:{}"])
+def test_tcp_reads_writes_and_notices_the_end(form):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        wire = open_port(form.format(server.getsockname()[1]), PRINTER)
+        far, _ = server.accept()
+        big = b"x" * 3_000_000
+        received = bytearray()
+
+        def receive() -> None:
+            while len(received) < len(big):
+                received.extend(far.recv(65536))
+
+        thread = threading.Thread(target=receive)
+        thread.start()
+        wire.write(big)
+        thread.join(10)
+        assert bytes(received) == big
+        far.sendall(b"ok\n")
+        assert wire.read(5.0) == b"ok\n"
+        assert wire.read(0.0) == b""
+        assert not wire.reset()
+        far.close()
+        with pytest.raises(PortLost):
+            wire.read(5.0)
+        wire.close()
+
+
+def test_tcp_with_nobody_there_is_a_missing_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(PortMissing, match="nobody answers"):
+        open_port(f"tcp:127.0.0.1:{port}", PRINTER)
+
+
+def test_ports_are_listed_by_name():
+    found = [port.device for port in list_ports()]
+    assert found == sorted(found)
