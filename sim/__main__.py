@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError, load
-from sim.errors import SimError
+from sim.errors import ServeError, SimError
 from sim.marlin import MarlinPrinter
 from sim.marlin_board import Board, parse_fault
 from sim.ports import Port, PtyPort, TcpPort
@@ -58,6 +59,14 @@ def parser() -> argparse.ArgumentParser:
     return options
 
 
+def _open_port(link: Path | None, tcp: int | None) -> Port:
+    if tcp is not None:
+        return TcpPort(tcp)
+    if not hasattr(os, "openpty"):
+        raise ServeError("this system has no pseudo-terminals; use --tcp 0")
+    return PtyPort(link)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 2 for a wrong use."""
     given = parser().parse_args(arguments)
@@ -68,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
             Board(thermistors=not given.no_thermistors),
             tuple(parse_fault(text) for text in given.fault),
         )
-        port: Port = PtyPort(given.link) if given.tcp is None else TcpPort(given.tcp)
+        port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2

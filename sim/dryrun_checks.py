@@ -12,6 +12,7 @@ from firmware_profiles import Printer, Span
 from sim.gcode import NO_COMMAND, Program, code_name
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.marlin_codes import is_known
+from sim.planner_stepper import LEAST_RATE
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
@@ -28,8 +29,8 @@ class Finding:
         Where it is first met, from 1.
     code : str
         Its sort: ``outside_x`` (y, z), ``speed_x`` (y, z, e), ``plunger_travel``,
-        ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``, ``homing``,
-        ``long_line``.
+        ``too_slow``, ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``,
+        ``homing``, ``long_line``.
     message : str
         For the user: what, value, limit, remedy.
     value, limit : float
@@ -62,6 +63,7 @@ def check(program: Program, printer: Printer, extrudes: NDArray[np.bool_]) -> di
     findings = [
         *_outside(program, printer, moves),
         *_too_fast(program, speed, limit, printer.name),
+        *_too_slow(program, printer),
         *_plunger(program, printer),
         *_cold(program, moves & ~extrudes),
         *_strange(program, unknown),
@@ -88,16 +90,21 @@ def sent_length(program: Program) -> NDArray[np.int64]:
     return np.where(program.length > 0, program.length + digits + 7, 0)
 
 
+def _deltas(program: Program) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Way of each row on each axis; its length, in space or else of the plunger; if it moves."""
+    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    delta = np.abs(program.target - before)
+    path = np.sqrt(np.square(delta[:, :3]).sum(axis=1))
+    length = np.where(path > 0, path, delta[:, 3])
+    return delta, length, (program.kind == MOVE) & (length > 0)
+
+
 def demanded_speed(program: Program) -> FloatArray:
     """Speed that each row asks of x, y, z and e, (n, 4), mm/s; 0 where it isn't a move.
 
     The feed is that of the path in space, or of the plunger where only it moves.
     """
-    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
-    delta = np.abs(program.target - before)
-    path = np.sqrt(np.square(delta[:, :3]).sum(axis=1))
-    length = np.where(path > 0, path, delta[:, 3])
-    moving = (program.kind == MOVE) & (length > 0)
+    delta, length, moving = _deltas(program)
     per_mm = np.zeros(len(program))
     np.divide(program.feed, length, out=per_mm, where=moving)
     return delta * per_mm[:, None]
@@ -154,6 +161,33 @@ def _too_fast(
                 )
             )
     return found
+
+
+def _too_slow(program: Program, printer: Printer) -> list[Finding]:
+    axes = printer.steps_per_mm
+    delta, length, moving = _deltas(program)
+    events = (delta * np.array([axes.x, axes.y, axes.z, axes.e])).max(axis=1, initial=0.0)
+    moving &= events >= printer.min_steps_per_segment
+    rate = np.full(len(program), np.inf)
+    np.divide(events * program.feed, length, out=rate, where=moving)
+    where = rate < LEAST_RATE * (1 - 1e-6)
+    if not where.any():
+        return []
+    line, count = _first(program, where)
+    worst = float(rate.min())
+    return [
+        Finding(
+            line,
+            "too_slow",
+            f"line {line}: {worst:.1f} steps/s asked for, below {LEAST_RATE}, the slowest that the "
+            f"timer of an 8-bit board can do, in {count} moves; they run up to "
+            f"{LEAST_RATE / worst:.1f} times faster than written: raise the feed or the "
+            "steps per mm",
+            worst,
+            LEAST_RATE,
+            count,
+        )
+    ]
 
 
 def _plunger(program: Program, printer: Printer) -> list[Finding]:

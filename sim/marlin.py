@@ -122,8 +122,8 @@ class MarlinPrinter(MainLoop):
     def finish(self) -> None:
         """Let all accepted moves end, as a printer does whose host has gone."""
         self.settle()
-        if not self.machine.dead:
-            self.machine.finish()
+        while self.machine.blocks and not self.machine.dead:
+            self.run_to(max(self.machine.now, self.machine.next_motion()))
 
     def executed(self) -> ExecutedMotion:
         """What really moved so far."""

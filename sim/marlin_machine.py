@@ -259,12 +259,6 @@ class Machine:
         """Call the plunger's planned position ``position_mm``."""
         set_axis(self.planner, 3, position_mm)
 
-    def finish(self) -> None:
-        """Let all accepted moves end."""
-        while self.blocks:
-            self.now = max(self.now, self.next_motion())
-            self.roll()
-
     def executed(self) -> ExecutedMotion:
         """Blocks that ran up to now."""
         self.roll()

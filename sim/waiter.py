@@ -55,9 +55,7 @@ class Waiter:
 
     def _select(self, port: int, writes: bool, timeout_s: float) -> Event:
         ports = [port] if port >= 0 else []
-        ready, _, _ = select.select(
-            [*ports, self._alarm], ports if writes else [], [], timeout_s
-        )
+        ready, _, _ = select.select([*ports, self._alarm], ports if writes else [], [], timeout_s)
         return Event(port in ready)
 
     def forget(self) -> None:

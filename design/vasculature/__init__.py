@@ -1,1 +1,31 @@
-"""vasculature."""
+"""Vessel trees: grown by constrained constructive optimisation, and networks with a name."""
+
+from design.vasculature.collide import Collisions, check_network, collisions
+from design.vasculature.convert import tree_to_network
+from design.vasculature.grow import grow_tree
+from design.vasculature.named import (
+    PLANAR_BLOCK_MM,
+    PLANAR_DIMPLES,
+    Dimple,
+    planar_four_vessel,
+)
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
+
+__all__ = [
+    "PLANAR_BLOCK_MM",
+    "PLANAR_DIMPLES",
+    "Collisions",
+    "Dimple",
+    "GrowthOptions",
+    "VesselTree",
+    "check_network",
+    "collisions",
+    "grow_tree",
+    "planar_four_vessel",
+    "scaled_to_smallest_radius",
+    "tree_from_topology",
+    "tree_radii",
+    "tree_to_network",
+]

@@ -88,6 +88,8 @@ class PrintClient:
         """
         self._send("command", text=text)
         for message in self._messages(_PATIENCE_S):
+            if message["event"] == "status":
+                self._last = Status.from_dict(message)
             if message["event"] == "reply" and message["command"] == text.strip():
                 return list(message["lines"])
             if message["event"] == "refused":
@@ -266,7 +268,8 @@ def what_is_known(folder: Path) -> Status:
     except JournalError:
         history = History()
     if history.end is not None:
-        return Status.from_dict({**history.end, "lines_done": history.done})
+        counts = {"lines_done": history.done, "lines_total": history.total}
+        return Status.from_dict({**history.end, **counts})
     return Status(
         LinkState.FAILED,
         lines_done=history.done,

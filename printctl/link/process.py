@@ -26,7 +26,7 @@ from printctl.link.journal import History, Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.retreat import Retreat
-from printctl.link.server import Server, listen
+from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import open_port
@@ -130,13 +130,13 @@ def _print(order: Order, record: LinkRecord) -> Status:
             started=time.time(),
         )
         replace(record, address=address, token=token).save(order.folder)
+        signal.signal(signal.SIGTERM, lambda *_: streamer.stop())  # a system that shuts down
         server.start()
         try:
             return streamer.run(history)
         finally:
             server.finish()
-            if address.startswith("unix:"):
-                Path(address.removeprefix("unix:")).unlink(missing_ok=True)
+            forget(address)
     finally:
         journal.close()
         transport.close()

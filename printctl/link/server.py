@@ -32,6 +32,7 @@ from printctl.link.states import Status
 _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
 _UNIX_PATH_LIMIT: Final = 100
+_TEMPORARY: Final = "printctl-link-"
 _REFUSED: Final = ("M110", "M112", "M83", "G91")
 
 
@@ -52,13 +53,22 @@ def listen(folder: Path) -> tuple[socket.socket, str, str]:
         return listener, address, secrets.token_hex(16)
     path = folder.resolve() / "link.sock"
     if len(os.fsencode(path)) > _UNIX_PATH_LIMIT:
-        path = Path(tempfile.mkdtemp(prefix="printctl-")) / "link.sock"
+        path = Path(tempfile.mkdtemp(prefix=_TEMPORARY)) / "link.sock"
     path.unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(path))
     path.chmod(0o600)
     listener.listen()
     return listener, f"unix:{path}", ""
+
+
+def forget(address: str) -> None:
+    """Remove what `listen` left on the disk."""
+    if address.startswith("unix:"):
+        path = Path(address.removeprefix("unix:"))
+        path.unlink(missing_ok=True)
+        if path.parent.name.startswith(_TEMPORARY):
+            path.parent.rmdir()
 
 
 @dataclass

@@ -73,6 +73,7 @@ class Streamer(Channel):
             self._obey()
             if self.protocol.lines_done == len(self.job):
                 self._finish()
+                self._obey()  # a stop while the last moves were made
         raise Over(LinkState.DONE, f"all {len(self.job)} lines done")
 
     def _stream(self) -> None:

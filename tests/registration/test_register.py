@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration import RegistrationReport, register_scan, report_dict
+from registration import RegistrationOptions, RegistrationReport, register_scan, report_dict
+from registration.alignment import AlignmentOptions
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
 from sim.scanner import MicroCtOptions, OctOptions, Placing, Scanned, simulate_microct, simulate_oct
@@ -27,6 +28,9 @@ from tests.registration.parts import (
     target_error,
 )
 
+FAST = RegistrationOptions(
+    alignment=AlignmentOptions(coarse_points=700, fine_points=6000, contest_points=20_000)
+)
 COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
 
 
@@ -93,7 +97,7 @@ def test_decibels_give_the_same_surface_as_linear_values(
     scanned, linear = planar
     volume = 10 * np.log10(np.maximum(scanned.volume, 0.1)).astype(np.float32)
     scan = replace(as_scan(scanned), volume=volume, scale="db")
-    report = register_scan(scan, planar_construct(), planar_network())
+    report = register_scan(scan, planar_construct(), planar_network(), FAST)
     assert report.scaled.rms_um == pytest.approx(linear.scaled.rms_um, abs=1)
 
 
@@ -101,7 +105,10 @@ def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, Registratio
     scan = as_scan(planar[0])
     with pytest.raises(AlignmentError, match="mirror image"):
         register_scan(
-            replace(scan, volume=scan.volume[:, ::-1].copy()), planar_construct(), planar_network()
+            replace(scan, volume=scan.volume[:, ::-1].copy()),
+            planar_construct(),
+            planar_network(),
+            FAST,
         )
 
 
@@ -109,7 +116,10 @@ def test_upside_down_scan_ends_with_a_reason(planar: tuple[Scanned, Registration
     scan = as_scan(planar[0])
     with pytest.raises(RegistrationError):
         register_scan(
-            replace(scan, volume=scan.volume[::-1].copy()), planar_construct(), planar_network()
+            replace(scan, volume=scan.volume[::-1].copy()),
+            planar_construct(),
+            planar_network(),
+            FAST,
         )
 
 
@@ -136,7 +146,7 @@ def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> Sca
 def test_embedded_lumens_in_microct_are_registered_from_any_rotation() -> None:
     network = bent_network()
     scanned = microct_of(network, network, seed=3)
-    report = register_scan(as_scan(scanned), solid(lumens(network)), network)
+    report = register_scan(as_scan(scanned), solid(lumens(network)), network, FAST)
     assert target_error(network.nodes, report.scaled_scan_to_part, scanned.pose_truth) < 0.020
     assert report.scaled.rms_um < 20
     assert report.all_open
@@ -148,11 +158,7 @@ def test_bright_lumens_are_found_when_told() -> None:
     network = bent_network()
     scanned = microct_of(network, network, seed=3)
     scan = replace(as_scan(scanned), volume=np.uint16(40000) - scanned.volume)
-    from registration import RegistrationOptions
-
-    report = register_scan(
-        scan, solid(lumens(network)), network, RegistrationOptions(lumens="bright")
-    )
+    report = register_scan(scan, solid(lumens(network)), network, replace(FAST, lumens="bright"))
     assert report.all_open
     with pytest.raises(SegmentationError, match="bright"):
         register_scan(scan, solid(lumens(network)), network)
@@ -168,7 +174,8 @@ def test_occluded_vessel_is_found_closed_and_its_neighbours_open() -> None:
         np.zeros(6),
         np.zeros(6),
     )
-    report = register_scan(as_scan(microct_of(network, gap, 5)), solid(lumens(network)), network)
+    scan = as_scan(microct_of(network, gap, seed=5))
+    report = register_scan(scan, solid(lumens(network)), network, FAST)
     assert [vessel.open for vessel in report.vessels] == [True, False, True, True, True]
     assert report.vessels[1].narrowest_um == 0
     assert not report.all_open

@@ -164,15 +164,18 @@ class FakeTransport:
 
 
 class PtyPrinter:
-    """A `FakeMarlin` behind a real pseudo-terminal, served by a thread."""
+    """A `FakeMarlin` behind a real pseudo-terminal, served by a thread.
 
-    def __init__(self, printer: FakeMarlin, unplug_at: int | None = None) -> None:
-        self.printer, self._unplug_at = printer, unplug_at
+    It goes away when line ``unplug_at`` is taken. From line ``hold_at`` on it holds its answers
+    back until ``gate`` is set; ``held`` says that it does.
+    """
+
+    def __init__(self, printer: FakeMarlin, unplug_at: int | None, hold_at: int | None) -> None:
+        self.printer, self._unplug_at, self._hold_at = printer, unplug_at, hold_at
         self._master, self._slave = os.openpty()
         self.name = os.ttyname(self._slave)
         self._over = threading.Event()
-        self.gate = threading.Event()
-        self.gate.set()
+        self.held, self.gate = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -191,7 +194,9 @@ class PtyPrinter:
                 os.close(self._master)
                 self._master = self._slave = -1
                 return
-            self.gate.wait(10.0)
+            if self._hold_at is not None and self.printer.last >= self._hold_at:
+                self.held.set()
+                self.gate.wait(10.0)
             os.write(self._master, said)
 
     def close(self) -> None:
@@ -204,8 +209,10 @@ class PtyPrinter:
 
 
 @contextmanager
-def pty_printer(printer: FakeMarlin, unplug_at: int | None = None) -> Iterator[PtyPrinter]:
-    served = PtyPrinter(printer, unplug_at)
+def pty_printer(
+    printer: FakeMarlin, unplug_at: int | None = None, hold_at: int | None = None
+) -> Iterator[PtyPrinter]:
+    served = PtyPrinter(printer, unplug_at, hold_at)
     try:
         yield served
     finally:

@@ -12,9 +12,9 @@ import pytest
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkState, attach, start_print
+from printctl.link import LinkError, LinkState, attach, start_print
 from printctl.link.client import _alive
-from printctl.link.errors import AlreadyPrinting, JobError, PortInUse, PortMissing
+from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
 from printctl.link.journal import read_journal
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
@@ -39,14 +39,6 @@ def until(client, state: LinkState) -> None:
         if status.state is state:
             return
     raise AssertionError(f"never {state}")
-
-
-def under_way(client) -> None:
-    """Wait until the job's header is through."""
-    for status in client.events():
-        if status.lines_done > 10:
-            return
-    raise AssertionError("never under way")
 
 
 def test_prints_a_whole_job(tmp_path, profile):
@@ -98,10 +90,12 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
 
 
 def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 300)
-    with pty_printer(FakeMarlin()) as served:
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
         client.pause()
+        served.gate.set()
         until(client, LinkState.PAUSED)
         with pytest.raises(AlreadyPrinting, match="attach"):
             start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
@@ -112,11 +106,12 @@ def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile)
 
 
 def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 4_000)
-    with pty_printer(FakeMarlin()) as served:
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        under_way(client)
+        assert served.held.wait(10)
         client.pause()
+        served.gate.set()
         until(client, LinkState.PAUSED)
         assert client.command("M105")[0].startswith("ok T:")
         client.resume()
@@ -131,11 +126,12 @@ def test_pause_relieves_lifts_and_rejoins(tmp_path, profile):
 
 
 def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 4_000)
-    with pty_printer(FakeMarlin()) as served:
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        under_way(client)
+        assert served.held.wait(10)
         client.stop()
+        served.gate.set()
         outcome = client.wait(30)
         sent = handshake_and(served.printer)
     assert outcome.state is LinkState.STOPPED
@@ -149,11 +145,13 @@ def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
 
 
 def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
-    write_job(tmp_path / "job.gcode", 4_000)
-    with pty_printer(FakeMarlin()) as served:
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
-        under_way(client)
+        assert served.held.wait(10)
         client.kill()
+        time.sleep(0.05)
+        served.gate.set()
         outcome = client.wait(30)
     assert served.printer.halted
     assert outcome.state is LinkState.KILLED
@@ -176,24 +174,27 @@ def test_print_goes_on_when_its_client_is_killed(tmp_path, profile):
             assert client.stdout is not None
             assert client.stdout.readline() == b"up\n"
             client.send_signal(signal.SIGKILL)
+        served.gate.set()
         outcome = attach(tmp_path / "run").wait(30)
         assert outcome.state is LinkState.DONE
         assert handshake_and(served.printer)[: len(lines)] == lines
 
 
 def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from(tmp_path, profile):
-    lines = write_job(tmp_path / "job.gcode", 4_000)
-    with pty_printer(FakeMarlin()) as served:
+    lines = write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
         for status in client.events():
-            if status.lines_done > 1000:
+            if status.lines_done > 50:
                 break
         os.kill(client.record.pid, signal.SIGKILL)
         outcome = client.wait(10)
         assert outcome.state is LinkState.FAILED
         assert "resume" in outcome.message
         at_least = read_journal(tmp_path / "run" / "journal.log").done
-        assert 1000 < at_least <= served.printer.last
+        assert 50 < at_least <= served.printer.last
+        served.gate.set()
         again = start_print(
             tmp_path / "job.gcode", profile, served.name, tmp_path / "run", resume=True
         )
@@ -213,3 +214,62 @@ def test_link_process_ends_by_itself(tmp_path, profile):
             assert time.monotonic() < limit
             time.sleep(0.02)
         assert not (tmp_path / "run" / "link.sock").exists()
+
+
+def test_shutdown_of_the_system_is_a_controlled_stop(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        os.kill(client.record.pid, signal.SIGTERM)
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+        assert served.printer.numbered[-1] == "M400"
+
+
+def test_hang_up_and_interrupt_leave_the_link_process_alone(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        for sign in (signal.SIGINT, signal.SIGHUP):
+            os.kill(client.record.pid, sign)
+        served.gate.set()
+        assert client.wait(30).state is LinkState.DONE
+
+
+def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        with attach(tmp_path / "run") as mute:
+            mute._send("subscribe")
+            served.gate.set()
+            assert client.wait(30).state is LinkState.DONE
+
+
+def test_manual_command_that_would_break_the_count_is_refused(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        with pytest.raises(LinkError, match="M110 N5 isn't for manual use"):
+            client.command("M110 N5")
+        client.stop()
+        served.gate.set()
+        client.wait(30)
+
+
+def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
+    folder = tmp_path / ("deep" * 20) / ("deeper" * 10)
+    write_job(tmp_path / "job.gcode", 20)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, folder)
+        assert client.wait(30).state is LinkState.DONE
+        assert attach(folder).status.state is LinkState.DONE
+
+
+def test_nothing_to_attach_to_is_named(tmp_path):
+    with pytest.raises(NoLink, match="no print was started"):
+        attach(tmp_path)

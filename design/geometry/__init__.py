@@ -1,0 +1,22 @@
+"""Exact distances between points, segments and triangles, for the rooms above."""
+
+from design.geometry.bvh import (
+    TriangleTree,
+    build_triangle_tree,
+    gather_within,
+    nearest_distance,
+    nearest_distances,
+)
+from design.geometry.segments import point_segment, segment_segment
+from design.geometry.triangles import point_triangle_squared
+
+__all__ = [
+    "TriangleTree",
+    "build_triangle_tree",
+    "gather_within",
+    "nearest_distance",
+    "nearest_distances",
+    "point_segment",
+    "point_triangle_squared",
+    "segment_segment",
+]

@@ -1,0 +1,90 @@
+"""Read a tissue's surface from a mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import trimesh
+
+from design.errors import TissueError
+from design.tissue.spacing import SpacingRule
+from design.tissue.surface import SizeLimits, tissue_from_surface
+from design.tissue.tissue import Tissue
+from design.units import MM_PER, LengthUnit
+
+SUFFIXES: Final = (".stl", ".obj", ".ply", ".3mf")
+
+_DECLARED: Final[dict[str, LengthUnit]] = {
+    "micron": "um",
+    "microns": "um",
+    "millimeter": "mm",
+    "millimeters": "mm",
+    "centimeter": "cm",
+    "centimeters": "cm",
+    "meter": "m",
+    "meters": "m",
+    "inch": "in",
+    "inches": "in",
+}
+
+
+def load_tissue(
+    path: Path,
+    unit: LengthUnit,
+    *,
+    limits: SizeLimits | None = None,
+    spacing_mm: float | None = None,
+    rule: SpacingRule | None = None,
+) -> Tissue:
+    """Read a closed mesh from an STL, OBJ, PLY or 3MF file.
+
+    Parameters
+    ----------
+    path : Path
+    unit : {"um", "mm", "cm", "m", "in"}
+        Of the file's coordinates; files of meshes don't say, and it is never guessed.
+    limits, spacing_mm, rule
+        As in `tissue_from_surface`.
+
+    Raises
+    ------
+    TissueError
+        When the file is missing, unreadable, declares another unit, or its mesh can't be used.
+    """
+    path = Path(path)
+    if unit not in MM_PER:
+        raise TissueError(f"unit {unit!r} of {path} isn't one of {', '.join(MM_PER)}")
+    if path.suffix.lower() not in SUFFIXES:
+        raise TissueError(
+            f"{path}: {path.suffix or 'no suffix'} isn't one of {', '.join(SUFFIXES)}"
+        )
+    if not path.is_file():
+        raise TissueError(f"{path}: there is no such file")
+    mesh = _read(path)
+    declared = _DECLARED.get(str(mesh.units)) if mesh.units else None
+    if declared is not None and declared != unit:
+        raise TissueError(f"{path} declares its unit as {declared}, not {unit}; state that unit")
+    try:
+        return tissue_from_surface(
+            np.asarray(mesh.vertices, dtype=np.float64),
+            np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3),
+            unit=unit,
+            limits=limits,
+            spacing_mm=spacing_mm,
+            rule=rule,
+        )
+    except TissueError as error:
+        raise TissueError(f"{path}: {error}") from error
+
+
+def _read(path: Path) -> trimesh.Trimesh:
+    # trimesh's readers raise whatever their parsers do, KeyError and struct.error included.
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+    except Exception as error:
+        raise TissueError(f"{path}: can't be read as a mesh ({error}); export it again") from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise TissueError(f"{path}: mesh is empty: it has no faces; give a closed surface")
+    return mesh

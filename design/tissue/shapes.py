@@ -1,0 +1,195 @@
+"""Parametric shapes as closed surfaces; each states its closed-form volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import TissueError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A closed triangle surface, counter-clockwise seen from outside.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int32
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+
+    @property
+    def volume_mm3(self) -> float:
+        """Enclosed volume by the divergence theorem, mm³."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def block(size_mm: tuple[float, float, float]) -> Surface:
+    """Box from the origin to ``size_mm``; volume is the product of its sides."""
+    _positive(x_mm=size_mm[0], y_mm=size_mm[1], z_mm=size_mm[2])
+    bottom = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
+    return _prism(bottom * size_mm[:2], size_mm[2])
+
+
+def cylinder(diameter_mm: float, height_mm: float, sides: int = 96) -> Surface:
+    """Regular prism inscribed in a cylinder about z, from z = 0 up.
+
+    Volume: ½ n r² sin(2π/n) h.
+    """
+    _positive(diameter_mm=diameter_mm, height_mm=height_mm)
+    return _prism(_circle(0.5 * diameter_mm, sides), height_mm)
+
+
+def annulus(outer_mm: float, inner_mm: float, height_mm: float, sides: int = 96) -> Surface:
+    """Ring about z between two diameters, from z = 0 up.
+
+    Volume: ½ n (R² - r²) sin(2π/n) h.
+    """
+    _positive(outer_mm=outer_mm, inner_mm=inner_mm, height_mm=height_mm)
+    if inner_mm >= outer_mm:
+        raise TissueError(f"annulus: inner {inner_mm:g} mm isn't below outer {outer_mm:g} mm")
+    rings = [_circle(0.5 * d, sides) for d in (outer_mm, outer_mm, inner_mm, inner_mm)]
+    heights = (0.0, height_mm, height_mm, 0.0)
+    rows = [np.column_stack([r, np.full(sides, z)]) for r, z in zip(rings, heights, strict=True)]
+    return _torus(np.stack(rows))
+
+
+def folded_cortex(
+    thickness_mm: float = 3.0,
+    width_mm: float = 32.0,
+    fold_mm: float = 16.0,
+    amplitude_mm: float = 4.0,
+    folds: float = 2.5,
+    facet_mm: float = 1.0,
+) -> Surface:
+    """Slab of grey matter in sinusoidal gyri, equally thick everywhere along its normal.
+
+    The middle surface is z = a cos(2π x / fold), extruded along y; the slab reaches half its
+    thickness to either side. Its volume is thickness x arc length x width, exact because the
+    offsets on the two sides of a bend cancel, as long as no bend is tighter than half the
+    thickness.
+
+    Raises
+    ------
+    TissueError
+        When the folds are too tight for the thickness.
+    """
+    _positive(thickness_mm=thickness_mm, width_mm=width_mm, fold_mm=fold_mm, folds=folds)
+    _positive(amplitude_mm=amplitude_mm, facet_mm=facet_mm)
+    k = 2.0 * pi / fold_mm
+    tightest = 1.0 / (amplitude_mm * k * k)
+    if tightest <= 0.5 * thickness_mm:
+        raise TissueError(
+            f"folded cortex: bends of radius {tightest:.3g} mm are tighter than half the "
+            f"thickness of {thickness_mm:g} mm; lower amplitude_mm or raise fold_mm"
+        )
+    along = max(8, ceil(3.0 * folds * fold_mm / facet_mm))
+    x = np.linspace(0.0, folds * fold_mm, along + 1)
+    middle = np.column_stack([x, amplitude_mm * np.cos(k * x)])
+    slope = -amplitude_mm * k * np.sin(k * x)
+    normal = np.column_stack([-slope, np.ones_like(x)]) / np.hypot(slope, 1.0)[:, None]
+    upper, lower = middle + 0.5 * thickness_mm * normal, middle - 0.5 * thickness_mm * normal
+    # Points across the slab's ends keep facets there as small as elsewhere.
+    steps = max(1, round(thickness_mm / facet_mm))
+    inner = np.arange(1, steps)[:, None] / steps
+    right = lower[-1] * (1 - inner) + upper[-1] * inner
+    left = upper[0] * (1 - inner) + lower[0] * inner
+    outline = np.concatenate([lower, right, upper[::-1], left])
+    return _extruded(outline, width_mm, max(1, round(width_mm / facet_mm)), along, steps)
+
+
+def _positive(**lengths: float) -> None:
+    for name, value in lengths.items():
+        if not (np.isfinite(value) and value > 0):
+            raise TissueError(f"shape: {name} is {value:g}; give a length above 0")
+
+
+def _circle(radius: float, sides: int) -> FloatArray:
+    if sides < 3:
+        raise TissueError(f"shape: {sides} sides don't enclose anything; give at least 3")
+    angle = 2.0 * pi * np.arange(sides) / sides
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _prism(outline: FloatArray, height: float) -> Surface:
+    """Extrude a convex outline (n, 2), counter-clockwise, along z."""
+    n = len(outline)
+    vertices = np.concatenate([np.column_stack([outline, np.full(n, z)]) for z in (0.0, height)])
+    i = np.arange(n)
+    j = (i + 1) % n
+    sides = np.concatenate([np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])])
+    fan = np.column_stack([np.zeros(n - 2, dtype=int), i[1:-1], i[2:]])
+    faces = np.concatenate([sides, fan[:, ::-1], fan + n])
+    return Surface(vertices, faces.astype(np.int32))
+
+
+def _torus(rows: FloatArray) -> Surface:
+    """Close rows (a, b, 3) of points, neighbours joined in both directions, cyclically."""
+    a, b, _ = rows.shape
+    i, j = np.meshgrid(np.arange(a), np.arange(b), indexing="ij")
+    here, right = i * b + j, i * b + (j + 1) % b
+    up, across = (i + 1) % a * b + j, (i + 1) % a * b + (j + 1) % b
+    faces = np.concatenate(
+        [np.stack([here, right, across], -1), np.stack([here, across, up], -1)]
+    ).reshape(-1, 3)
+    return Surface(rows.reshape(-1, 3), faces.astype(np.int32))
+
+
+def _extruded(outline: FloatArray, width: float, rows: int, along: int, steps: int) -> Surface:
+    """Extrude a slab's outline (n, 2) in (x, z) along y.
+
+    The outline runs along the lower side (``along`` edges), up the end (``steps`` edges), back
+    and down.
+    """
+    n = len(outline)
+    y = np.linspace(0.0, width, rows + 1)
+    vertices = np.empty((rows + 1, n, 3))
+    vertices[..., 0], vertices[..., 2] = outline[:, 0], outline[:, 1]
+    vertices[..., 1] = y[:, None]
+    i, j = np.meshgrid(np.arange(rows), np.arange(n), indexing="ij")
+    here, right = i * n + j, i * n + (j + 1) % n
+    walls = [np.stack([here, here + n, right + n], -1), np.stack([here, right + n, right], -1)]
+    faces = [w.reshape(-1, 3) for w in walls]
+    cap, inner = _slab_cap(outline, along, steps)
+    caps = np.concatenate([vertices.reshape(-1, 3)] + [_lift(inner, at) for at in (0.0, width)])
+    base = (rows + 1) * n
+    for shift, first, flip in ((0, base, False), (rows * n, base + len(inner), True)):
+        number = np.concatenate([np.arange(n) + shift, np.arange(len(inner)) + first])
+        faces.append(number[cap][:, ::-1] if flip else number[cap])
+    return Surface(caps, np.concatenate(faces).astype(np.int32))
+
+
+def _lift(points: FloatArray, y: float) -> FloatArray:
+    return np.column_stack([points[:, 0], np.full(len(points), y), points[:, 1]])
+
+
+def _slab_cap(outline: FloatArray, along: int, steps: int) -> tuple[NDArray[np.int64], FloatArray]:
+    """Triangles over a slab's outline, and the points inside it that they use.
+
+    Counter-clockwise in (x, z), which is seen from -y.
+    """
+    n = len(outline)
+    lower = np.arange(along + 1)
+    upper = np.arange(along + steps, along + steps + along + 1)[::-1]
+    weights = np.arange(1, steps) / steps
+    inside = (
+        outline[lower[1:-1], None] * (1 - weights)[:, None]
+        + outline[upper[1:-1], None] * weights[:, None]
+    )
+    grid = np.empty((along + 1, steps + 1), dtype=np.int64)
+    grid[:, 0], grid[:, -1] = lower, upper
+    grid[-1, 1:-1] = np.arange(along + 1, along + steps)
+    grid[0, 1:-1] = np.arange(n - 1, n - steps, -1)
+    grid[1:-1, 1:-1] = n + np.arange((along - 1) * (steps - 1)).reshape(along - 1, steps - 1)
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    cap = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+    return cap, inside.reshape(-1, 2)

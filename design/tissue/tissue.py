@@ -1,0 +1,72 @@
+"""The tissue that vessels grow in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.tissue.grid import SignedDistanceGrid
+
+
+@dataclass(frozen=True)
+class Tissue:
+    """A closed shape with its signed distance; demand for perfusion is uniform.
+
+    Closed cavities, thin walls and shells within shells follow the winding number of the
+    surface: a cavity's surface looks into the cavity, which is outside.
+
+    Attributes
+    ----------
+    grid : SignedDistanceGrid
+        Negative inside.
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int32
+        Counter-clockwise seen from outside the tissue.
+    volume_mm3 : float
+        Of the tissue, cavities excluded.
+    thinnest_wall_mm : float
+        First percentile of the wall's thickness over its surface; inf where no two faces are
+        opposite.
+    """
+
+    grid: SignedDistanceGrid
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    volume_mm3: float
+    thinnest_wall_mm: float
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner, (2, 3), mm."""
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each of ``points`` (n, 3) lies inside."""
+        inside: NDArray[np.bool_] = self.grid.distance(points) < 0
+        return inside
+
+    def top_vertex(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The vertex of largest z and its inward unit normal, (3,) each.
+
+        Of several at the same height, the one nearest the middle of the bounds. The normal is
+        the mean of the adjoining faces' weighted by their angle at the vertex.
+        """
+        height = self.vertices[:, 2]
+        top = np.flatnonzero(height >= height.max() - 1e-9 * np.ptp(height))
+        away = np.linalg.norm(self.vertices[top] - self.bounds.mean(axis=0), axis=1)
+        vertex = int(top[np.argmin(away)])
+        return self.vertices[vertex], -self._vertex_normal(vertex)
+
+    def _vertex_normal(self, vertex: int) -> NDArray[np.float64]:
+        face, corner = np.nonzero(self.faces == vertex)
+        here = self.vertices[vertex]
+        one = self.vertices[self.faces[face, (corner + 1) % 3]] - here
+        two = self.vertices[self.faces[face, (corner + 2) % 3]] - here
+        across = np.cross(one, two)
+        sine = np.linalg.norm(across, axis=1)
+        angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
+        normal = (across * (angle / sine)[:, None]).sum(axis=0)
+        unit: NDArray[np.float64] = normal / np.linalg.norm(normal)
+        return unit

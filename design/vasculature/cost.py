@@ -1,0 +1,124 @@
+r"""The exact cost of a tree, in the form that makes an update cheap.
+
+With equal terminal flows a segment that feeds n terminals has the flow n q. Of the quantities of
+Karch et al. 1999 (R\*, C\*, the ratios β) these two are kept for each segment:
+
+- load   W = n R\*
+- spend  K = W^(λ/4) C\*
+
+Put into R\* = 8μℓ/π + 1/(β_l⁴/R\*_l + β_r⁴/R\*_r) with β_l = (1 + x^-γ)^(-1/γ) and
+x = (n_l R\*_l / n_r R\*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
+
+- m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
+- W = n k ℓ + m, with k = 8μ/π
+- β_l⁴ = W_l / m
+- K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
+
+because n_l + n_r = n and β_l⁴/R\*_l = n_l / m. At the root r⁴ = Q R\*/Δp = q W/Δp, so the cost
+r_root^λ C\*_root is K_root times a constant: growth compares K_root alone.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from design.vasculature.options import Law
+from kernels import jit
+
+
+@jit
+def to_gamma(load: float, law: Law) -> float:
+    """W^(γ/4)."""
+    if law.gamma == 3.0:
+        return sqrt(load * sqrt(load))
+    return load ** (0.25 * law.gamma)
+
+
+@jit
+def from_gamma(total: float, law: Law) -> float:
+    """S^(4/γ), the inverse of `to_gamma`."""
+    if law.gamma == 3.0:
+        return total * np.cbrt(total)
+    return total ** (4.0 / law.gamma)
+
+
+@jit
+def to_lambda(load: float, law: Law) -> float:
+    """W^(λ/4)."""
+    if law.lam == 2.0:
+        return sqrt(load)
+    return load ** (0.25 * law.lam)
+
+
+@jit
+def to_u(length: float, law: Law) -> float:
+    """ℓᵘ."""
+    if law.u == 1.0:
+        return length
+    return length**law.u
+
+
+@jit
+def leaf(length: float, law: Law) -> tuple[float, float]:
+    """Load and spend of a terminal segment."""
+    load = law.k * length
+    return load, to_lambda(load, law) * to_u(length, law)
+
+
+@jit
+def joined(
+    load0: float, spend0: float, load1: float, spend1: float, length: float, n: int, law: Law
+) -> tuple[float, float, float]:
+    """Load and spend of a segment over two children, and the children's joint load m."""
+    m = from_gamma(to_gamma(load0, law) + to_gamma(load1, law), law)
+    load = n * law.k * length + m
+    spend = to_lambda(load, law) * (to_u(length, law) + (spend0 + spend1) / to_lambda(m, law))
+    return load, spend, m
+
+
+@jit
+def climb(
+    segments: Any, index: int, load: float, spend: float, added: int, law: Law
+) -> tuple[float, float, float, float, float]:
+    """Walk to the root as if segment ``index`` had this load and spend.
+
+    Every segment above gets ``added`` more terminals.
+
+    Returns
+    -------
+    root_load, root_spend : float
+        At the root; the second is the cost.
+    by_load, by_spend : float
+        Derivatives of the cost with respect to ``load`` and ``spend``.
+    share : float
+        (r_index / r_root)⁴.
+    """
+    e = 0.25 * law.lam
+    # Derivatives of this level's (load, spend) with respect to those at ``index``: a 2 x 2 matrix.
+    ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
+    share = 1.0
+    here = index
+    while segments[here].parent >= 0:
+        up = segments[here].parent
+        other = segments[up].left
+        if other == here:
+            other = segments[up].right
+        a0 = to_gamma(load, law)
+        total = a0 + to_gamma(segments[other].load, law)
+        m = from_gamma(total, law)
+        both = spend + segments[other].spend
+        mass = (segments[up].terminals + added) * law.k * segments[up].length
+        above = mass + m
+        me, we = to_lambda(m, law), to_lambda(above, law)
+        up_spend = we * (to_u(segments[up].length, law) + both / me)
+        m_by_load = (m / total) * (a0 / load)
+        spend_by_load = m_by_load * e * (up_spend / above - we * both / (me * m))
+        spend_by_spend = we / me
+        sl, ss = spend_by_load * ll + spend_by_spend * sl, spend_by_load * ls + spend_by_spend * ss
+        ll, ls = m_by_load * ll, m_by_load * ls
+        share *= load / m
+        load, spend, here = above, up_spend, up
+    return load, spend, sl, ss, share

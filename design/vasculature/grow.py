@@ -1,0 +1,316 @@
+"""Grow a tree in a tissue by constrained constructive optimisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import DesignError, GrowthError, TissueError
+from design.tissue import Tissue
+from design.vasculature.audit import measure_room, prune
+from design.vasculature.fit import Room
+from design.vasculature.index import CellIndex, empty_index
+from design.vasculature.options import GrowthOptions
+from design.vasculature.retip import retip_thin
+from design.vasculature.root import stem
+from design.vasculature.start import first_pair
+from design.vasculature.state import SEGMENT, place, refresh, spread_radii
+from design.vasculature.step import (
+    DONE,
+    FULL_INDEX,
+    MORE_POINTS,
+    PROGRESS,
+    THIN_MARGIN,
+    Scale,
+    derive_radii,
+    grow,
+    list_all,
+)
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
+
+SPREADS = (1.7, 1.5, 1.6, 1.4, 1.3)
+"""Terminal spreads tried in turn where none is given: wide ones leave the terminals free, narrow
+ones keep the trunk thin. One whose trunk was too wide for half of the terminals isn't tried
+again, nor a wider one."""
+
+ATTEMPTS = 24
+"""Growths from other random numbers, where one gets stuck."""
+
+TRIED_AT_MOST = 2_000_000
+"""Points tried in failed attempts, after which no other is begun."""
+
+ROUNDS = 20
+"""Audits and repairs at most."""
+
+_PATIENCE = 20_000
+_CHUNK = 4096
+_CHUNK_AT_MOST = 1 << 19
+_CELL = 1.2
+
+
+def grow_tree(tissue: Tissue, options: GrowthOptions) -> VesselTree:
+    """Grow a tree of equal terminal flows that stays in the tissue and doesn't collide.
+
+    Points are sampled uniformly in the tissue. Each joins the tree at the segment and place that
+    cost least (Schreiner & Buxbaum 1993; exact over the whole tree), among those whose vessels fit
+    with the radii that the finished tree is predicted to have. At the end all pairs are audited
+    with the true radii; what doesn't fit is pruned and grown elsewhere.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    options : GrowthOptions
+
+    Returns
+    -------
+    VesselTree
+        Same tissue, options and seed: the same bytes.
+
+    Raises
+    ------
+    TissueError
+        When the tissue is too thin for the root's branches.
+    GrowthError
+        When the root is misplaced, no more terminals fit (with how many did), or repair fails
+        (with how many vessels are left that don't fit).
+    """
+    spreads = [options.terminal_spread] if options.terminal_spread else list(SPREADS)
+    tried, most = 0, -1
+    best: DesignError = GrowthError("not tried")
+    for attempt in range(ATTEMPTS):
+        spread = spreads[attempt % len(spreads)]
+        garden = _Garden.open(tissue, options, spread, attempt)
+        try:
+            return garden.run()
+        except (GrowthError, TissueError) as error:
+            grown = garden.terminals
+            if grown > most:
+                most, best = grown, error
+        if grown < options.terminals // 2:
+            spreads = [s for s in spreads if s < spread] or spreads
+        tried += int(garden.progress["tried"][0])
+        if tried > TRIED_AT_MOST:
+            break
+    raise type(best)(f"{best} (best of {attempt + 1} attempts)") from best
+
+
+def _just(value: float) -> float:
+    """A hair below a value: what meets it to rounding passes."""
+    return value * (1.0 - 1e-9)
+
+
+@dataclass
+class _Garden:
+    """The arrays of one growth, and the loop around its kernels."""
+
+    tissue: Tissue
+    options: GrowthOptions
+    room: Room
+    scale: Scale
+    segments: NDArray[np.void]
+    progress: NDArray[np.void]
+    random: np.random.Generator
+    index: CellIndex
+    indexed: int = 0
+
+    @classmethod
+    def open(cls, tissue: Tissue, options: GrowthOptions, spread: float, attempt: int) -> _Garden:
+        grid = tissue.grid
+        room = Room(
+            grid.arrays,
+            options.clearance_mm + grid.error_mm,
+            options.clearance_mm,
+            options.clearance_ratio,
+            options.length_to_radius,
+        )
+        fixed = options.smallest_radius_mm or 0.0
+        spread = spread if fixed else 0.0
+        root = fixed * spread * options.terminals ** (1.0 / options.murray_exponent)
+        flow = options.flow_ul_s(tissue.volume_mm3)
+        scale = Scale(
+            flow / options.pressure_drop_pa, root, spread, options.terminals, tissue.volume_mm3
+        )
+        segments = np.zeros(2 * options.terminals + 1, SEGMENT)
+        progress = np.zeros(1, PROGRESS)
+        progress["apart"] = 0.9
+        index = empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1)
+        random = np.random.default_rng([options.seed, attempt])
+        return cls(tissue, options, room, scale, segments, progress, random, index)
+
+    @property
+    def count(self) -> int:
+        """Segments grown."""
+        return int(self.progress["count"][0])
+
+    @property
+    def terminals(self) -> int:
+        """Terminals grown."""
+        return int(self.progress["terminals"][0])
+
+    def run(self) -> VesselTree:
+        """Grow, audit and repair until everything fits."""
+        self.start()
+        for _ in range(ROUNDS):
+            self.grow()
+            left = self.audit()
+            if left == 0:
+                return self.tree()
+            self.repair()
+        raise GrowthError(
+            f"{left} of {self.count} vessels still collide or leave the tissue after {ROUNDS} "
+            "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
+        )
+
+    def start(self) -> None:
+        """Place the stem and the first two terminals."""
+        law, options = self.options.law, self.options
+        begin, end = stem(self.tissue, options, self._first_guess(), self.room.wall)
+        self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
+        place(self.segments, 0, tuple(begin), tuple(end))
+        refresh(self.segments, 0, law)
+        self.segments[0]["allowed"] = np.inf
+        self.progress["count"], self.progress["terminals"] = 1, 1
+        if options.terminals > 1:
+            self._first_pair()
+        derive_radii(self.segments, self.progress, law, self.scale)
+
+    def _first_pair(self) -> None:
+        law, root = self.options.law, self._first_guess()
+        apart = 0.5 * float(np.cbrt(self.tissue.volume_mm3))
+        for _ in range(40):
+            points = self._points(_CHUNK)
+            if first_pair(self.segments, self.room, law, root, points, apart):
+                self.progress["count"], self.progress["terminals"] = 3, 2
+                self.segments["allowed"][:3] = np.inf
+                return
+            apart *= 0.85
+        raise GrowthError(
+            "no two branches fit at the end of the root's stem; choose another root_point_mm or "
+            "root_direction, fewer terminals, a smaller smallest radius or clearance"
+        )
+
+    def _first_guess(self) -> float:
+        """Root radius before there is a tree, mm: that of a pipe twice as long as the tissue."""
+        if self.scale.root_radius > 0:
+            return self.scale.root_radius
+        load = 2.0 * self.options.law.k * float(np.cbrt(self.tissue.volume_mm3))
+        return float((self.scale.flow_over_drop * load) ** 0.25)
+
+    def _points(self, tries: int) -> Any:
+        low, high = self.tissue.bounds
+        points = self.random.uniform(low, high, (tries, 3))
+        return points[self.tissue.contains(points)]
+
+    def _reindex(self) -> None:
+        """List everything anew, in cells that suit the tree until it has doubled."""
+        volume = self.tissue.volume_mm3
+        self.indexed = max(4, self.terminals)
+        goal = min(self.options.terminals, 2 * self.terminals)
+        cell = _CELL * float(np.cbrt(volume / max(8, goal)))
+        room = 16 * len(self.segments) + 4096
+        while True:
+            self.index = empty_index(self.tissue.bounds, cell, room, len(self.segments))
+            listed = list_all(self.segments, self.count, self.index, self.room)
+            if listed and self.index.used[0] < 0.5 * room:
+                return
+            room *= 2
+
+    def grow(self) -> None:
+        """Grow up to the goal, wherever growth stands."""
+        options = self.options
+        if self.terminals >= options.terminals:
+            return
+        self.progress["since"] = 0
+        points, first = np.empty((0, 3)), 0
+        status = FULL_INDEX
+        while status != DONE:
+            if status == MORE_POINTS:
+                tries = int(np.clip(4 * self.terminals, _CHUNK, _CHUNK_AT_MOST))
+                points, first = self._points(tries), 0
+            else:
+                self._reindex()
+            status, first = grow(
+                self.segments,
+                self.index,
+                self.room,
+                options.law,
+                self.scale,
+                self.progress,
+                points,
+                first,
+                2 * self.indexed,
+            )
+            if self.progress["since"][0] > _PATIENCE:
+                raise self._no_room()
+
+    def _no_room(self) -> GrowthError:
+        smallest = self.options.smallest_radius_mm
+        wish = f" of radius {smallest:g} mm or more" if smallest else ""
+        return GrowthError(
+            f"only {self.terminals} of {self.options.terminals} terminals{wish} fit with clearance "
+            f"{self.options.clearance_mm:g} mm: {_PATIENCE} points in a row found no place; ask "
+            "for fewer terminals, a smaller smallest radius or clearance"
+        )
+
+    def audit(self) -> int:
+        """Derive the final radii; return how many segments don't fit with them.
+
+        With a smallest radius, a thinner terminal doesn't fit either.
+        """
+        smallest = self.options.smallest_radius_mm
+        root = self.scale.root_radius or self._root_radius()
+        thinnest = spread_radii(self.segments, self.count, root, 1.0, self.options.law)
+        if smallest is not None and thinnest > smallest:
+            root *= smallest / thinnest
+            spread_radii(self.segments, self.count, root, 1.0, self.options.law)
+        self._reindex()
+        return int(
+            measure_room(self.segments, self.count, self.index, self.room, _just(smallest or 0.0))
+        )
+
+    def _root_radius(self) -> float:
+        load = float(self.segments["load"][0])
+        return float((self.scale.flow_over_drop * load / self.terminals) ** 0.25)
+
+    def repair(self) -> None:
+        """Move tips that are too thin; take away what else the audit found."""
+        if self.options.smallest_radius_mm is not None:
+            retip_thin(
+                self.segments,
+                self.count,
+                self.index,
+                self.room,
+                self.options.law,
+                self._points(_CHUNK),
+                THIN_MARGIN * self.options.smallest_radius_mm,
+            )
+        left = prune(self.segments, self.count, self.index, self.room, self.options.law)
+        if left == 1:
+            raise GrowthError(
+                "the branches at the root don't fit with their final radii; choose another "
+                "root_point_mm, fewer terminals, a smaller smallest radius or clearance"
+            )
+        self.progress["count"], self.progress["terminals"] = left, (left + 1) // 2
+        self.progress["apart"] = 0.9
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+    def tree(self) -> VesselTree:
+        """The finished tree, its ratios computed afresh from geometry and topology."""
+        s, smallest = self.segments[: self.count], self.options.smallest_radius_mm
+        flow = self.options.flow_ul_s(self.tissue.volume_mm3)
+        drop = flow * float(s["load"][0]) / (self.terminals * float(s["radius"][0]) ** 4)
+        tree = tree_from_topology(
+            np.column_stack([s["px"], s["py"], s["pz"]]),
+            np.column_stack([s["dx"], s["dy"], s["dz"]]),
+            s["parent"],
+            np.column_stack([s["left"], s["right"]]),
+            flow_ul_s=flow,
+            pressure_drop_pa=drop if smallest else self.options.pressure_drop_pa,
+            murray_exponent=self.options.murray_exponent,
+            viscosity_pa_s=self.options.viscosity_pa_s,
+        )
+        return scaled_to_smallest_radius(tree, smallest) if smallest else tree

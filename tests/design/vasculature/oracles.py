@@ -1,0 +1,83 @@
+"""Slow, obvious counterparts of the kernels."""
+
+import heapq
+
+import numpy as np
+
+from tests.design.geometry.oracles import segment_segment
+
+
+def reduced_resistance(tree, i, k):
+    """R* and the ratios below segment i by Karch's recursion, straight from physics.md."""
+    length = np.linalg.norm(tree.distal[i] - tree.proximal[i])
+    a, b = tree.children[i]
+    if a < 0:
+        return k * length, {i: 1}, {}
+    ra, na, ratios_a = reduced_resistance(tree, a, k)
+    rb, nb, ratios_b = reduced_resistance(tree, b, k)
+    gamma = tree.murray_exponent
+    x = (na[a] * ra / (nb[b] * rb)) ** 0.25
+    beta_a = (1 + x**-gamma) ** (-1 / gamma)
+    beta_b = (1 + x**gamma) ** (-1 / gamma)
+    own = k * length + 1 / (beta_a**4 / ra + beta_b**4 / rb)
+    return own, {**na, **nb, i: na[a] + nb[b]}, {**ratios_a, **ratios_b, a: beta_a, b: beta_b}
+
+
+def terminal_flows(tree, radius):
+    """Flow of each terminal by series and parallel resistances of Poiseuille tubes, µL/s."""
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    tube = 8 * tree.viscosity_pa_s * length / (np.pi * radius**4)
+
+    def below(i):
+        a, b = tree.children[i]
+        return tube[i] + (0 if a < 0 else 1 / (1 / below(a) + 1 / below(b)))
+
+    flows = {}
+
+    def descend(i, pressure):
+        flow = pressure / below(i)
+        a, b = tree.children[i]
+        if a < 0:
+            flows[i] = flow
+        else:
+            descend(a, pressure - flow * tube[i])
+            descend(b, pressure - flow * tube[i])
+
+    descend(0, tree.pressure_drop_pa)
+    return np.array([flows[i] for i in sorted(flows)])
+
+
+def colliding_pairs(network, clearance_mm=0.0, clearance_ratio=0.0):
+    """All pairs of pieces, each by its own distance and its own shortest way."""
+    start, end, r0, r1, _ = network.pieces()
+    radius = np.maximum(r0, r1)
+    keys = [(tuple(a), tuple(b)) for a, b in zip(start.tolist(), end.tolist(), strict=True)]
+    colliding, joints = set(), set()
+    for i in range(len(start)):
+        for j in range(i + 1, len(start)):
+            if set(keys[i]) & set(keys[j]):
+                continue
+            gap = segment_segment(start[i], end[i], start[j], end[j]) - radius[i] - radius[j]
+            kept = max(clearance_mm, clearance_ratio * min(radius[i], radius[j]))
+            if gap >= kept:
+                continue
+            limit = 2 * (radius[i] + radius[j]) + kept
+            (colliding if _way(keys, i, j) > limit else joints).add((i, j))
+    return colliding, joints
+
+
+def _way(keys, i, j):
+    best = dict.fromkeys(keys[i], 0.0)
+    heap = [(0.0, node) for node in keys[i]]
+    while heap:
+        way, node = heapq.heappop(heap)
+        if node in keys[j]:
+            return way
+        for a, b in keys:
+            if node in (a, b):
+                other = b if node == a else a
+                further = way + np.linalg.norm(np.subtract(a, b))
+                if further < best.get(other, np.inf):
+                    best[other] = further
+                    heapq.heappush(heap, (further, other))
+    return np.inf

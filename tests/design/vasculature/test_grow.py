@@ -1,0 +1,185 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from design.errors import GrowthError, TissueError
+from design.geometry import build_triangle_tree, nearest_distances
+from design.tissue import annulus, block, folded_cortex, load_tissue, tissue_from_surface
+from design.vasculature import (
+    GrowthOptions,
+    collisions,
+    grow_tree,
+    scaled_to_smallest_radius,
+    tree_radii,
+    tree_to_network,
+)
+from tests.design.tissue import surfaces
+from tests.design.vasculature import oracles
+
+SHARED = Path(__file__).parents[4] / "shared" / "data"
+
+
+def tissue_of(shape):
+    return tissue_from_surface(shape.vertices, shape.faces)
+
+
+@pytest.fixture(scope="module")
+def tissues():
+    return {
+        "hollow sphere": tissue_of(surfaces.hollow_sphere()),
+        "torus": tissue_of(surfaces.torus()),
+        "nested shells": tissue_of(surfaces.nested_shells()),
+        "thin box": tissue_of(surfaces.thin_box(0.3)),
+        "block": tissue_of(block((20.0, 16.0, 12.0))),
+        "annulus": tissue_of(annulus(30.0, 20.0, 6.0)),
+        "folded cortex": tissue_of(folded_cortex()),
+    }
+
+
+def slack_outside(tree, tissue, clearance_mm=0.0):
+    """Least room between any lumen and the surface, by exact distances; the root apart."""
+    exact = build_triangle_tree(tissue.vertices, tissue.faces)
+    radius = tree_radii(tree)
+    t = np.linspace(0, 1, 25)[None, :, None]
+    axis = tree.proximal[1:, None] + t * (tree.distal - tree.proximal)[1:, None]
+    away = nearest_distances(exact, axis.reshape(-1, 3)).reshape(axis.shape[:2]).min(axis=1)
+    inside = tissue.contains(axis.reshape(-1, 3)).reshape(axis.shape[:2]).all(axis=1)
+    return np.where(inside, away - radius[1:] - clearance_mm, -np.inf).min()
+
+
+def check(tree, tissue, options):
+    terminals = (tree.children[:, 0] < 0).sum()
+    assert terminals == options.terminals
+    assert len(tree.parent) == 2 * terminals - 1
+    flows = oracles.terminal_flows(tree, tree_radii(tree))
+    assert np.ptp(flows) < 1e-9 * flows.mean()
+    assert flows.sum() == pytest.approx(options.flow_ul_s(tissue.volume_mm3))
+    found = collisions(tree_to_network(tree), options.clearance_mm, options.clearance_ratio)
+    assert found.count == 0
+    assert slack_outside(tree, tissue, options.clearance_mm) > -1e-3
+
+
+SHAPES = (
+    "hollow sphere",
+    "torus",
+    "nested shells",
+    "thin box",
+    "block",
+    "annulus",
+    "folded cortex",
+)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("name", SHAPES)
+def test_tree_stays_in_tissue_without_collisions(tissues, name, seed):
+    options = GrowthOptions(terminals=60, seed=seed, clearance_mm=0.02)
+    check(grow_tree(tissues[name], options), tissues[name], options)
+
+
+def test_printable_tree_keeps_its_smallest_radius(tissues):
+    options = GrowthOptions(terminals=200, smallest_radius_mm=0.12, clearance_mm=0.1)
+    tree = grow_tree(tissues["folded cortex"], options)
+    check(tree, tissues["folded cortex"], options)
+    assert tree_radii(tree).min() == pytest.approx(0.12)
+
+
+def test_printable_tree_fits_the_real_gyrus():
+    path = SHARED / "gyrus_patch_fsaverage5.stl"
+    if not path.is_file():
+        pytest.skip("no shared data beside the repository")
+    tissue = load_tissue(path, "mm")
+    options = GrowthOptions(terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1)
+    tree = grow_tree(tissue, options)
+    check(tree, tissue, options)
+    np.testing.assert_array_equal(tree.proximal[0], tissue.top_vertex()[0])
+
+
+def test_same_seed_gives_the_same_bytes_and_another_seed_another_tree(tissues):
+    one, two, other = (
+        grow_tree(tissues["torus"], GrowthOptions(terminals=100, seed=seed)) for seed in (3, 3, 4)
+    )
+    assert one.distal.tobytes() == two.distal.tobytes()
+    assert one.ratio.tobytes() == two.ratio.tobytes()
+    assert one.distal.tobytes() != other.distal.tobytes()
+
+
+def test_network_follows_the_tree(tissues):
+    tree = grow_tree(tissues["torus"], GrowthOptions(terminals=30))
+    network = tree_to_network(tree, tree_number=2)
+    start, end, r0, _, vessel = network.pieces()
+    np.testing.assert_array_equal(start, tree.proximal)
+    np.testing.assert_array_equal(end, tree.distal)
+    np.testing.assert_array_equal(r0, tree_radii(tree))
+    np.testing.assert_array_equal(vessel, np.arange(59))
+    assert network.inlets().tolist() == [0]
+    assert len(network.outlets()) == 30
+    assert set(network.tree.tolist()) == {2}
+
+
+def test_scaling_keeps_flows_and_lets_the_pressure_drop_follow(tissues):
+    tree = grow_tree(tissues["torus"], GrowthOptions(terminals=30))
+    scaled = scaled_to_smallest_radius(tree, 0.2)
+    factor = tree_radii(scaled) / tree_radii(tree)
+    np.testing.assert_allclose(factor, factor[0], rtol=1e-12)
+    assert tree_radii(scaled).min() == pytest.approx(0.2)
+    assert scaled.pressure_drop_pa == pytest.approx(tree.pressure_drop_pa / factor[0] ** 4)
+    flows = oracles.terminal_flows(scaled, tree_radii(scaled))
+    np.testing.assert_allclose(flows, tree.terminal_flow_ul_s, rtol=1e-11)
+    with pytest.raises(GrowthError, match="isn't above 0"):
+        scaled_to_smallest_radius(tree, 0.0)
+
+
+def test_root_is_placed_where_the_user_says(tissues):
+    options = GrowthOptions(
+        terminals=20, root_point_mm=(10.0, 8.0, 0.0), root_direction=(0.0, 0.2, 1.0)
+    )
+    tree = grow_tree(tissues["block"], options)
+    np.testing.assert_allclose(tree.proximal[0], [10, 8, 0])
+    along = tree.distal[0] - tree.proximal[0]
+    np.testing.assert_allclose(
+        along / np.linalg.norm(along), np.array([0, 0.2, 1]) / np.sqrt(1.04), atol=1e-12
+    )
+    inward = GrowthOptions(terminals=20, root_point_mm=(10.0, 8.0, 0.0))
+    along = grow_tree(tissues["block"], inward).distal[0] - [10, 8, 0]
+    assert along[2] > 0.99 * np.linalg.norm(along)
+
+
+@pytest.mark.parametrize(
+    "root",
+    [
+        {"root_point_mm": (10.0, 8.0, -9.0), "root_direction": (0.0, 0.0, 1.0)},
+        {"root_point_mm": (10.0, 8.0, 0.0), "root_direction": (0.0, 0.0, -1.0)},
+    ],
+)
+def test_root_outside_the_tissue_is_refused(tissues, root):
+    with pytest.raises(GrowthError, match=r"root at .*(outside|never enters)"):
+        grow_tree(tissues["block"], GrowthOptions(terminals=20, **root))
+
+
+def test_tissue_too_thin_for_a_vessel_is_refused():
+    tissue = tissue_of(block((20.0, 20.0, 0.4)))
+    with pytest.raises(TissueError, match=r"tissue is too thin .* 0\.2 mm deep at most"):
+        grow_tree(tissue, GrowthOptions(terminals=20, smallest_radius_mm=0.15))
+
+
+def test_more_terminals_than_fit_are_refused_with_how_many_did(tissues):
+    options = GrowthOptions(terminals=500, smallest_radius_mm=0.2, clearance_mm=0.2)
+    with pytest.raises((GrowthError, TissueError), match=r"best of 24 attempts"):
+        grow_tree(tissues["torus"], options)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("terminals", 0), ("murray_exponent", 4.0), ("viscosity_pa_s", 0.0), ("clearance_mm", -1.0)],
+)
+def test_impossible_options_are_refused(name, value):
+    with pytest.raises(GrowthError, match=rf"{name} is .*; give a value from"):
+        GrowthOptions(**{name: value})
+
+
+def test_one_and_two_terminals_are_trees_too(tissues):
+    for terminals in (1, 2, 3):
+        tree = grow_tree(tissues["block"], GrowthOptions(terminals=terminals))
+        assert (tree.children[:, 0] < 0).sum() == terminals

@@ -1,0 +1,107 @@
+"""Sections, clearances and deviations on shapes with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from design.network import VesselNetwork
+from registration.distance import ModelSurface
+from registration.gauging import deviations, summarise
+from registration.gauging.planes import clearances, stations
+from registration.gauging.sections import Planes, cut
+from registration.segmentation import GelField
+from tests.registration.parts import lumens, solid
+
+VOXEL = np.array([0.05, 0.05, 0.04])
+
+
+def bore(radius: float, centre_y: float = 1.5, plug: tuple[float, float] = (9, 9)) -> GelField:
+    """Gel with a straight lumen along x at (y, z) = (centre_y, 1.5); full between the plug's x."""
+    z, y, x = np.meshgrid(*(np.arange(n) for n in (75, 60, 60)), indexing="ij")
+    away = np.hypot(y * VOXEL[1] - centre_y, z * VOXEL[2] - 1.5) - radius
+    gel = np.where((x * VOXEL[0] > plug[0]) & (x * VOXEL[0] < plug[1]), 1.0, away)
+    values = np.clip(0.5 + gel / 0.2, 0, 1).astype(np.float32)
+    return GelField(values, 0.5, 1.0, VOXEL, np.zeros(3), blur_mm=0.0)
+
+
+def planes(radius: float, xs: list[float]) -> Planes:
+    n = len(xs)
+    centre = np.array([[x, 1.5, 1.5] for x in xs])
+    across = np.broadcast_to(np.array([[0.0, 1, 0], [0, 0, 1]]), (n, 2, 3)).copy()
+    return Planes(centre, across, np.full(n, radius))
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.35, 0.5])
+def test_diameter_of_a_bore_is_right_to_two_micrometres(radius: float) -> None:
+    found = cut(bore(radius), planes(radius, [0.8, 1.5, 2.1]))
+    assert found.closed_outline.all()
+    np.testing.assert_allclose(found.diameter, 2 * radius, atol=0.002)
+    np.testing.assert_allclose(found.offset, 0, atol=0.002)
+
+
+def test_offset_bore_keeps_its_diameter_and_gives_the_offset() -> None:
+    found = cut(bore(0.3, centre_y=1.62), planes(0.3, [1.0, 1.5]))
+    np.testing.assert_allclose(found.diameter, 0.6, atol=0.003)
+    np.testing.assert_allclose(found.offset, 0.12, atol=0.003)
+
+
+def test_plug_is_closed_and_beside_it_open() -> None:
+    found = cut(bore(0.3, plug=(1.2, 1.8)), planes(0.3, [0.8, 1.5, 2.2]))
+    np.testing.assert_array_equal(found.open, [True, False, True])
+    assert found.diameter[1] == 0
+
+
+def test_lumen_beyond_the_field_is_not_in_it() -> None:
+    found = cut(bore(0.3), planes(0.3, [1.0, 5.0]))
+    np.testing.assert_array_equal(found.in_field, [True, False])
+
+
+def test_known_blur_is_undone_to_first_order() -> None:
+    radius, blur = 0.3, 0.08
+    field = bore(radius - blur**2 / (2 * radius))
+    blurred = GelField(field.values, 0.5, 1.0, VOXEL, np.zeros(3), blur_mm=blur)
+    found = cut(blurred, planes(radius, [1.5]))
+    assert found.diameter[0] == pytest.approx(2 * radius, abs=0.004)
+
+
+def tee(radius: tuple[float, float, float]) -> VesselNetwork:
+    nodes = np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0], [5, 5, 0]])
+    ends = np.array([[0, 1], [1, 2], [1, 3]])
+    return VesselNetwork.from_segments(nodes, ends, np.array(radius), np.zeros(3), np.zeros(3))
+
+
+def test_clearance_at_a_tee_is_the_neighbours_radius() -> None:
+    found = clearances(tee((0.5, 0.5, 0.2)))
+    np.testing.assert_allclose(found[0], [0, 0.2], atol=1e-9)
+    np.testing.assert_allclose(found[1], [0.2, 0], atol=1e-9)
+    np.testing.assert_allclose(found[2], [0.5, 0], atol=1e-9)
+
+
+def test_stations_stay_on_the_vessel_and_interpolate_its_taper() -> None:
+    points = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0]])
+    network = VesselNetwork(
+        points[[0, 2]], np.array([[0, 1]]), np.zeros(1, int), np.zeros(1, int), np.array([0, 3]),
+        points, np.array([0.5, 0.4, 0.3]),
+    )  # fmt: skip
+    along, centre, tangent, radius = stations(network, 0, 0.1)
+    assert len(along) == 40
+    np.testing.assert_allclose(radius, 0.5 - 0.05 * along)
+    assert (np.minimum(np.abs(centre[:, 1]), np.abs(centre[:, 0] - 2)) < 1e-9).all()
+    np.testing.assert_allclose(np.linalg.norm(tangent, axis=1), 1)
+
+
+def test_wider_lumen_deviates_positively_for_either_model() -> None:
+    network = tee((0.5, 0.5, 0.5))
+    surface = ModelSurface.of(solid(lumens(network)))
+    outside = np.array([[2.0, 0.6, 0.0], [2.0, 0.0, -0.55]])
+    np.testing.assert_allclose(deviations(surface, outside, True), [0.1, 0.05], atol=0.004)
+    np.testing.assert_allclose(deviations(surface, outside, False), [-0.1, -0.05], atol=0.004)
+
+
+def test_summary_of_known_numbers() -> None:
+    found = summarise(np.array([-0.03, 0.01, 0.02, 0.06]))
+    assert found.mean_um == pytest.approx(15)
+    assert found.median_um == pytest.approx(15)
+    assert found.rms_um == pytest.approx(np.sqrt((900 + 100 + 400 + 3600) / 4))
+    assert found.within == {25: 0.5, 50: 0.75, 100: 1.0}

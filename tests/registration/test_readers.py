@@ -1,0 +1,165 @@
+"""Readers: round trips, and broken files that end with a reason."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
+from registration.errors import ScanFileError
+
+
+def scan(**changes: Any) -> Scan:
+    volume = np.random.default_rng(0).integers(0, 60000, (9, 8, 7)).astype(np.uint16)
+    known: dict[str, Any] = {
+        "volume": volume, "voxel_mm": (0.02, 0.03, 0.031), "refractive_index": 1.34,
+        "optical_depth": True, "scale": "linear", "modality": "oct", "depth_down": True,
+        "came_from": Path("x"),
+    }  # fmt: skip
+    return Scan(**(known | changes))
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "int16", "float32"])
+@pytest.mark.parametrize("compress", [False, True])
+def test_tiff_comes_back_exactly(tmp_path: Path, dtype: str, compress: bool) -> None:
+    path = tmp_path / "scan.tif"
+    original = scan(volume=scan().volume.astype(dtype), scale="db")
+    write_scan_tiff(path, original, compress=compress)
+    found = read_scan(path)
+    np.testing.assert_array_equal(found.volume, original.volume)
+    assert found.volume.dtype == original.volume.dtype
+    for name in ("voxel_mm", "refractive_index", "optical_depth", "scale", "modality"):
+        assert getattr(found, name) == getattr(original, name)
+    assert found.depth_down
+    assert found.came_from == path
+
+
+@given(
+    voxel=st.tuples(*[st.floats(1e-4, 5.0)] * 3),
+    index=st.floats(1.0, 2.0),
+    scale=st.sampled_from(["linear", "db"]),
+    down=st.booleans(),
+)
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_any_units_come_back(
+    tmp_path: Path, voxel: tuple[float, float, float], index: float, scale: Any, down: bool
+) -> None:
+    original = scan(voxel_mm=voxel, refractive_index=index, scale=scale, depth_down=down)
+    write_scan_tiff(tmp_path / "s.tif", original)
+    found = read_scan(tmp_path / "s.tif")
+    assert (found.voxel_mm, found.refractive_index) == (voxel, index)
+    assert (found.scale, found.depth_down) == (scale, down)
+
+
+def bare_tiff(path: Path) -> Path:
+    tifffile.imwrite(path, scan().volume, photometric="minisblack", metadata=None)
+    return path
+
+
+def test_bare_stack_asks_for_its_units_by_option(tmp_path: Path) -> None:
+    with pytest.raises(ScanFileError, match="--voxel-mm"):
+        read_scan(bare_tiff(tmp_path / "s.tif"))
+
+
+def test_oct_without_index_asks_for_it(tmp_path: Path) -> None:
+    said = ScanOverrides(voxel_mm=(0.1, 0.1, 0.1), scale="linear", modality="oct")
+    with pytest.raises(ScanFileError, match=r"--refractive-index, --optical-depth"):
+        read_scan(bare_tiff(tmp_path / "s.tif"), said)
+
+
+def test_microct_needs_no_index(tmp_path: Path) -> None:
+    said = ScanOverrides(voxel_mm=(0.1, 0.1, 0.1), scale="linear", modality="microct")
+    found = read_scan(bare_tiff(tmp_path / "s.tif"), said)
+    assert found.refractive_index == 1.0
+    assert not found.depth_down
+    assert found.geometric_voxel_mm == (0.1, 0.1, 0.1)
+
+
+def test_sidecar_completes_and_the_user_overrules(tmp_path: Path) -> None:
+    path = bare_tiff(tmp_path / "s.tif")
+    known = {"voxel_mm": [0.1, 0.1, 0.1], "scale": "linear", "modality": "microct"}
+    path.with_suffix(".json").write_text(json.dumps(known))
+    assert read_scan(path).voxel_mm == (0.1, 0.1, 0.1)
+    assert read_scan(path, ScanOverrides(voxel_mm=(0.2, 0.1, 0.1))).voxel_mm == (0.2, 0.1, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("voxel_mm", [0.1, 0.1], "three sizes"),
+        ("voxel_mm", [0.1, 0.1, -1], "above 0"),
+        ("voxel_mm", [0.1, 0.1, float("nan")], "three sizes"),
+        ("voxel_mm", [100, 30, 30], "at most 5"),
+        ("refractive_index", 13.4, "1 to 2"),
+        ("scale", "log", "scale"),
+        ("modality", "mri", "modality"),
+        ("depth_down", "yes", "true or false"),
+        ("voxel_um", [1, 2, 3], "unknown key"),
+    ],
+)
+def test_impossible_metadata_is_refused(
+    tmp_path: Path, key: str, value: object, reason: str
+) -> None:
+    path = bare_tiff(tmp_path / "s.tif")
+    known = {"voxel_mm": [0.1] * 3, "scale": "linear", "modality": "microct", key: value}
+    path.with_suffix(".json").write_text(json.dumps(known))
+    with pytest.raises(ScanFileError, match=reason):
+        read_scan(path)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+def test_truncated_tiff_is_refused(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "s.tif"
+    write_scan_tiff(path, scan())
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(ScanFileError):
+        read_scan(path)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    path.write_bytes(b"solid block")
+    with pytest.raises(ScanFileError, match="neither TIFF nor"):
+        read_scan(path)
+    with pytest.raises(ScanFileError, match="no such scan"):
+        read_scan(tmp_path / "none.tif")
+
+
+def test_colour_stack_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, np.zeros((9, 8, 7, 3), np.uint8), photometric="rgb", metadata=None)
+    with pytest.raises(ScanFileError, match="grey images"):
+        read_scan(path, ScanOverrides((0.1, 0.1, 0.1), 1.0, False, "linear", "microct", False))
+
+
+def test_npz_is_read_and_a_broken_one_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.npz"
+    np.savez(path, volume=scan().volume, voxel_mm=[0.1] * 3, scale="linear", modality="microct")
+    np.testing.assert_array_equal(read_scan(path).volume, scan().volume)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ScanFileError, match="broken"):
+        read_scan(path)
+    np.savez(path, picture=scan().volume)
+    with pytest.raises(ScanFileError, match="'volume'"):
+        read_scan(path)
+
+
+def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    write_scan_tiff(path, scan())
+    before = path.read_bytes()
+    broken = scan(volume=np.array([object()], dtype=object))
+    with pytest.raises((ValueError, TypeError, KeyError)):
+        write_scan_tiff(path, broken)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,123 @@
+"""Surface nets, thresholds and light compensation on shapes with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from registration.segmentation.filters import bin_mean, gaussian_weights, smooth
+from registration.segmentation.levels import balanced_levels, otsu, sparse_levels
+from registration.segmentation.light import light_left
+from registration.segmentation.nets import surface
+
+FloatArray = NDArray[np.float64]
+
+
+def ball(radius: float, centre: FloatArray, n: int = 40) -> NDArray[np.float32]:
+    z, y, x = np.meshgrid(*(np.arange(n),) * 3, indexing="ij")
+    away = np.sqrt((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2)
+    return np.clip(0.5 + (radius - away) / 4, 0, 1).astype(np.float32)
+
+
+def enclosed(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_ball_has_its_radius_to_a_fiftieth_of_a_voxel(sign: float) -> None:
+    centre = np.array([19.3, 20.1, 18.7])
+    volume = ball(12.0, centre)
+    if sign < 0:
+        volume = 1 - volume
+    vertices, gradient, faces = surface(volume, sign * 0.5, sign)
+    away = vertices - centre
+    radius = np.linalg.norm(away, axis=1)
+    assert np.abs(radius - 12).max() < 0.05
+    assert abs(radius.mean() - 12) < 0.02
+    assert enclosed(vertices, faces) == pytest.approx(4 / 3 * np.pi * 12**3, rel=0.01)
+    assert ((gradient * away).sum(axis=1) < 0).all()
+
+
+def test_surface_in_the_middle_is_closed_and_manifold() -> None:
+    _, _, faces = surface(ball(9.0, np.array([20.0, 20.0, 20.0])), 0.5, 1.0)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    forward = {tuple(edge) for edge in edges}
+    assert len(forward) == len(edges)
+    assert all((b, a) in forward for a, b in forward)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_whole_numbers_equal_to_the_level_leave_no_holes(sign: float) -> None:
+    volume = (ball(8.0, np.array([20.0, 20.0, 20.0])) * 8).astype(np.uint16)
+    vertices, _, _ = surface(volume, sign * 4.0, sign)
+    assert len(vertices) > 0
+    assert np.isfinite(vertices).all()
+
+
+def test_binning_averages_linear_intensity_of_decibels() -> None:
+    linear = np.random.default_rng(0).uniform(1, 100, (4, 6, 9)).astype(np.float32)
+    expected = linear[:, :6, :9].reshape(2, 2, 3, 2, 3, 3).mean(axis=(1, 3, 5))
+    decibel = (10 * np.log10(linear)).astype(np.float32)
+    np.testing.assert_allclose(bin_mean(linear, (2, 2, 3), False, 0.0), expected, rtol=1e-5)
+    np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
+
+
+def test_smoothing_equals_the_plain_convolution() -> None:
+    values = np.random.default_rng(0).normal(size=(30, 11, 9)).astype(np.float32)
+    weights = (gaussian_weights(1.3), gaussian_weights(0.8), gaussian_weights(0.5))
+    out = np.empty_like(values)
+    smooth(values, out, weights, 0.0)
+    naive = values.astype(float)
+    for axis, w in enumerate(weights):
+        reach = len(w) // 2
+        padded = np.pad(naive, [(reach, reach) if a == axis else (0, 0) for a in range(3)], "edge")
+        naive = np.apply_along_axis(lambda v, w=w: np.convolve(v, w, "valid"), axis, padded)
+    np.testing.assert_allclose(out, naive, atol=1e-5)
+
+
+def test_otsu_splits_two_normal_classes_between_them() -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate([rng.normal(0, 1, 30_000), rng.normal(10, 1, 20_000)])
+    assert 3 < otsu(values) < 7
+    levels = balanced_levels(values)
+    assert levels.half == pytest.approx(5, abs=0.1)
+
+
+def test_sparse_lumens_of_one_percent_are_found() -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
+    assert sparse_levels(values).half == pytest.approx(70, abs=1)
+
+
+def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float32]:
+    """Signal of a gel block whose side wall leans by `tilt` (columns per row); one lumen."""
+    nz, ny, nx = 60, 12, 60
+    z, x = np.meshgrid(np.arange(nz), np.arange(nx), indexing="ij")
+    fill = np.clip((x - 12 - tilt * z) / 2 + 0.5, 0, 1) * ((z >= 6) & (z < 50))
+    fill = fill * ~((z - 25) ** 2 + (x - 42) ** 2 < 36)
+    depth = (np.cumsum(fill, axis=0) - fill / 2) * step
+    signal = 1e4 * fill * np.exp(-2 * attenuation * depth)
+    return np.repeat(signal[:, None, :], ny, axis=1).astype(np.float32)
+
+
+@pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
+@pytest.mark.parametrize("depth_down", [True, False])
+def test_light_compensation_gives_the_filled_share_times_the_attenuation(
+    tilt: float, depth_down: bool
+) -> None:
+    signal = gel_block(tilt, 0.8, 0.045)
+    turned = signal if depth_down else signal[::-1].copy()
+    light, typical = light_left(turned, 0.045, 1.0, np.array([0.06, 0.06]), depth_down)
+    share = (turned / light)[:, 6] / 0.8
+    share = share if depth_down else share[::-1]
+    assert typical == pytest.approx(0.8, rel=0.05)
+    truth = signal[:, 6] > 0
+    inner = np.zeros_like(truth)
+    inner[8:47, 24:34] = True
+    np.testing.assert_allclose(share[inner], 1.0, atol=0.1)
+    # Where the wall crosses one half: within a fifth of a pixel of the truth, at all depths.
+    for z in (10, 25, 44):
+        edge = np.interp(0.5, share[z, 5:24], np.arange(5, 24))
+        assert edge == pytest.approx(12 + tilt * z, abs=0.35)

@@ -1,0 +1,142 @@
+"""The dry run: time against a real Marlin, and what it finds wrong in a file."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_profiles import Printer, load
+from sim.dryrun import dry_run
+from tests.sim.transcripts import DATA
+
+PROFILE = load(Printer, "marlin_avr")
+FRESH = (DATA / "fresh.gcode").read_bytes()
+MEASURED_S = 39.366183
+"""Mean of the two runs in `avr_duration.txt`, from the first to the last step pulse."""
+
+
+def codes(run):
+    return [finding.code for finding in run.findings]
+
+
+def only(run):
+    assert len(run.findings) == 1, run.findings
+    return run.findings[0]
+
+
+def dry(text, start=(10.0, 10.0, 10.0)):
+    return dry_run(text.encode(), PROFILE, start, cold_extrusion=True)
+
+
+def test_time_and_steps_are_those_of_the_real_printer():
+    run = dry_run(FRESH, PROFILE, (50, 50, 0), cold_extrusion=True)
+    assert run.duration_s == pytest.approx(MEASURED_S, rel=1e-3)
+    assert run.findings == []
+    assert run.merged_moves == 0
+    steps = np.rint(run.executed.end[-1] * [80, 80, 400]).astype(int)
+    assert (steps - [4000, 4000, 0]).tolist() == [0, 0, 72]
+    assert round(run.executed.plunger_end[-1] * 500) == 3542
+    assert len(run.executed) == 486
+
+
+def test_bounds_come_with_the_line_that_reaches_them():
+    run = dry("G1 X20 F600\n; remark\nG1 X5 Y30\nG1 Z11\n")
+    assert run.low_mm.tolist() == [5, 10, 10]
+    assert run.high_mm.tolist() == [20, 30, 11]
+    assert run.low_line.tolist() == [3, 0, 0]
+    assert run.high_line.tolist() == [1, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "line", "value", "limit"),
+    [
+        ("G1 X20\nG1 X201.5\nG1 X3\n", "outside_x", 2, 201.5, 200),
+        ("G1 Y-0.5\n", "outside_y", 1, -0.5, 0),
+        ("G1 Z500 F60\n", "outside_z", 1, 500, 200),
+        ("G1 X20 F600\nG1 Z11 F600\n", "speed_z", 2, 10, 5),
+        ("G1 E1 F1800\n", "speed_e", 1, 30, 25),
+        ("G1 X20 F600\nG1 X21 F12\n", "too_slow", 2, 16, 32),
+        ("G1 E30 F300\nG92 E0\nG1 E31\n", "plunger_travel", 3, 61, 60),
+    ],
+)
+def test_a_limit_that_is_broken_is_found(text, code, line, value, limit):
+    finding = only(dry(text))
+    assert (finding.code, finding.line) == (code, line)
+    assert finding.value == pytest.approx(value)
+    assert finding.limit == limit
+    assert f"line {line}" in finding.message
+    assert f"{limit:g}" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("G28\n", "homing"),
+        ("M73 P1\nM73 P2\n", "unknown_command"),
+        ("hello\n", "no_command"),
+        ("G2 X20 Y20\n", "bad_arc"),
+        ("G1 X10" + " Y10" * 30 + "\n", "long_line"),
+    ],
+)
+def test_a_line_that_the_firmware_can_not_take_is_found(text, code):
+    assert codes(dry(text)) == [code]
+
+
+def test_one_finding_tells_how_many_lines_have_it():
+    run = dry("G1 X201\nG1 X202\nG1 X10\nG1 X203\n")
+    assert only(run).count == 3
+    assert only(run).value == 203
+    assert dry("M73 P1\nG1 X1\nM73 P2\n").unknown == ((1, "M73"), (3, "M73"))
+
+
+def test_cold_extrusion_is_found_and_the_plunger_stays():
+    run = dry_run(b"G1 X20 E1 F600\nM302 P1\nG1 X10 E3\n", PROFILE, (10, 10, 10))
+    assert codes(run) == ["cold_extrusion"]
+    assert run.executed.plunger_end.tolist() == [0, 2]
+
+
+def test_dwells_and_waits_count():
+    still = dry("G1 X20 F600\nG1 X30\n")
+    waits = dry("G1 X20 F600\nG4 S2\nG1 X30\n")
+    # The dwell waits for the motors, and the move after it for its company.
+    assert waits.duration_s - still.duration_s == pytest.approx(2.1, abs=0.05)
+
+
+def test_short_moves_are_merged_and_counted():
+    text = "".join(f"G1 X{10 + 0.05 * k:.2f} F600\n" for k in range(1, 101))
+    run = dry(text)
+    assert run.merged_moves == 50
+    assert run.executed.end[-1, 0] == 15
+
+
+def test_blocks_know_their_command():
+    run = dry("; a remark\nG1 X20 F600\nM105\nG1 X30\n\nG1 Y20\n")
+    assert run.executed.line.tolist() == [0, 2, 3]
+
+
+def test_an_empty_file_runs_in_no_time():
+    run = dry("; nothing\n\n")
+    assert run.duration_s == 0
+    assert len(run.executed) == 0
+    assert run.findings == []
+    assert run.longest_line == (0, 0)
+
+
+def test_the_longest_line_is_measured_as_it_is_sent():
+    assert dry("G1 X20\nG1 X21 Y10 ; a long remark\n").longest_line == (
+        len("N2 G1 X21 Y10*123\n"),
+        2,
+    )
+
+
+@given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 200)), min_size=1, max_size=40))
+@settings(max_examples=30, deadline=None)
+def test_ends_and_times_hold_together(points):
+    text = "".join(f"G1 X{x} Y{y} F6000\n" for x, y in points)
+    run = dry(text, (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(run.program.target[-1, :2], points[-1])
+    way = np.linalg.norm(np.diff([(0, 0), *points], axis=0), axis=1)
+    assert run.duration_s >= (way.sum() / 100) * 0.99 - 0.01
+    moved = np.abs(run.executed.end - run.executed.start).sum()
+    assert (moved > 0) == (way.sum() > 0)
+    assert run.findings == []
