@@ -1,1 +1,1 @@
-"""design."""
+"""The design side: tissue, vasculature, network, hemodynamics, solids, toolpath."""

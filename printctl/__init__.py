@@ -1,1 +1,1 @@
-"""printctl."""
+"""From tissue to registration report: recipe, pipeline, preflight, link, command line."""

@@ -1,1 +1,1 @@
-"""sim."""
+"""The simulated side: printer, dry run, deposit, scanner; no code shared with the writer."""

@@ -13,19 +13,17 @@ from rich.console import Console
 
 from design.errors import DesignError
 from firmware_profiles import ProfileError
-from printctl.cli import (
-    design,
-    doctor,
-    init,
-    ports,
-    print_job,
-    profiles,
-    register,
-    run,
-    sim_printer,
-    simulate,
-    toolpath,
-)
+from printctl.cli.design import design
+from printctl.cli.doctor import doctor
+from printctl.cli.init import init
+from printctl.cli.ports import ports
+from printctl.cli.print_job import print_job
+from printctl.cli.profiles import profiles
+from printctl.cli.register import register
+from printctl.cli.run import run
+from printctl.cli.sim_printer import sim_printer
+from printctl.cli.simulate import simulate
+from printctl.cli.toolpath import toolpath
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError
 from registration.errors import RegistrationError
@@ -38,19 +36,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-app.command("run")(run.run)
-app.command("design")(design.design)
-app.command("toolpath")(toolpath.toolpath)
-app.command("simulate")(simulate.simulate)
-app.command("print")(print_job.print_job)
+app.command("run")(run)
+app.command("design")(design)
+app.command("toolpath")(toolpath)
+app.command("simulate")(simulate)
+app.command("print")(print_job)
 app.command(
     "sim-printer", context_settings={"allow_extra_args": True, "ignore_unknown_options": True}
-)(sim_printer.sim_printer)
-app.command("register")(register.register)
-app.command("ports")(ports.ports)
-app.command("profiles")(profiles.profiles)
-app.command("doctor")(doctor.doctor)
-app.command("init")(init.init)
+)(sim_printer)
+app.command("register")(register)
+app.command("ports")(ports)
+app.command("profiles")(profiles)
+app.command("doctor")(doctor)
+app.command("init")(init)
 
 
 def main() -> None:

@@ -18,7 +18,9 @@ MOVES = 400
 def _job(folder: Path) -> Path:
     """A zigzag of `MOVES` moves with ink."""
     lines = ["G21", "G90", "M82", "M302 P1", "G92 X0 Y0 Z0 E0"]
-    lines += [f"G1 X{10 * (k % 2)} Y{0.1 * k:.1f} E{0.01 * k:.4f} F1200" for k in range(1, MOVES + 1)]
+    lines += [
+        f"G1 X{10 * (k % 2)} Y{0.1 * k:.1f} E{0.01 * k:.4f} F1200" for k in range(1, MOVES + 1)
+    ]
     path = folder / "job.gcode"
     path.write_text("\n".join([*lines, "M400"]) + "\n")
     return path
@@ -74,7 +76,9 @@ def test_simulated_port_needs_no_set_up(tmp_path: Path) -> None:
 def test_refused_job_never_reaches_the_printer(tmp_path: Path) -> None:
     path = tmp_path / "bad.gcode"
     path.write_text("G90\nM82\nG92 X0 Y0 Z0 E0\nG28\nG1 X999 F600\n")
-    done = printctl("print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path)
+    done = printctl(
+        "print", path, "--printer", "generic_marlin", "--port", "simulated", cwd=tmp_path
+    )
     assert done.returncode == 3, done.stderr
     assert "homing" in done.stderr
     assert "line 5" in done.stderr
