@@ -30,7 +30,7 @@ EMBEDDED: dict[str, Any] = {
     "name": "warm_embedded",
     "tissue": {"shape": "cylinder", "diameter_mm": 14, "height_mm": 8},
     "vasculature": {"grow": "tree", "terminals": 6, "smallest_diameter_mm": 0.5},
-    "toolpath": {"method": "embedded"},
+    "toolpath": {"method": "embedded", "allowed_crossings": 100},
     "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
     "scan": {"simulated": "microct", "voxel_um": [80, 80, 80]},
     "registration": {"tolerance_um": 1000},

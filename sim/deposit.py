@@ -152,11 +152,12 @@ def _dosed_lines(
             "no block moves the needle while the plunger advances, so nothing was deposited; "
             "check that the job extrudes and that the extruder was hot enough to be allowed to"
         )
-    path = length[(plunger > 0) & (length > 1e-9)].sum()
-    quantum = _plunger_quantum(plunger) if step is None else step
-    gap = min(1.5 * quantum * path / pushed, smoothing / 2)
     rise = executed.end[:, 2] - executed.start[:, 2]
-    run = writing_runs(length, plunger, rise, gap)
+    # Bridging freely first, to learn how much path one step of the plunger makes.
+    run = writing_runs(length, plunger, rise, smoothing / 2)
+    quantum = _plunger_quantum(plunger) if step is None else step
+    path_of_step = quantum * length[run >= 0].sum() / plunger[run >= 0].sum()
+    run = writing_runs(length, plunger, rise, min(1.5 * path_of_step, smoothing / 2))
     chosen = np.flatnonzero(run >= 0)
     area = _smoothed_area(run[chosen], length[chosen], plunger[chosen] * plunger_area, smoothing)
     kept = area > 0

@@ -1,7 +1,9 @@
 """Run a file through the simulated planner without a printer: how long, how far, what's wrong.
 
-The planner is that of the simulated printer, fed as the link feeds a real one: one line in
-flight at the printer's baud rate. Waits for heat count as nothing; a wait for the user likewise.
+The planner is that of the simulated printer, fed as the link feeds a real one: so many lines in
+flight at the printer's baud rate, each taking the processor's time. Where moves are shorter than
+their lines take to come, the planner runs low and slows down here as it would there. Waits for
+heat count as nothing; a wait for the user likewise.
 """
 
 from __future__ import annotations
@@ -85,6 +87,7 @@ def dry_run(
     start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     *,
     cold_extrusion: bool = False,
+    in_flight: int = 1,
 ) -> DryRun:
     """Run a file without a printer.
 
@@ -97,6 +100,8 @@ def dry_run(
     cold_extrusion : bool
         Whether M302 was sent before the file; without it (in the file or before) the firmware
         drops all plunger motion while the hotend is cold.
+    in_flight : int
+        Lines that the host has on the way at a time, at least 1.
 
     Raises
     ------
@@ -113,7 +118,9 @@ def dry_run(
         program.feed,
         program.value,
         program.command,
-        _seconds_on_the_wire(program, printer),
+        sent_length(program).astype(np.float64) * (_BITS_PER_BYTE / printer.baud),
+        _OK_BYTES * _BITS_PER_BYTE / printer.baud,
+        np.zeros(max(in_flight, 1)),
         extrudes,
         Board().costs(),
         planner,
@@ -128,12 +135,6 @@ def dry_run(
         merged_moves=int(planner["merged"][0]),
         **checked,
     )
-
-
-def _seconds_on_the_wire(program: Program, printer: Printer) -> FloatArray:
-    size = sent_length(program)
-    seconds = (size + _OK_BYTES) * (_BITS_PER_BYTE / printer.baud)
-    return np.where(size > 0, seconds, 0.0)
 
 
 def _extrusion_allowed(program: Program, already: bool) -> NDArray[np.bool_]:
@@ -152,20 +153,36 @@ def _plan(
     feed: FloatArray,
     value: FloatArray,
     command: NDArray[np.int64],
-    wire_s: FloatArray,
+    line_s: FloatArray,
+    ok_s: float,
+    answered: FloatArray,
     extrudes: NDArray[np.bool_],
     costs: FloatArray,
     planner: Records,
     ring: Records,
     log: Records,
 ) -> float:
-    """Feed the planner row by row; returns the time from the first pulse or dwell to the last."""
+    """Feed the planner row by row; returns the time from the first pulse or dwell to the last, s.
+
+    Parameters
+    ----------
+    line_s : (n,) float64, s
+        Each line's time on the wire; 0 for a row that comes with the one before.
+    ok_s : float, s
+        The answer's.
+    answered : (k,) float64, s
+        Zeros, as many as there are lines in flight; keeps when the last k answers came.
+    """
     now = 0.0
+    arrival = 0.0
+    lines = 0
     begin = np.inf
     finish = 0.0
     for i in range(len(kind)):
-        if wire_s[i] > 0.0:
-            now += wire_s[i]
+        if line_s[i] > 0.0:
+            slot = lines % len(answered)
+            arrival = max(arrival, answered[slot]) + line_s[i]
+            now = max(now, arrival)
             run_until(planner, ring, log, now)
             now += command_time(planner, ring, now, costs)
         run_until(planner, ring, log, now)
@@ -187,6 +204,10 @@ def _plan(
             elif kind[i] == HOME:
                 for axis in range(3):
                     set_axis(planner, axis, target[i, axis])
+        if line_s[i] > 0.0:
+            now += ok_s
+            answered[lines % len(answered)] = now
+            lines += 1
     _drain(planner, ring, log, now)
     if planner[0].logged > 0:
         begin = min(begin, planner[0].first_pulse)

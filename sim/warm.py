@@ -1,4 +1,4 @@
-"""Compile (or load from the cache) every kernel of the simulated printer before it is waited for."""
+"""Compile every kernel of the simulated printer, or load it from the cache, before it is needed."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class TriangleTree(NamedTuple):
         Boxes; node 0 is the top.
     right : (m,) int32
         Second child of a node (the first follows it); -1 at a leaf.
-    first, count : (m,) int32
+    first, size : (m,) int32
         Triangles of a leaf.
     """
 
@@ -50,7 +50,7 @@ class TriangleTree(NamedTuple):
     high: FloatArray
     right: NDArray[np.int32]
     first: NDArray[np.int32]
-    count: NDArray[np.int32]
+    size: NDArray[np.int32]
 
 
 def build_triangle_tree(vertices: FloatArray, faces: NDArray[np.int32]) -> TriangleTree:
@@ -154,7 +154,7 @@ def nearest_distance(tree: Any, x: float, y: float, z: float, bound: float) -> f
             continue
         other = tree.right[node]
         if other < 0:
-            for k in range(tree.first[node], tree.first[node] + tree.count[node]):
+            for k in range(tree.first[node], tree.first[node] + tree.size[node]):
                 best = min(best, point_triangle_squared(x, y, z, tree.triangles[k]))
             continue
         near, far = node + 1, other
@@ -188,7 +188,7 @@ def gather_within(tree: Any, x: float, y: float, z: float, radius: float, found:
             stack[top + 1] = node + 1
             top += 2
             continue
-        for k in range(tree.first[node], tree.first[node] + tree.count[node]):
+        for k in range(tree.first[node], tree.first[node] + tree.size[node]):
             if point_triangle_squared(x, y, z, tree.triangles[k]) <= limit:
                 found[size] = k
                 size += 1

@@ -89,18 +89,18 @@ def _take(segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: L
             segments[0].left, segments[0].right = -1, -1
             return
         up, kept = segments[parent], segments[sibling]
-        if _straight_fits(segments, index, room, parent, sibling, i):
+        if _straight_fits(segments, index, room, int(parent), int(sibling), i):
             break
-        i = parent
+        i = int(parent)
     _mark(segments, i, gone)
     gone[sibling] = 1
-    place(segments, parent, (up.px, up.py, up.pz), (kept.dx, kept.dy, kept.dz))
+    place(segments, int(parent), (up.px, up.py, up.pz), (kept.dx, kept.dy, kept.dz))
     up.left, up.right = kept.left, kept.right
     up.radius = max(up.radius, kept.radius)
     up.allowed = np.inf
     if up.left >= 0:
         segments[up.left].parent, segments[up.right].parent = parent, parent
-    refresh(segments, parent, law)
+    refresh(segments, int(parent), law)
     refresh_upwards(segments, up.parent, law)
 
 

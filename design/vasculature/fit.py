@@ -61,7 +61,7 @@ def kept_apart(room: Room, one: float, two: float) -> float:
 
 
 @jit
-def seven(a: int, b: int, c: int, d: int, e: int, f: int, g: int) -> Seven:
+def seven(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
     """Make a tuple of equal integers, whatever their widths."""
     wide = np.int64
     return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
@@ -179,7 +179,7 @@ def in_tissue(
 
 
 @jit
-def neighbours_of(segments: Any, index: int) -> tuple[np.int64, np.int64, np.int64, np.int64]:
+def neighbours_of(segments: Any, index: Any) -> tuple[np.int64, np.int64, np.int64, np.int64]:
     """Parent, sibling and children of a segment, -1 for none."""
     s = segments[index]
     sibling = np.int64(-1)

@@ -1,6 +1,6 @@
 """The printer link: protocol, transport, streamer, journal, link process and its client."""
 
-from printctl.link.client import PrintClient, attach, start_print
+from printctl.link.client import PrintClient, attach, resume_print, start_print
 from printctl.link.errors import LinkError
 from printctl.link.ports import PortInfo, list_ports
 from printctl.link.retreat import Retreat
@@ -16,5 +16,6 @@ __all__ = [
     "Status",
     "attach",
     "list_ports",
+    "resume_print",
     "start_print",
 ]

@@ -19,14 +19,17 @@ from typing import Any, Final
 import printctl
 from printctl.link.channel import EARLY
 from printctl.link.errors import BY_NAME, AlreadyPrinting, JournalError, LinkError, NoLink
+from printctl.link.job import load_job
 from printctl.link.journal import History, read_journal
 from printctl.link.process import lock
 from printctl.link.record import JOURNAL, LOG, LinkRecord, load_record
+from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome, Status
 
 START_LIMIT_S: Final = 20.0
 _ANSWER_LIMIT_S: Final = 5.0
+_ANY_LENGTH: Final = 10_000
 _ENDING_S: Final = 2.0
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
@@ -226,6 +229,8 @@ def start_print(
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
+    if resume:
+        resumable(folder, load_job(job, _ANY_LENGTH).sha256)
     command = [sys.executable, "-m", "printctl.link", str(job.resolve()), "--printer", printer]
     command += ["--port", port, "--folder", str(folder.resolve()), "--detach"]
     command += ["--retreat", json.dumps(asdict(retreat or Retreat()))]
@@ -238,6 +243,36 @@ def start_print(
     if client.status.ended and client.status.lines_done == 0 and client.status.error:
         raise _error(client.status)
     return client
+
+
+def resume_print(folder: Path, port: str | None = None) -> PrintClient:
+    """Go on with the print in ``folder``, whose link process died or lost its port.
+
+    The printer is asked for its last line. If it was reset, or its position isn't the job's, the
+    print ends as ``position_unknown`` without a move.
+
+    Parameters
+    ----------
+    folder : Path
+    port : str, optional
+        When the printer's port has another name now.
+
+    Raises
+    ------
+    LinkError
+        When there is no such print, it is running or has ended in another way, or the port can't
+        be used.
+    """
+    record = load_record(folder)
+    return start_print(
+        Path(record.job),
+        record.profile,
+        port or record.port,
+        folder,
+        retreat=Retreat(**record.retreat),
+        baud=record.baud,
+        resume=True,
+    )
 
 
 def attach(folder: Path) -> PrintClient:

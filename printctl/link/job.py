@@ -16,6 +16,8 @@ _REFUSED = {
     b"M110": "it renumbers the lines, which the link does itself; take it out",
     b"M112": "it would halt the printer; take it out and use `printctl` to stop",
     b"M999": "it clears an error state that the user must see; take it out",
+    b"M0": "it waits for a button on the printer for ever; take it out and pause from the host",
+    b"M1": "it waits for a button on the printer for ever; take it out and pause from the host",
     b"M108": "it breaks the printer's waits; take it out",
     b"M410": "it loses the position; take it out",
 }

@@ -5,14 +5,14 @@ file opened for appending, so a killed process leaves at most one torn line at t
 reader drops and reports. Record sorts (key ``t``):
 
 ========== =====================================================================================
-job        file name, sha256, lines, profile, port, pid, wall-clock start: first, once
+job        file name, sha256, lines, profile, port, pid, wall-clock start: first; again on going on
 state      state, message
 ack        ``done``: command lines known to be taken; never more than is true
 back       ``done``: lines that an ok which wasn't theirs had acknowledged are taken back
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
 checkpoint modal state read back from the printer
-end        state, message, done, error, position_known: last, once
+end        state, message, done, error, position_known: last
 ========== =====================================================================================
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
@@ -133,6 +133,8 @@ class History:
         The job record; empty when even that is lost.
     state : LinkState
         Last one recorded.
+    begun : bool
+        Whether the handshake was through and job lines may have been sent.
     message : str
     done : int
         Command lines known to be taken: at least so many, perhaps `slack` more.
@@ -147,6 +149,7 @@ class History:
 
     job: Record = field(default_factory=dict)
     state: LinkState = LinkState.CONNECTING
+    begun: bool = False
     message: str = ""
     done: int = 0
     controls: dict[int, str] = field(default_factory=dict)
@@ -187,9 +190,10 @@ def _apply(history: History, record: Record | None) -> None:
     if record is None or sort is None:
         history.damaged += 1
     elif sort == "job":
-        history.job = record
+        history.job, history.end = record, None
     elif sort == "state":
         history.state = LinkState(record["state"])
+        history.begun |= history.state is LinkState.PRINTING
         history.message = record.get("message", "")
     elif sort in ("ack", "back"):
         history.done = record["done"]

@@ -13,7 +13,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
@@ -22,9 +22,10 @@ from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
 from printctl.link.job import load_job
-from printctl.link.journal import History, Journal, read_journal
+from printctl.link.journal import Journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
@@ -75,7 +76,15 @@ def serve(order: Order) -> Status:
     with _only_one(order.folder):
         ignore_signals()
         record = LinkRecord(
-            os.getpid(), "", "", str(order.job), order.profile, order.port, time.time()
+            pid=os.getpid(),
+            address="",
+            token="",
+            job=str(order.job.resolve()),
+            profile=order.profile,
+            port=order.port,
+            started=time.time(),
+            baud=order.baud,
+            retreat=asdict(order.retreat),
         )
         record.save(order.folder)
         try:
@@ -100,7 +109,7 @@ def serve(order: Order) -> Status:
 def _print(order: Order, record: LinkRecord) -> Status:
     printer = load(Printer, order.profile)
     job = load_job(order.job, printer.max_line_bytes)
-    history = _history(order, job.sha256) if order.resume else None
+    history = resumable(order.folder, job.sha256) if order.resume else None
     transport = open_port(order.port, printer, order.baud)
     journal = Journal(order.folder / JOURNAL if order.resume else _fresh(order.folder))
     try:
@@ -149,20 +158,6 @@ def _fresh(folder: Path) -> Path:
         count = len(list(folder.glob(f"{path.stem}.*{path.suffix}")))
         path.rename(folder / f"{path.stem}.{count + 1}{path.suffix}")
     return path
-
-
-def _history(order: Order, sha256: str) -> History:
-    history = read_journal(order.folder / JOURNAL)
-    if history.end is not None:
-        raise LinkError(f"the print in {order.folder} has ended: {history.message}")
-    if history.job.get("sha256") != sha256:
-        raise LinkError(
-            f"{order.job} isn't the file whose print was begun in {order.folder} (hash differs); "
-            "give that file or print anew"
-        )
-    if history.state in (LinkState.CONNECTING, LinkState.CHECKING):
-        raise LinkError(f"no line of the job was sent in {order.folder}; print it anew")
-    return history
 
 
 def ignore_signals() -> None:

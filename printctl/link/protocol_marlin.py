@@ -71,6 +71,7 @@ class MarlinProtocol:
         self._rest = b""
         self._out: list[bytes] = []
         self._said: list[bytes] = []
+        self._complaint = ""
         self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
         self._busy_since = math.nan
         self._taken_at = math.nan
@@ -158,7 +159,7 @@ class MarlinProtocol:
     # --- sending ---------------------------------------------------------------------------
 
     def _send_next(self, now: float) -> None:
-        self._said = []
+        self._said, self._complaint = [], ""
         self._fast = False
         self._taken_at = self._busy_since = math.nan
         if self._controls:
@@ -191,8 +192,10 @@ class MarlinProtocol:
     def _hear(self, reply: Reply, now: float, events: list[Event]) -> None:
         if self._phase is Phase.OVER and reply.kind is not Kind.HALT:
             return
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            self._complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
-            self._end(said.Halted(reply.words), events)
+            self._end(said.Halted(self._complaint or reply.words), events)
         elif reply.kind is Kind.START:
             if self._numbered:
                 self._end(said.WasReset(), events)

@@ -28,6 +28,10 @@ class LinkRecord:
         Path of the job file, profile as it was given, name of the port.
     started : float
         Wall-clock time, s since 1970.
+    baud : int or None
+        In place of the profile's.
+    retreat : dict
+        Fields of `Retreat`.
     status : dict
         `Status`; the last one once it has ended.
     """
@@ -39,6 +43,8 @@ class LinkRecord:
     profile: str
     port: str
     started: float
+    baud: int | None = None
+    retreat: dict[str, float] = field(default_factory=dict)
     status: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:

@@ -85,7 +85,7 @@ def cut(field: GelField, planes: Planes) -> Sections:
     rays = _rays(field, planes, shift, circle)
     met = np.isfinite(rays).mean(axis=1)
     radii = _fill_gaps(rays)
-    area = 0.5 * np.sin(2 * np.pi / RAYS) * (radii * np.roll(radii, -1, axis=1)).sum(axis=1)
+    area = np.pi * (radii**2).mean(axis=1)  # sectors, not triangles: the wall is round
     outline = is_open & (met >= 0.9)
     round_ = _unblurred(2 * np.sqrt(area / np.pi), field.blur_mm)
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))

@@ -23,7 +23,7 @@ def read_npz(path: Path) -> tuple[NDArray[np.generic], dict[str, Any]]:
         When the archive is broken or has no ``volume``.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as archive:
             if "volume" not in archive.files:
                 raise ScanFileError(
                     f"{path}: has no array 'volume' (it has: {', '.join(archive.files)})"

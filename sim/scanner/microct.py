@@ -82,9 +82,10 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
     edge = deposit.voxel_mm
     sigma = options.sigma_mm / edge
     key = np.uint64(rng.integers(2**63))
+    ink, pad = blurred(deposit.volume, (sigma, sigma, sigma))
     volume = _render(
-        blurred(deposit.volume, (sigma, sigma, sigma)),
-        index_map(placed.pose, deposit.origin_mm, edge),
+        ink,
+        index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
         options.voxel_mm,
         (shape[0], shape[1], shape[2]),
         np.array([options.gel_counts, options.lumen_counts, options.noise_counts]),

@@ -102,11 +102,11 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> Scanned:
     shape = tuple(math.ceil(v) for v in placed.field_mm[::-1] / (dz, dy, dx))
     edge = deposit.voxel_mm
     lateral = options.lateral_sigma_mm / edge
-    ink = blurred(deposit.volume, (options.axial_sigma_mm / edge, lateral, lateral))
+    ink, pad = blurred(deposit.volume, (options.axial_sigma_mm / edge, lateral, lateral))
     key = np.uint64(rng.integers(2**63))
     volume = _render(
         ink,
-        index_map(placed.pose, deposit.origin_mm, edge),
+        index_map(placed.pose, deposit.origin_mm - pad * edge, edge),
         np.array([dz, dy, dx]),
         (shape[0], shape[1], shape[2]),
         np.array(

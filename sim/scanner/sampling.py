@@ -42,10 +42,17 @@ def lookup(volume: ByteArray, x: float, y: float, z: float) -> float:
     return float((a * (1 - v) + b * v) * (1 - w) + (c * (1 - v) + d * v) * w)
 
 
-def blurred(volume: ByteArray, sigma_voxels: tuple[float, float, float]) -> ByteArray:
-    """Gaussian blur along (z, y, x), in whole grey values (1/255 is below any noise here)."""
+def blurred(
+    volume: ByteArray, sigma_voxels: tuple[float, float, float]
+) -> tuple[ByteArray, FloatArray]:
+    """Gaussian blur along (z, y, x), in whole grey values (1/255 is below any noise here).
+
+    The grid grows by the blur's reach. Returns it, and by how many voxels along x, y, z.
+    """
     weights = [_weights(sigma) for sigma in sigma_voxels]
-    return _blur_z(_blur_yx(volume, weights[1], weights[2]), weights[0])
+    pad = [len(each) // 2 for each in weights]
+    wide = np.pad(volume, [(each, each) for each in pad])
+    return _blur_z(_blur_yx(wide, weights[1], weights[2]), weights[0]), np.array(pad[::-1], float)
 
 
 def _weights(sigma: float) -> NDArray[np.float32]:

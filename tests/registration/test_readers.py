@@ -158,7 +158,7 @@ def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     write_scan_tiff(path, scan())
     before = path.read_bytes()
-    broken = scan(volume=np.array([object()], dtype=object))
+    broken = scan(volume=np.full((2, 2, 2), object()))
     with pytest.raises((ValueError, TypeError, KeyError)):
         write_scan_tiff(path, broken)
     assert path.read_bytes() == before

@@ -103,6 +103,7 @@ def test_decibels_give_the_same_surface_as_linear_values(
 
 def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, RegistrationReport]) -> None:
     scan = as_scan(planar[0])
+    turned = replace(scan, volume=scan.volume[:, ::-1].copy())
     with pytest.raises(AlignmentError, match="mirror image"):
         register_scan(
             replace(scan, volume=scan.volume[:, ::-1].copy()),
@@ -114,6 +115,7 @@ def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, Registratio
 
 def test_upside_down_scan_ends_with_a_reason(planar: tuple[Scanned, RegistrationReport]) -> None:
     scan = as_scan(planar[0])
+    turned = replace(scan, volume=scan.volume[::-1].copy())
     with pytest.raises(RegistrationError):
         register_scan(
             replace(scan, volume=scan.volume[::-1].copy()),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numba
 import numpy as np
 import pytest
@@ -72,9 +74,7 @@ def test_first_layer_takes_the_usual_spacing_and_a_gap_is_not_bridged() -> None:
 
 def test_embedded_filament_has_the_diameter_of_its_dose() -> None:
     ends = [(1.0, 1.0, 1.0), (1.5, 1.0, 4.0), (4.0, 3.0, 6.0)]
-    length = [
-        float(np.linalg.norm(np.subtract(b, a))) for a, b in zip(ends, ends[1:], strict=False)
-    ]
+    length = [float(np.linalg.norm(np.subtract(b, a))) for a, b in pairwise(ends)]
     radius = 0.25
     volumes = [np.pi * radius**2 * each for each in length]
     found = deposit(motion(ends, volumes), AREA, 0.03)

@@ -29,7 +29,7 @@ def dry(text, start=(10.0, 10.0, 10.0)):
 
 
 def test_time_and_steps_are_those_of_the_real_printer():
-    run = dry_run(FRESH, PROFILE, (50, 50, 0), cold_extrusion=True)
+    run = dry_run(FRESH, PROFILE, (50, 50, 0), cold_extrusion=True, in_flight=2)
     assert run.duration_s == pytest.approx(MEASURED_S, rel=1e-3)
     assert run.findings == []
     assert run.merged_moves == 0
@@ -100,6 +100,15 @@ def test_dwells_and_waits_count():
     waits = dry("G1 X20 F600\nG4 S2\nG1 X30\n")
     # The dwell waits for the motors, and the move after it for its company.
     assert waits.duration_s - still.duration_s == pytest.approx(2.1, abs=0.05)
+
+
+def test_moves_shorter_than_their_lines_take_are_slowed_by_the_line():
+    text = "".join(f"G1 X{10 + 0.1 * k:.1f} F6000\n" for k in range(1, 301)).encode()
+    fast_line = PROFILE.model_copy(update={"baud": 2_000_000})
+    one = dry_run(text, PROFILE, (10, 10, 10)).duration_s
+    two = dry_run(text, PROFILE, (10, 10, 10), in_flight=2).duration_s
+    quick = dry_run(text, fast_line, (10, 10, 10)).duration_s
+    assert quick < two < one
 
 
 def test_short_moves_are_merged_and_counted():

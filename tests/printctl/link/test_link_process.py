@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkError, LinkState, attach, start_print
+from printctl.link import LinkError, LinkState, attach, resume_print, start_print
 from printctl.link.client import _alive
 from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
 from printctl.link.journal import read_journal
@@ -273,3 +273,25 @@ def test_folder_with_a_long_path_still_has_its_socket(tmp_path, profile):
 def test_nothing_to_attach_to_is_named(tmp_path):
     with pytest.raises(NoLink, match="no print was started"):
         attach(tmp_path)
+
+
+def test_print_goes_on_after_the_cable_was_out(tmp_path, profile):
+    lines = write_job(tmp_path / "job.gcode", 400)
+    printer = FakeMarlin()
+    with pty_printer(printer, unplug_at=200) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert client.wait(30).error == "PortLost"
+    with pty_printer(printer) as served:
+        outcome = resume_print(tmp_path / "run", served.name).wait(30)
+    assert outcome.state is LinkState.DONE
+    written = set(lines)
+    assert [line for line in handshake_and(printer) if line in written] == lines
+
+
+def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 20)
+    with pty_printer(FakeMarlin()) as served:
+        start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run").wait(30)
+        with pytest.raises(LinkError, match=r"has ended .*print it anew"):
+            resume_print(tmp_path / "run")
+        assert attach(tmp_path / "run").status.state is LinkState.DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from printctl.link.streamer import Streamer
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.marlin import MarlinPrinter
-from sim.marlin_board import parse_fault
+from sim.marlin_board import Board, parse_fault
 from tests.printctl.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")
@@ -141,6 +142,67 @@ def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed
     assert read_journal(tmp_path / "journal.log").done == status.lines_total
 
 
+def test_long_waits_of_the_printer_are_waited_for(tmp_path):
+    data = gcode(5) + b"G4 S40\nG1 X60 F6\nM400\nM109 S30\nM104 S0\n"
+    transport = wire()
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.DONE, status
+    assert transport.clock.now() > 70
+    assert status.line_errors == 0
+
+
+def test_firmware_that_stops_itself_is_quoted(tmp_path):
+    printer = MarlinPrinter(PRINTER, START, board=Board(thermistors=False))
+    status, _ = printed(
+        gcode(5) + b"M109 S30\n" + gcode(5), tmp_path, SimTransport(printer, VirtualClock())
+    )
+    assert status.state is LinkState.KILLED
+    assert "MINTEMP" in status.message
+
+
+@pytest.mark.parametrize("parser", [True, False])
+def test_kill_halts_a_printer_with_full_queues(tmp_path, parser):
+    facts = PRINTER.model_copy(update={"emergency_parser": parser, "advanced_ok": not parser})
+    printer = MarlinPrinter(facts, START)
+    left = threading.Event()
+
+    class Urgent(SimTransport):
+        def write_urgent(self, data: bytes) -> None:
+            self.write(data)
+            left.set()
+
+    transport = Urgent(printer, VirtualClock())
+    at: list[Streamer] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 50 and not left.is_set():
+            threading.Thread(target=at[0].kill).start()
+            assert left.wait(10)
+
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=facts,
+        on_status=on_status,
+    )
+    at.append(Streamer(wiring, parse_job(gcode(500), "test.gcode")))
+    status = at[0].run()
+    assert printer.dead
+    assert status.state is LinkState.KILLED
+    assert "the printer halted" in status.message
+
+
+def test_advanced_ok_is_understood(tmp_path):
+    facts = PRINTER.model_copy(update={"advanced_ok": True})
+    data = gcode(200)
+    transport = SimTransport(MarlinPrinter(facts, START), VirtualClock())
+    status, _ = printed(data, tmp_path, transport)
+    assert status.state is LinkState.DONE
+    assert status.line_errors == 0
+
+
 class HostDiedError(BaseException):
     """In place of kill -9: nothing of the host runs after it."""
 
@@ -173,6 +235,51 @@ def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
         printer=PRINTER,
     )
     return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
+
+
+def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
+    data, transport = gcode(300), wire()
+    at: list[Streamer] = []
+
+    def on_status(status: Status) -> None:
+        if status.state is LinkState.PRINTING and status.lines_done > 50:
+            at[0].pause()
+        if status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=PRINTER,
+        on_status=on_status,
+    )
+    at.append(Streamer(wiring, parse_job(data, "test.gcode")))
+    with pytest.raises(HostDiedError):
+        at[0].run()
+    lifted = transport.printer.executed().end[-1]
+    assert lifted[2] == pytest.approx(30.0)
+    status = resumed(data, tmp_path, SimTransport(transport.printer, transport.clock))
+    assert status.state is LinkState.DONE, status
+    motion = transport.printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end[-1], foreseen.end[-1])
+    assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
+    assert len(motion) == len(foreseen) + 4  # relieve, lift, come down, prime
+
+
+def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, DoomedTransport(printer, clock, 60, 1.0))
+    printer.reset()
+    printer.settle()
+    printer.take_output()
+    before = len(printer.executed())
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert len(printer.executed()) == before
 
 
 @pytest.mark.parametrize("seed", range(25))

@@ -137,7 +137,10 @@ def test_blur_conserves_ink_and_has_its_width() -> None:
     volume = np.zeros((41, 41, 41), np.uint8)
     volume[20, 20, 15:26] = 255
     volume[15:26, 15:26, 15:26] = 255
-    soft = blurred(volume, (2.0, 1.0, 0.0)).astype(float)
+    wide, pad = blurred(volume, (2.0, 1.0, 0.0))
+    assert wide.shape == (53, 47, 43)
+    np.testing.assert_array_equal(pad, [1, 3, 6])
+    soft = wide[6:-6, 3:-3, 1:-1].astype(float)
     assert soft.sum() == pytest.approx(float(volume.sum()), rel=0.01)
     edge = np.diff(soft[:, 20, 20])[:20]
     z = np.arange(20)
