@@ -68,7 +68,7 @@ def _open_port(link: Path | None, tcp: int | None) -> Port:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve until told to stop; 0 when that went well, 2 for a wrong use."""
+    """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(arguments)
     try:
         printer = MarlinPrinter(
@@ -84,7 +84,11 @@ def main(arguments: list[str] | None = None) -> int:
     warm_printer()
     print(port.address, flush=True)
     serving = Serving(given.speed, given.record, given.exit_on_hangup, given.parent_pid)
-    Server(printer, port, serving).run()
+    try:
+        Server(printer, port, serving).run()
+    except SimError as exc:
+        print(f"error: {exc}", file=sys.stderr)
+        return 1
     return 0
 
 

@@ -8,6 +8,7 @@ next. `sim.marlin` puts the outside around it and says what is modelled.
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
 from typing import Final
 
@@ -30,6 +31,7 @@ from sim.marlin_wire import Wire
 from sim.planner_state import Records
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
+_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 
 
 class MainLoop:
@@ -369,12 +371,11 @@ class MainLoop:
     def _say_advanced_ok(self) -> None:
         """The answer with line number, free planner blocks and free places in the queue."""
         machine = self.machine
-        word = b""
-        if self._command.startswith(b"N"):
-            word = b" " + self._command.split(b" ")[0]
+        word = _NUMBER_WORD.match(self._command)
+        number = f" {word[0].decode()}" if word else ""
         blocks = len(machine.ring) - 1 - machine.blocks
         queue = machine.printer.command_queue - max(len(self._queue), 1)
-        self.say_ok(f"{word.decode('latin-1')} P{blocks} B{queue}")
+        self.say_ok(f"{number} P{blocks} B{queue}")
 
     def _forget(self) -> None:
         self._queue.clear()

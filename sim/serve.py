@@ -22,6 +22,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
+from sim.errors import ServeError
 from sim.marlin import MarlinPrinter
 from sim.ports import Port
 from sim.waiter import Event, Waiter
@@ -81,7 +82,13 @@ class Server:
         self._zero = time.monotonic()
 
     def run(self) -> None:
-        """Serve until told to stop; the record is written whatever happens."""
+        """Serve until told to stop; the record is written whatever happens.
+
+        Raises
+        ------
+        ServeError
+            When the record can't be written.
+        """
         try:
             with _stopped_by_signals(self._ask_to_stop) as wake:
                 self._loop(wake)
@@ -152,8 +159,7 @@ class Server:
             printer.receive(data)
             printer.run_to((time.monotonic() - self._zero) * self._serving.speed)
         elif data:
-            said = printer.exchange(data)
-            printer.machine.output += said
+            self._outbox += printer.exchange(data)
         if printer.synced != self._synced or printer.dead != self._was_dead:
             self._synced = printer.synced
             self._was_dead = printer.dead
@@ -176,8 +182,16 @@ class Server:
         self._save()
 
     def _save(self) -> None:
-        if self._serving.record is not None:
-            self._printer.executed().save(self._serving.record)
+        record = self._serving.record
+        if record is None:
+            return
+        try:
+            self._printer.executed().save(record)
+        except OSError as exc:
+            raise ServeError(
+                f"can't write the record {record}: {exc.strerror}; free space there or give "
+                "another --record path"
+            ) from exc
 
     def _orphaned(self) -> bool:
         pid = self._serving.parent_pid

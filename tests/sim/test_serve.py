@@ -142,6 +142,12 @@ def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_p
     assert ExecutedMotion.load(record).end[-1, 0] == 15
 
 
+def test_a_record_that_can_not_be_written_is_told(serve, tmp_path):
+    served = serve("--tcp", "0", "--record", str(tmp_path / "nowhere" / "moved.npz")).open()
+    served.port.write(b"M400\n")
+    assert served.process.wait(PATIENCE_S) == 1
+
+
 def test_it_ends_with_the_process_that_asked_for_it(serve):
     parent = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     served = serve("--tcp", "0", "--parent-pid", str(parent.pid))
