@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers import (
+    Coverage,
     Perfusion,
     consistent_radii,
+    coverage,
     murray_ratios,
     near_pairs,
     outlet_flows,
@@ -49,21 +51,20 @@ class Found:
     radius_error: float
     """Largest relative difference between the file's radii and consistent ones."""
 
+    coverage: Coverage
+
     @property
     def murray_residual(self) -> float:
         """Largest relative departure of Σ r³ from the parent's."""
         return max(1.0 - self.murray_low, self.murray_high - 1.0)
-
-    def as_peer(self, name: str) -> dict[str, Any]:
-        """All of it, for a row's ``peer``."""
-        return {"name": name} | asdict(self)
 
 
 def check(path: Path, stl: Path, flow_ul_s: float) -> Found:
     """Run all checkers on an exported file and its tissue's STL."""
     net = read_network(path)
     near = near_pairs(net, clearance_ratio=CLEARANCE_RATIO)
-    outside = pieces_outside(net, read_stl(stl))
+    tissue = read_stl(stl)
+    outside = pieces_outside(net, tissue)
     flows = outlet_flows(net, DROP_PA, VISCOSITY_PA_S)
     ratios = murray_ratios(net)
     radius = consistent_radii(net, Perfusion(flow_ul_s, DROP_PA, VISCOSITY_PA_S))
@@ -72,7 +73,7 @@ def check(path: Path, stl: Path, flow_ul_s: float) -> Found:
         terminals=len(net.outlets()),
         colliding_pairs=len(near.colliding),
         first_colliding=near.colliding[:5].tolist(),
-        deepest_collision_mm=float(-near.gap[~near.joint].min(initial=0.0)),
+        deepest_collision_mm=float(np.abs(near.gap[~near.joint].min(initial=0.0))),
         overlaps_within_joints=len(near.within_joints),
         overlaps_percent=100.0 * len(near.within_joints) / net.count,
         segments_outside=len(outside.pieces),
@@ -83,6 +84,7 @@ def check(path: Path, stl: Path, flow_ul_s: float) -> Found:
         murray_high=float(ratios.max(initial=1.0)),
         volume_mm3=total_volume(net),
         consistent_volume_mm3=total_volume(net, radius),
+        coverage=coverage(net, tissue),
         radius_error=float(np.abs(net.radius / radius[:, None] - 1.0).max()),
     )
 
@@ -96,7 +98,13 @@ def rows_of(name: str, terminals: int, found: Found, peer: Found | None = None) 
         return row(f"{name}: {what}", value, unit, goal, value <= limit, other)
 
     rows = [
-        row(f"{name}: terminals", found.terminals, "1", f"{terminals}", found.terminals == terminals),
+        row(
+            f"{name}: terminals",
+            found.terminals,
+            "1",
+            f"{terminals}",
+            found.terminals == terminals,
+        ),
         line("colliding pairs", "colliding_pairs", "pairs", 0, "0"),
         line("overlaps within joints", "overlaps_percent", "% of segments", 2.0, "<= 2"),
         line("segments out of tissue", "segments_outside", "segments", 0, "0"),
@@ -104,8 +112,18 @@ def rows_of(name: str, terminals: int, found: Found, peer: Found | None = None) 
         line("Murray residual", "murray_residual", "relative", 1e-9, "< 1e-9"),
         line("radii against consistent ones", "radius_error", "relative", 1e-9, "< 1e-9"),
     ]
+    rows.append(_coverage_row(name, found, peer))
     if found.colliding_pairs:
         rows[1] |= {"first_pieces": found.first_colliding, "deepest_mm": found.deepest_collision_mm}
     if found.segments_outside:
         rows[3] |= {"first_pieces": found.first_outside}
     return rows
+
+
+def _coverage_row(name: str, found: Found, peer: Found | None) -> dict[str, Any]:
+    other = {"name": "svv 0.0.57"} | asdict(peer.coverage) if peer else None
+    reach = row(
+        f"{name}: mean way to the nearest terminal", found.coverage.mean_mm, "mm", peer=other
+    )
+    near = found.coverage.near_surface
+    return reach | {"p95_mm": found.coverage.p95_mm, "density_near_surface": near}

@@ -22,7 +22,7 @@ COLUMNS = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
 
 
 def grow(domain: Any, side_cm: float, terminals: int, flow_ul_s: float, poise: float) -> Any:
-    """svv's tree, rooted in the middle of the top face; 40 mmHg is svv's own default."""
+    """The tree, rooted in the middle of the top face; 40 mmHg is svv's own default."""
     tree = Tree()
     tree.parameters.set("kinematic_viscosity", poise / DENSITY_G_CM3)
     tree.parameters.set("terminal_flow", flow_ul_s * 1e-3 / terminals)
@@ -33,7 +33,7 @@ def grow(domain: Any, side_cm: float, terminals: int, flow_ul_s: float, poise: f
 
 
 def cube(side_cm: float, seed: int) -> Any:
-    """svv's domain."""
+    """The cube as a domain."""
     middle = (side_cm / 2,) * 3
     surface = pyvista.Cube(center=middle, x_length=side_cm, y_length=side_cm, z_length=side_cm)
     domain = Domain(surface.triangulate())

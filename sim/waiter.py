@@ -15,6 +15,14 @@ class Event:
     hung_up: bool = False
 
 
+_NOTHING = Event()
+_READABLE = Event(readable=True)
+
+
+def _event(flags: int) -> Event:
+    return Event(bool(flags & select.POLLIN), bool(flags & select.POLLHUP))
+
+
 class Waiter:
     """Waits for a file descriptor to be readable (and, if asked, writable), or for the alarm's.
 
@@ -43,12 +51,11 @@ class Waiter:
             self._watched = port
         if writes and port >= 0:
             self._poll.modify(port, select.POLLIN | select.POLLOUT)
+        event = _NOTHING
         for at, flags in self._poll.poll(timeout_s * 1e3):
             if at == port:
-                event = Event(bool(flags & select.POLLIN), bool(flags & select.POLLHUP))
-                break
-        else:
-            event = Event()
+                # The usual answer is made once: this runs for every line of a print.
+                event = _READABLE if flags == select.POLLIN else _event(flags)
         if writes and port >= 0:
             self._poll.modify(port, select.POLLIN)
         return event

@@ -2,6 +2,7 @@
 
 from benchmarks.checkers.collisions import Near, near_pairs
 from benchmarks.checkers.containment import Outside, pieces_outside, winding_numbers
+from benchmarks.checkers.coverage import Coverage, coverage
 from benchmarks.checkers.murray import (
     Perfusion,
     consistent_radii,
@@ -14,12 +15,14 @@ from benchmarks.checkers.read_stl import box_triangles, enclosed_volume, read_st
 from benchmarks.checkers.volume import total_volume
 
 __all__ = [
+    "Coverage",
     "Near",
     "Outside",
     "Perfusion",
     "Pieces",
     "box_triangles",
     "consistent_radii",
+    "coverage",
     "enclosed_volume",
     "murray_ratios",
     "murray_residual",

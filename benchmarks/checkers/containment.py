@@ -56,7 +56,7 @@ def pieces_outside(net: Pieces, triangles: NDArray[np.float64]) -> Outside:
     """
     tree = surface_tree(triangles)
     radius = net.widest
-    distance = _to_surface(net.start, net.end, radius, tree, triangles[tree.order])
+    distance = to_surface(net.start, net.end, radius, tree, triangles[tree.order])
     excess = np.where(distance < radius - ROUNDING_MM, radius - distance, 0.0)
     excess[(distance == 0) | (winding_numbers(net.end, triangles, tree) <= 0)] = np.inf
     excess[np.isin(net.node[:, 0], net.inlets())] = 0.0
@@ -82,7 +82,7 @@ def winding_numbers(
 
 
 @compiled
-def _to_surface(start: Any, end: Any, within: Any, tree: Any, triangles: Any) -> Any:
+def to_surface(start: Any, end: Any, within: Any, tree: Any, triangles: Any) -> Any:
     """Distance from each axis to the surface where it is below ``within``, else ``within``."""
     n = len(triangles)
     stack, levels_of = np.empty(128, np.int64), np.empty(128, np.int64)

@@ -63,7 +63,7 @@ def segment_segment(a: Any, b: Any, c: Any, d: Any) -> Any:
 
 
 @compiled
-def over_triangle(p: Any, one: Any, two: Any, three: Any) -> bool:
+def over_triangle(p: Any, one: Any, two: Any, three: Any) -> Any:
     """Whether the foot of the perpendicular from ``p`` to the triangle's plane lies within it."""
     normal = cross(less(two, one), less(three, one))
     side1 = dot(cross(less(two, one), less(p, one)), normal)

@@ -35,8 +35,10 @@ def outlet_flows(net: Pieces, drop_pa: float, viscosity_pa_s: float) -> FloatArr
     flow = tree_flows(net, resistance, drop_pa)
     if flow is None:
         flow = graph_flows(net, resistance, drop_pa)
-    into: FloatArray = np.bincount(net.node[:, 1], weights=flow, minlength=net.node_count)
-    return into[net.outlets()]
+    into = np.zeros(net.node_count)
+    np.add.at(into, net.node[:, 1], flow)
+    found: FloatArray = into[net.outlets()]
+    return found
 
 
 def spread(flows: FloatArray) -> float:

@@ -89,7 +89,7 @@ class Channel:
         self._noted = 0
         self._alarms = 0
         self._fault = ""
-        self._journal_lost = False
+        self._journal_lost = self._resumed = False
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
         self._booted = False
@@ -174,13 +174,14 @@ class Channel:
             self._handle(protocol.tick(now))
         if now >= self._next_note:
             self._note(now)
-        if self._early_stop():
-            raise Over(LinkState.STOPPED, "stopped by the user before the first line")
+        if self._state in EARLY and "stop" in self._wishes:
+            self._stop_early()
 
-    def _early_stop(self) -> bool:
-        return self._state in (LinkState.CONNECTING, LinkState.CHECKING) and (
-            "stop" in self._wishes
-        )
+    def _stop_early(self) -> None:
+        if self._resumed:
+            message = "stopped by the user before the printer was found again"
+            raise Over(LinkState.FAILED, message, known=False)
+        raise Over(LinkState.STOPPED, "stopped by the user before the first line")
 
     def _command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
         """Send a control command with nothing in flight; give the printer's reply."""
@@ -268,7 +269,7 @@ class Channel:
         if self._killed.is_set():
             message = "killed by the user; M112 had no answer, the reset line did it"
             raise Over(LinkState.KILLED, message, known=False)
-        if self._state not in (LinkState.CONNECTING, LinkState.CHECKING):
+        if self._state not in EARLY:
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"the printer was reset after {self._progress()}; position unknown: home it and "
@@ -285,7 +286,7 @@ class Channel:
         )
 
     def _on_silent(self, event: said.Silent) -> None:
-        if self._state in (LinkState.CONNECTING, LinkState.CHECKING):
+        if self._state in EARLY:
             raise HandshakeError(
                 f"no firmware answers at {self.wiring.transport.name} "
                 f"({self._heard} bytes heard in {event.seconds:.0f} s); check that the printer is "
@@ -316,7 +317,8 @@ class Channel:
                 "position unknown"
             )
             return Over(LinkState.FAILED, message, False, name)
-        return Over(LinkState.FAILED, str(exc), isinstance(exc, HandshakeError), name)
+        known = isinstance(exc, HandshakeError) and not self._resumed
+        return Over(LinkState.FAILED, str(exc), known, name)
 
     def _enter(self, state: LinkState, message: str) -> None:
         self._note(self.wiring.clock.now())

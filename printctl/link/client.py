@@ -6,6 +6,7 @@ A client may go away at any time; the print doesn't mind.
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import subprocess
@@ -18,19 +19,16 @@ from typing import Any, Final
 
 import printctl
 from printctl.link.channel import EARLY
-from printctl.link.errors import BY_NAME, AlreadyPrinting, JournalError, LinkError, NoLink
+from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink
 from printctl.link.job import load_job
-from printctl.link.journal import History, read_journal
-from printctl.link.process import lock
-from printctl.link.record import JOURNAL, LOG, LinkRecord, load_record
+from printctl.link.reach import alive, connect, gone, stays_alive, what_is_known
+from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState, PrintOutcome, Status
+from printctl.link.states import PrintOutcome, Status
 
 START_LIMIT_S: Final = 20.0
-_ANSWER_LIMIT_S: Final = 5.0
 _ANY_LENGTH: Final = 10_000
-_ENDING_S: Final = 2.0
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
 
@@ -44,18 +42,15 @@ class PrintClient:
     Parameters
     ----------
     folder : Path
-    connection : socket or None
-        None when the print is over: then only what it left is told.
     record : LinkRecord
     """
 
-    def __init__(self, folder: Path, connection: socket.socket | None, record: LinkRecord) -> None:
+    def __init__(self, folder: Path, record: LinkRecord) -> None:
         self.folder, self.record = folder, record
-        self._socket = connection
+        self._socket: socket.socket | None = None
         self._heard = b""
         self._last: Status | None = None
-        if connection is not None:
-            self._send("subscribe")
+        self._reach()
 
     def __enter__(self) -> PrintClient:
         return self
@@ -119,14 +114,15 @@ class PrintClient:
         if self._last is not None and self._last.ended:
             yield self._last
             return
-        for message in self._messages(None):
-            if message["event"] == "status":
-                self._last = Status.from_dict(message)
-                if self._last.ended:
-                    self.detach()
-                yield self._last
-                if self._last.ended:
-                    return
+        while self._reach():
+            for message in self._messages(None):
+                if message["event"] == "status":
+                    self._last = Status.from_dict(message)
+                    if self._last.ended:
+                        self.detach()
+                    yield self._last
+                    if self._last.ended:
+                        return
         self._last = what_is_known(self.folder)
         yield self._last
 
@@ -138,30 +134,54 @@ class PrintClient:
         TimeoutError
             When it isn't over after ``timeout`` s.
         """
-        limit = None if timeout is None else time.monotonic() + timeout
+        limit = math.inf if timeout is None else time.monotonic() + timeout
         while self._last is None or not self._last.ended:
-            for message in self._messages(None if limit is None else limit - time.monotonic()):
+            if not self._reach():
+                self._last = what_is_known(self.folder)
+                break
+            for message in self._messages(None if timeout is None else limit - time.monotonic()):
                 if message["event"] == "status":
                     self._last = Status.from_dict(message)
                     if self._last.ended:
                         self.detach()
                         break
             else:
-                if limit is not None and time.monotonic() >= limit:
+                if time.monotonic() >= limit:
                     raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
-                self._last = what_is_known(self.folder)
         return PrintOutcome.of(self._last)
 
     # --- the wire --------------------------------------------------------------------------
 
+    def _reach(self) -> bool:
+        """Connect, or connect again; False when the print is over."""
+        limit = time.monotonic() + START_LIMIT_S
+        while self._socket is None and time.monotonic() < limit:
+            self.record = load_record(self.folder)
+            self._socket = connect(self.record)
+            if self._socket is not None:
+                self._heard = b""
+                self._post("subscribe")
+            elif self.record.status or not alive(self.folder):
+                return False
+            else:
+                time.sleep(0.02)
+        return self._socket is not None
+
     def _send(self, do: str, **values: Any) -> None:
-        if self._socket is None:
-            return
+        """Send a wish; without effect when the print is over, which `wait` tells."""
+        if not self._post(do, **values):
+            self.detach()
+            if self._reach():
+                self._post(do, **values)
+
+    def _post(self, do: str, **values: Any) -> bool:
         message = {"do": do, "token": self.record.token, **values}
         try:
-            self._socket.sendall(json.dumps(message).encode() + b"\n")
+            if self._socket is not None:
+                self._socket.sendall(json.dumps(message).encode() + b"\n")
         except OSError:
-            self.detach()  # the print is over; `events` and `wait` tell how
+            return False
+        return self._socket is not None
 
     def _messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
         """Give messages until the connection or the time is at its end."""
@@ -225,7 +245,7 @@ def start_print(
         the handshake, a job with a line that must not be sent.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if _stays_alive(folder):
+    if stays_alive(folder):
         raise AlreadyPrinting(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
@@ -283,41 +303,7 @@ def attach(folder: Path) -> PrintClient:
     NoLink
         When no print was ever started there.
     """
-    record = load_record(folder)
-    return PrintClient(folder, _connect(record), record)
-
-
-def what_is_known(folder: Path) -> Status:
-    """Tell how the print in ``folder`` ended, or what its journal says if it ended without a word.
-
-    Raises
-    ------
-    NoLink
-        When no print was ever started there.
-    """
-    record = load_record(folder)
-    if record.status:
-        return Status.from_dict(record.status)
-    try:
-        history = read_journal(folder / JOURNAL)
-    except JournalError:
-        history = History()
-    if history.end is not None:
-        counts = {"lines_done": history.done, "lines_total": history.total}
-        return Status.from_dict({**history.end, **counts})
-    return Status(
-        LinkState.FAILED,
-        lines_done=history.done,
-        lines_total=history.total,
-        message=(
-            f"the link process ended without a word while {history.state.value}; at least "
-            f"{history.done} of {history.total} lines were acknowledged; if the printer kept its "
-            "power, `resume` asks it for its last line and goes on"
-        ),
-        alarms=len(history.alarms),
-        position_known=False,
-        error="LinkError",
-    )
+    return PrintClient(folder, load_record(folder))
 
 
 def _spawn(command: list[str]) -> int:
@@ -342,9 +328,13 @@ def _await_link(pid: int, folder: Path) -> PrintClient:
     """Wait until the process listens, or has ended."""
     limit = time.monotonic() + START_LIMIT_S
     while time.monotonic() < limit:
+        over = gone(pid)
         record = _record_of(pid, folder)
         if record is not None and (record.address or record.status):
-            return PrintClient(folder, _connect(record), record)
+            return PrintClient(folder, record)
+        if over:
+            said = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
+            raise LinkError(f"the link process ended at once: {said[-1] if said else 'no word'}")
         time.sleep(0.02)
     raise NoLink(f"the link process didn't come up within {START_LIMIT_S:g} s; see {folder / LOG}")
 
@@ -359,49 +349,3 @@ def _record_of(pid: int, folder: Path) -> LinkRecord | None:
 
 def _error(status: Status) -> LinkError:
     return BY_NAME.get(status.error, LinkError)(status.message)
-
-
-def _stays_alive(folder: Path) -> bool:
-    """Whether a link process is at work; one that is just ending is given the time to."""
-    limit = time.monotonic() + _ENDING_S
-    while _alive(folder):
-        if time.monotonic() > limit:
-            return True
-        time.sleep(0.02)
-    return False
-
-
-def _alive(folder: Path) -> bool:
-    """Whether a link process holds the folder's lock."""
-    try:
-        with (folder / "link.lock").open("a+b") as handle:
-            lock(handle)
-    except OSError:
-        return True
-    return False
-
-
-def _connect(record: LinkRecord) -> socket.socket | None:
-    """Connect to a link process; None when nobody listens there any more."""
-    kind, _, rest = record.address.partition(":")
-    if record.status or not kind:
-        return None
-    if kind == "tcp":
-        host, _, port = rest.rpartition(":")
-        try:
-            return _endless(socket.create_connection((host, int(port)), _ANSWER_LIMIT_S))
-        except OSError:
-            return None
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.settimeout(_ANSWER_LIMIT_S)
-    try:
-        connection.connect(rest)
-    except OSError:
-        connection.close()
-        return None
-    return _endless(connection)
-
-
-def _endless(connection: socket.socket) -> socket.socket:
-    connection.settimeout(None)
-    return connection

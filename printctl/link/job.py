@@ -13,6 +13,7 @@ from printctl.link.errors import JobError
 _REFUSED = {
     b"M83": "relative extrusion: a line sent again would dose twice; write M82 and absolute E",
     b"G91": "relative moves: a line sent again would move twice; write G90 and absolute X Y Z",
+    b"G20": "inches: the link's own moves are in mm; write the job in mm",
     b"M110": "it renumbers the lines, which the link does itself; take it out",
     b"M112": "it would halt the printer; take it out and use `printctl` to stop",
     b"M999": "it clears an error state that the user must see; take it out",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 _MOVE: Final = re.compile(rb"(?:G0*[0123]|G92)(?!\d|\.)")
+_HOME: Final = re.compile(rb"G0*2[89](?!\d)")
 _WORD: Final = re.compile(rb"([XYZEF])([+-]?\d*\.?\d+)")
 _POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
 AXES: Final = "XYZE"
@@ -34,7 +35,7 @@ class Modal:
 
 
 def modal_state(lines: Sequence[bytes], done: int) -> Modal:
-    """Read back from line ``done`` - 1 until every word has been found.
+    """Read back from line ``done`` - 1 until every word has been found, or homing.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
     """
     found: dict[str, float] = {}
     for line in reversed(lines[:done]):
+        if _HOME.match(line):
+            break
         if _MOVE.match(line):
             for word in _WORD.finditer(line):
                 found.setdefault(word[1].decode().lower(), float(word[2]))

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Final
 
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.channel import Wiring
@@ -23,7 +23,7 @@ from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
-from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.protocol_marlin import MarlinProtocol, Timing
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -31,6 +31,8 @@ from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import open_port
+
+_LOCK_PATIENCE_S: Final = 0.3
 
 log = logging.getLogger(__name__)
 
@@ -102,8 +104,16 @@ def serve(order: Order) -> Status:
             )
             raise
         finally:
-            replace(record, status=status.to_dict()).save(order.folder)
+            _save(replace(record, status=status.to_dict()), order.folder)
     return status
+
+
+def _save(record: LinkRecord, folder: Path) -> None:
+    """Leave the last record; on a full disk the journal must do."""
+    try:
+        record.save(folder)
+    except OSError:
+        log.exception("link.json can't be written")
 
 
 def _print(order: Order, record: LinkRecord) -> Status:
@@ -117,7 +127,7 @@ def _print(order: Order, record: LinkRecord) -> Status:
         streamer = Streamer(
             Wiring(
                 transport=transport,
-                protocol=MarlinProtocol(),
+                protocol=MarlinProtocol(Timing(quiet_s=transport.quiet_s)),
                 clock=RealClock(),
                 journal=journal,
                 printer=printer,
@@ -171,12 +181,17 @@ def ignore_signals() -> None:
 def _only_one(folder: Path) -> Iterator[None]:
     """Hold the folder's lock, which the system frees when the process dies."""
     with (folder / "link.lock").open("a+b") as handle:
-        try:
-            lock(handle)
-        except OSError as exc:
-            raise AlreadyPrinting(
-                f"a print is running in {folder}; attach to it, or give another folder"
-            ) from exc
+        limit = time.monotonic() + _LOCK_PATIENCE_S
+        while True:  # a client that looks whether anybody holds it does so for a moment
+            try:
+                lock(handle)
+                break
+            except OSError as exc:
+                if time.monotonic() > limit:
+                    raise AlreadyPrinting(
+                        f"a print is running in {folder}; attach to it, or give another folder"
+                    ) from exc
+                time.sleep(0.01)
         yield
 
 

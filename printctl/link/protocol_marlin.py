@@ -142,6 +142,8 @@ class MarlinProtocol:
         if len(self._rest) > _REST_LIMIT:
             texts, self._rest = [*texts, self._rest], b""
         self._fast = False
+        if self._rest and self._phase in (Phase.DRAIN, Phase.SETTLE):
+            self.deadline = now + self.timing.quiet_s
         for text in texts:
             if text.strip():
                 self._hear(classify(text.rstrip(b"\r")), now, events)

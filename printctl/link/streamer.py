@@ -162,6 +162,8 @@ class Streamer(Channel):
             )
         self._command(b"M113 S1", journalled=False)
         self._check_steps()
+        for mode in (b"G21", b"G90", b"M82"):  # what an earlier job may have left otherwise
+            self._command(mode, journalled=False)
         if not self._journal_lost:
             self._fault = ""  # a firmware without M113 says so; that is no fault of the job
 
@@ -183,6 +185,7 @@ class Streamer(Channel):
 
     def _find_again(self, history: History) -> None:
         """Ask a printer in mid-job for its last line, and go on from there if all agrees."""
+        self._resumed = True
         number = self._agree(self.protocol.ask)
         done = history.job_line(number)
         reset = self._booted or (number == 0 and history.done > 0)
@@ -196,7 +199,7 @@ class Streamer(Channel):
         self.protocol.load(self.job.lines, done, number)
         self._record("ack", done=done)
         self._command(b"M400")
-        at = modal_state(self.job.lines, done)
+        at = self._where()
         self._verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
         for command in self.wiring.retreat.rejoin(at, self.wiring.printer):
             self._command(command)
@@ -214,7 +217,7 @@ class Streamer(Channel):
     def _pause(self) -> None:
         self._enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
         self._command(b"M400")
-        at = modal_state(self.job.lines, self.protocol.lines_done)
+        at = self._where()
         self._verify(at)
         for command in self.wiring.retreat.leave(at, self.wiring.printer):
             self._command(command)
@@ -245,6 +248,18 @@ class Streamer(Channel):
                 raise Over(LinkState.STOPPED, "stopped by the user while paused")
             self._command(b"M105")
 
+    def _where(self) -> Modal:
+        """Where the job's text says the printer is; what it doesn't say is asked for."""
+        at = modal_state(self.job.lines, self.protocol.lines_done)
+        if at.z is None or at.e is None:
+            position = parse_position(self._command(b"M114"))
+            at = replace(
+                at,
+                z=position.get("Z") if at.z is None else at.z,
+                e=position.get("E") if at.e is None else at.e,
+            )
+        return at
+
     def _verify(self, at: Modal) -> None:
         """Compare the printer's position with the job's text; write both down."""
         wrong = "its position can't be read (M114)"
@@ -266,8 +281,7 @@ class Streamer(Channel):
     def _retreat_and_end(self, state: LinkState, message: str) -> None:
         self._enter(LinkState.STOPPING, message)
         self._fault = ""
-        at = modal_state(self.job.lines, self.protocol.lines_done)
-        for command in self.wiring.retreat.leave(at, self.wiring.printer):
+        for command in self.wiring.retreat.leave(self._where(), self.wiring.printer):
             self._command(command)
         self._heaters_off()
         self._command(b"M400")

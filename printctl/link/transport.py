@@ -22,9 +22,17 @@ class Transport(Protocol):
 
     One thread reads and writes; `write_urgent` and `reset` may be called by another at any
     moment, and neither waits for the first.
+
+    Attributes
+    ----------
+    name : str
+        As the user knows it.
+    quiet_s : float
+        Of silence after which no reply is under way; longer than the wire's latency.
     """
 
     name: str
+    quiet_s: float
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""

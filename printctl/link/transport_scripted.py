@@ -18,10 +18,13 @@ class ScriptedTransport:
         Moved on by a read that finds nothing.
     """
 
+    quiet_s: float = 0.05
+
     def __init__(self, answer: Callable[[bytes], bytes], clock: VirtualClock) -> None:
         self.name = "scripted"
         self.written: list[bytes] = []
-        self._answer, self._clock = answer, clock
+        self.clock = clock
+        self._answer = answer
         self._waiting = b""
 
     def write(self, data: bytes) -> None:
@@ -36,7 +39,7 @@ class ScriptedTransport:
     def read(self, timeout: float) -> bytes:
         """Give what the far end has said; else let ``timeout`` pass."""
         if not self._waiting:
-            self._clock.sleep(timeout)
+            self.clock.sleep(timeout)
         data, self._waiting = self._waiting, b""
         return data
 

@@ -61,6 +61,8 @@ class SerialTransport:
     PortError
     """
 
+    quiet_s: float = 0.05
+
     def __init__(self, name: str, baud: int) -> None:
         self.name = name
         try:

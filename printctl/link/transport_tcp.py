@@ -26,6 +26,8 @@ class TcpTransport:
         When nobody listens there.
     """
 
+    quiet_s: float = 0.25
+
     def __init__(self, host: str, port: int, name: str = "") -> None:
         self.name = name or f"tcp:{host}:{port}"
         try:

@@ -66,22 +66,23 @@ def light_left(
     down = signal if depth_down else signal[::-1]
     beyond = np.full(signal.shape[1:], floor)  # as if μ were 1/mm below what is seen
     light = accumulate(down, step_mm, beyond)
-    typical = 1.0
+    typical = _typical(down, down / light)
+    within = _well_within(down / light, typical)
     for _ in range(ROUNDS):
-        ratio = down / light
-        typical = _typical(down, ratio)
-        within = _softened(ratio > 0.5 * typical) > 0.95
+        typical = _typical(down, down / light)
         below, deep, returned = from_below(down, within, step_mm, typical)
         beyond = _weighted(below, deep, returned, EVEN_MM / pixel_mm[::-1])
         light = accumulate(down, step_mm, np.maximum(beyond, floor / typical))
     return (light if depth_down else light[::-1]), typical
 
 
-def _softened(gel: NDArray[np.bool_]) -> FloatVolume:
-    out = np.empty(gel.shape, np.float32)
+def _well_within(ratio: FloatVolume, typical: float) -> NDArray[np.bool_]:
+    """Voxels with gel all round, about two voxels from any wall; speckle smoothed first."""
     around = gaussian_weights(1.2)
-    smooth(gel, out, (around, around, around), 0.0)
-    return out
+    soft, share = np.empty_like(ratio), np.empty_like(ratio)
+    smooth(np.clip(ratio, 0, 2 * typical), soft, (around, around, around), 0.0)
+    smooth(soft > 0.5 * typical, share, (around, around, around), 0.0)
+    return np.asarray(share > 0.95)
 
 
 def _typical(signal: FloatVolume, ratio: FloatVolume) -> float:

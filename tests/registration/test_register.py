@@ -105,24 +105,14 @@ def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, Registratio
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[:, ::-1].copy())
     with pytest.raises(AlignmentError, match="mirror image"):
-        register_scan(
-            replace(scan, volume=scan.volume[:, ::-1].copy()),
-            planar_construct(),
-            planar_network(),
-            FAST,
-        )
+        register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
 def test_upside_down_scan_ends_with_a_reason(planar: tuple[Scanned, RegistrationReport]) -> None:
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[::-1].copy())
     with pytest.raises(RegistrationError):
-        register_scan(
-            replace(scan, volume=scan.volume[::-1].copy()),
-            planar_construct(),
-            planar_network(),
-            FAST,
-        )
+        register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
 def test_network_of_another_frame_is_refused(planar: tuple[Scanned, RegistrationReport]) -> None:

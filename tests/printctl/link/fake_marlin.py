@@ -117,6 +117,8 @@ class FakeTransport:
     ``truth`` is told the bytes as they arrive, so that what slips through the checksum is known.
     """
 
+    quiet_s = 0.05
+
     def __init__(
         self,
         printer: FakeMarlin,

@@ -34,6 +34,8 @@ class SimTransport:
         By how much.
     """
 
+    quiet_s = 0.05
+
     def __init__(
         self,
         printer: MarlinPrinter,

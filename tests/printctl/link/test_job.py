@@ -27,6 +27,8 @@ def test_comments_and_blanks_are_left_out_and_lines_keep_their_place():
     [
         (b"M83", "relative extrusion"),
         (b"G91", "relative moves"),
+        (b"G20", "inches"),
+        (b"M0 Click", "button"),
         (b"M110 N4", "renumbers"),
         (b"M112", "halt"),
         (b"M0112", "halt"),
@@ -55,6 +57,10 @@ def test_modal_state_is_found_by_reading_back():
     lines = [b"G92 E0", b"G1 Z0.5 F300", b"G1 X1 Y2 E0.1", b"M105", b"G1 X3 F900", b"G1 X9 E9"]
     assert modal_state(lines, 5) == Modal(x=3, y=2, z=0.5, e=0.1, f=900)
     assert modal_state(lines, 0) == Modal()
+
+
+def test_what_homing_has_changed_is_not_read_back():
+    assert modal_state([b"G1 X1 Y2 Z3", b"G28", b"G1 X5"], 3) == Modal(x=5)
 
 
 @given(st.lists(st.tuples(st.sampled_from("XYZEF"), st.integers(-99, 99)), max_size=30))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,10 +13,10 @@ import pytest
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkError, LinkState, attach, resume_print, start_print
-from printctl.link.client import _alive
+from printctl.link import LinkError, LinkState, attach, reach, resume_print, start_print
 from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
 from printctl.link.journal import read_journal
+from printctl.link.reach import alive
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -31,7 +32,7 @@ def profile(tmp_path_factory) -> str:
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
-    return printer.numbered[printer.numbered.index("M92") + 1 :]
+    return printer.numbered[printer.numbered.index("M82") + 1 :]
 
 
 def until(client, state: LinkState) -> None:
@@ -89,7 +90,8 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
     assert len(handshake_and(printer)) <= 100
 
 
-def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile):
+def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
+    monkeypatch.setattr(reach, "_ENDING_S", 0.1)
     write_job(tmp_path / "job.gcode", 400)
     with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
@@ -210,7 +212,7 @@ def test_link_process_ends_by_itself(tmp_path, profile):
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         client.wait(30)
         limit = time.monotonic() + 5
-        while _alive(tmp_path / "run"):
+        while alive(tmp_path / "run"):
             assert time.monotonic() < limit
             time.sleep(0.02)
         assert not (tmp_path / "run" / "link.sock").exists()
@@ -295,3 +297,21 @@ def test_what_cant_be_gone_on_with_is_refused_and_stays_as_it_was(tmp_path, prof
         with pytest.raises(LinkError, match=r"has ended .*print it anew"):
             resume_print(tmp_path / "run")
         assert attach(tmp_path / "run").status.state is LinkState.DONE
+
+
+def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        client._socket.shutdown(socket.SHUT_RDWR)
+        client.stop()
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+
+
+def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 20)
+    (tmp_path / "run" / "link.json").mkdir(parents=True)
+    with pytest.raises(LinkError, match=r"ended at once: .*IsADirectoryError"):
+        start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")

@@ -19,6 +19,7 @@ from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
+from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 
 
@@ -27,7 +28,10 @@ def job_of(lines: list[bytes]) -> Job:
 
 
 def streamer_of(
-    job: Job, transport: FakeTransport, path: Path, seen: list[Status] | None = None
+    job: Job,
+    transport: FakeTransport | ScriptedTransport,
+    path: Path,
+    seen: list[Status] | None = None,
 ) -> Streamer:
     wiring = Wiring(
         transport=transport,
@@ -41,8 +45,8 @@ def streamer_of(
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
-    """What was executed under a number after the handshake's last command."""
-    return printer.numbered[printer.numbered.index("M92") + 1 :]
+    """What was executed under a number after the handshake's last command (jobs here have no M82)."""
+    return printer.numbered[printer.numbered.index("M82") + 1 :]
 
 
 def test_executes_every_line_once_and_in_order(tmp_path):
@@ -211,3 +215,34 @@ def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
     status = streamer.run()
     assert status.state is LinkState.KILLED
     assert "reset line" in status.message
+
+
+def test_scripted_far_end_hears_what_was_written(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = ScriptedTransport(printer.receive, clock)
+    status = streamer_of(job_of(zigzag(3)), transport, tmp_path).run()
+    assert status.state is LinkState.DONE
+    assert b"".join(transport.written).count(b"\nN1 G1 X20.000 Y10.000 E0.00000 F600*") == 1
+
+
+def test_stop_after_homing_asks_where_the_needle_is(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    printer.at.update(Z=3.0, E=1.0)
+    job = job_of([b"G28", *[b"M105"] * 3000])
+    streamer = streamer_of(job, FakeTransport(printer, clock), tmp_path)
+
+    class Stopping(list):
+        def append(self, status: Status) -> None:
+            if status.lines_done > 10:
+                streamer.stop()
+
+    streamer.wiring = replace(streamer.wiring, on_status=Stopping().append)
+    assert streamer.run().state is LinkState.STOPPED
+    assert printer.executed[-3:] == ["G1 E0.90000 F30", "G1 Z23.00000 F300", "M400"]
+
+
+def test_modes_left_by_an_earlier_job_are_set_right(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    streamer_of(job_of(zigzag(3)), FakeTransport(printer, clock), tmp_path).run()
+    first = next(i for i, line in enumerate(printer.executed) if line.startswith("G1"))
+    assert {"G21", "G90", "M82"} <= set(printer.executed[:first])

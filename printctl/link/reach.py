@@ -1,0 +1,108 @@
+"""Find the link process of a folder: is it alive, where does it listen, what did it leave."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from pathlib import Path
+from typing import Final
+
+from printctl.link.errors import JournalError
+from printctl.link.journal import History, read_journal
+from printctl.link.process import lock
+from printctl.link.record import JOURNAL, LinkRecord, load_record
+from printctl.link.states import LinkState, Status
+
+_ANSWER_LIMIT_S: Final = 5.0
+_ENDING_S: Final = 2.0
+
+
+def what_is_known(folder: Path) -> Status:
+    """Tell how the print in ``folder`` ended, or what its journal says if it ended without a word.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started there.
+    """
+    record = load_record(folder)
+    if record.status:
+        return Status.from_dict(record.status)
+    try:
+        history = read_journal(folder / JOURNAL)
+    except JournalError:
+        history = History()
+    if history.end is not None:
+        counts = {"lines_done": history.done, "lines_total": history.total}
+        return Status.from_dict({**history.end, **counts})
+    return Status(
+        LinkState.FAILED,
+        lines_done=history.done,
+        lines_total=history.total,
+        message=(
+            f"the link process ended without a word while {history.state.value}; at least "
+            f"{history.done} of {history.total} lines were acknowledged; if the printer kept its "
+            "power, `resume` asks it for its last line and goes on"
+        ),
+        alarms=len(history.alarms),
+        position_known=False,
+        error="LinkError",
+    )
+
+
+def stays_alive(folder: Path) -> bool:
+    """Whether a link process is at work; one that is just ending is given the time to."""
+    limit = time.monotonic() + _ENDING_S
+    while alive(folder):
+        if time.monotonic() > limit:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def alive(folder: Path) -> bool:
+    """Whether a link process holds the folder's lock."""
+    try:
+        with (folder / "link.lock").open("a+b") as handle:
+            lock(handle)
+    except OSError:
+        return True
+    return False
+
+
+def connect(record: LinkRecord) -> socket.socket | None:
+    """Connect to a link process; None when nobody listens there any more."""
+    kind, _, rest = record.address.partition(":")
+    if record.status or not kind:
+        return None
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
+        try:
+            return _endless(socket.create_connection((host, int(port)), _ANSWER_LIMIT_S))
+        except OSError:
+            return None
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(_ANSWER_LIMIT_S)
+    try:
+        connection.connect(rest)
+    except OSError:
+        connection.close()
+        return None
+    return _endless(connection)
+
+
+def _endless(connection: socket.socket) -> socket.socket:
+    connection.settimeout(None)
+    return connection
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended, as far as that can be told."""
+    if os.name != "posix":
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
