@@ -23,12 +23,13 @@ from printctl.cli.options import (
 from printctl.preflight import gcode_checks, refuse_failed, syringe_check
 from printctl.printing import (
     SIMULATED,
+    Order,
     confirm,
+    find_or_start,
     follow,
     retreat_for,
     running,
     simulated_printer,
-    start_or_attach,
 )
 from printctl.progress import StageBars
 from sim.dryrun import dry_run
@@ -50,6 +51,9 @@ def print_job(
         Path | None,
         typer.Option("--folder", help="For the journal; FILE.print by default."),
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
+    ] = False,
     yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -61,7 +65,9 @@ def print_job(
     profile, filled = load(Printer, printer), load(Syringe, syringe)
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = three_numbers(start, "--start")
-    if running(place) is None:
+    retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0)
+    order = Order(file, printer, port, place, retreat, resume)
+    if running(order) is None:
         run = dry_run(read_gcode_file(file), profile, tip)
         refuse_failed([*gcode_checks(run, profile), syringe_check(run, filled)])
     place.mkdir(parents=True, exist_ok=True)
@@ -74,9 +80,7 @@ def print_job(
 
     bars = StageBars(messages())
     with bars.all(), bars.stage("print") as report:
-        retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0)
-        client = start_or_attach(file, printer, open_port, place, retreat)
-        outcome = follow(client, report, bars)
+        outcome = follow(find_or_start(order, open_port), report, bars)
     if as_json:
         print_json(
             {"state": outcome.state.value, "lines": outcome.lines_done, "folder": str(place)}

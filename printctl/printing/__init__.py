@@ -1,14 +1,16 @@
 """A print as the command line sees it: start or find it, follow it, be asked when interrupted."""
 
+from printctl.printing.find import Order, find_or_start, running
 from printctl.printing.simulated import SIMULATED, simulated_printer
-from printctl.printing.watch import confirm, follow, retreat_for, running, start_or_attach
+from printctl.printing.watch import confirm, follow, retreat_for
 
 __all__ = [
     "SIMULATED",
+    "Order",
     "confirm",
+    "find_or_start",
     "follow",
     "retreat_for",
     "running",
     "simulated_printer",
-    "start_or_attach",
 ]

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
-from printctl.link.client import PrintClient, attach, start_print
-from printctl.link.errors import NoLink
+from printctl.link.client import PrintClient
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome
 from printctl.progress import Report, StageBars
@@ -22,15 +19,6 @@ The print goes on by itself. What shall happen?
   k  kill: halt the printer at once; its position is lost
   (anything else: go on watching)
 > """
-
-
-def running(folder: Path) -> PrintClient | None:
-    """A client of the print that is still going on in ``folder``, if there is one."""
-    try:
-        client = attach(folder)
-    except NoLink:
-        return None
-    return None if client.status.ended else client
 
 
 def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
@@ -55,16 +43,6 @@ def confirm(port: str, bars: StageBars, assume_yes: bool) -> None:
             )
     if answer.strip().lower() != "yes":
         raise SafetyError(f"the print on {port} wasn't started; answer yes, or give --yes")
-
-
-def start_or_attach(
-    job: Path, printer: str, port: Callable[[], str], folder: Path, retreat: Retreat
-) -> PrintClient:
-    """Attach to the print that is going on in ``folder``, or start it.
-
-    ``port`` is called only when a print is started: it may have to start a simulated printer.
-    """
-    return running(folder) or start_print(job, printer, port(), folder, retreat=retreat)
 
 
 def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome:

@@ -11,11 +11,12 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.printing import (
     SIMULATED,
+    Order,
     confirm,
+    find_or_start,
     follow,
     retreat_for,
     simulated_printer,
-    start_or_attach,
 )
 from printctl.progress import Report
 from sim.executed import ExecutedMotion
@@ -49,7 +50,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     low, high = context.tissue.bounds
     retreat = retreat_for(context.syringe, context.ink, lift_mm=float(high[2] - low[2]) + 5.0)
-    client = start_or_attach(context.folder / GCODE, part.profile, port, folder, retreat)
+    client = find_or_start(
+        Order(context.folder / GCODE, part.profile, part.port, folder, retreat, once=True), port
+    )
     outcome = follow(client, report, context.bars)
     summary: dict[str, Any] = {
         "printer": context.printer.name,

@@ -1,0 +1,141 @@
+"""Whether a job is printing, has been printed or was interrupted in a folder; start it if not."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from printctl.errors import PrintctlError, SafetyError
+from printctl.link.client import PrintClient, attach, resume_print, start_print
+from printctl.link.errors import LinkError, NoLink
+from printctl.link.journal import read_journal
+from printctl.link.record import JOURNAL
+from printctl.link.resuming import resumable
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
+from printctl.printing.simulated import SIMULATED
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be printed where.
+
+    Attributes
+    ----------
+    job : Path
+        G-code file.
+    printer : str
+        Profile, by name or path.
+    port : str
+        As the user named it.
+    folder : Path
+        For journal and record.
+    retreat : Retreat
+        How the needle leaves the bath.
+    resume : bool
+        Whether to go on with an interrupted print of the same file.
+    once : bool
+        Whether a print of the same file that is done in the folder counts as this one.
+    """
+
+    job: Path
+    printer: str
+    port: str
+    folder: Path
+    retreat: Retreat
+    resume: bool = False
+    once: bool = False
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the job file."""
+        return hashlib.sha256(self.job.read_bytes()).hexdigest()
+
+
+def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
+    """Attach to the order's print if it is going on or done; else go on with it, or start it.
+
+    What was interrupted on a real machine is neither repeated nor resumed unasked. A simulated
+    printer is simply started anew.
+
+    Parameters
+    ----------
+    order : Order
+    open_port : function
+        Gives the port to open; called only when a print is started.
+
+    Raises
+    ------
+    PrintctlError
+        When another file is being printed in the folder.
+    SafetyError
+        When the file's print was interrupted, and `resume` isn't set.
+    LinkError
+        When the print can't be started or gone on with.
+    """
+    client = running(order)
+    if client is not None:
+        return client
+    if order.resume:
+        return resume_print(order.folder, open_port())
+    if order.port != SIMULATED:
+        if order.once and (done := _printed(order)) is not None:
+            return done
+        _refuse_interrupted(order)
+    return start_print(order.job, order.printer, open_port(), order.folder, retreat=order.retreat)
+
+
+def running(order: Order) -> PrintClient | None:
+    """A client of the order's print, if it is going on.
+
+    Raises
+    ------
+    PrintctlError
+        When another file is being printed in the folder.
+    """
+    client = _attached(order.folder)
+    if client is None or client.status.ended:
+        return None
+    if _journalled_hash(order.folder) != order.sha256:
+        client.detach()
+        raise PrintctlError(
+            f"another file is being printed in {order.folder}, or {order.job.name} has changed "
+            "since; wait for that print, or stop it from a terminal with its own file"
+        )
+    return client
+
+
+def _printed(order: Order) -> PrintClient | None:
+    client = _attached(order.folder)
+    if client is None or client.status.state is not LinkState.DONE:
+        return None
+    return client if _journalled_hash(order.folder) == order.sha256 else None
+
+
+def _refuse_interrupted(order: Order) -> None:
+    try:
+        history = resumable(order.folder, order.sha256)
+    except LinkError:
+        return
+    raise SafetyError(
+        f"the print of {order.job.name} was interrupted in {order.folder} after at least "
+        f"{history.done} of {history.total} lines; if the printer kept its power, go on with "
+        f"`printctl print {order.job} --printer {order.printer} --port {order.port} "
+        f"--folder {order.folder} --resume`; to begin anew, move that folder away"
+    )
+
+
+def _attached(folder: Path) -> PrintClient | None:
+    try:
+        return attach(folder)
+    except NoLink:
+        return None
+
+
+def _journalled_hash(folder: Path) -> str:
+    try:
+        return str(read_journal(folder / JOURNAL).job.get("sha256", ""))
+    except LinkError:
+        return ""

@@ -1,0 +1,87 @@
+"""What happens to a job that is printing, printed or interrupted already."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from printctl.errors import PrintctlError, SafetyError
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
+from printctl.printing import Order, find_or_start, running
+
+ROOT = Path(__file__).resolve().parents[3]
+MOVES = 3000
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[str]:
+    """A simulated printer that a host takes for a real one; slow enough to be caught printing."""
+    command = [sys.executable, "-m", "sim", "--printer", "generic_marlin", "--speed", "5"]
+    command += ["--link", str(tmp_path / "tty")]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.terminate()
+
+
+def _order(folder: Path, port: str, moves: int = MOVES) -> Order:
+    job = folder / "job.gcode"
+    lines = ["G21", "G90", "M82", "G92 X0 Y0 Z0 E0"]
+    lines += [f"G1 X{5 * (k % 2)} F3000" for k in range(1, moves + 1)]
+    job.write_text("\n".join([*lines, "M400"]) + "\n")
+    return Order(job, "generic_marlin", port, folder / "print", Retreat())
+
+
+def test_print_that_goes_on_is_found_again(tmp_path: Path, port: str) -> None:
+    order = _order(tmp_path, port)
+    first = find_or_start(order, lambda: port)
+    pid = first.record.pid
+    first.detach()
+    again = find_or_start(order, lambda: pytest.fail("a second print was started"))
+    assert again.record.pid == pid
+    again.kill()
+    assert again.wait(30).state is LinkState.KILLED
+
+
+def test_another_file_is_refused_while_one_prints(tmp_path: Path, port: str) -> None:
+    order = _order(tmp_path, port)
+    client = find_or_start(order, lambda: port)
+    order.job.write_text(order.job.read_text() + "G1 X1\n")
+    try:
+        with pytest.raises(PrintctlError, match="another file"):
+            running(order)
+    finally:
+        client.kill()
+        client.wait(30)
+
+
+def test_interrupted_print_is_neither_repeated_nor_resumed_unasked(
+    tmp_path: Path, port: str
+) -> None:
+    order = _order(tmp_path, port)
+    client = find_or_start(order, lambda: port)
+    for status in client.events():
+        if status.lines_done > 20:
+            break
+    os.kill(client.record.pid, signal.SIGKILL)
+    client.wait(30)
+    with pytest.raises(SafetyError, match="--resume"):
+        find_or_start(order, lambda: port)
+    resumed = find_or_start(replace(order, resume=True), lambda: port)
+    resumed.kill()
+    resumed.wait(30)
+
+
+def test_what_is_printed_counts_once_for_a_run(tmp_path: Path, port: str) -> None:
+    order = replace(_order(tmp_path, port, moves=5), once=True)
+    assert find_or_start(order, lambda: port).wait(60).state is LinkState.DONE
+    again = find_or_start(order, lambda: pytest.fail("printed twice"))
+    assert again.wait(5).state is LinkState.DONE
