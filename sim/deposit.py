@@ -2,9 +2,9 @@
 
 Modelled
 --------
-- Dose: plunger travel times plunger area, spread along an unbroken stretch of writing over
-  `smoothing_mm` of path, because the ink's and syringe's compliance smooths the single motor
-  steps of the plunger.
+- Dose: plunger travel times plunger area, spread over `smoothing_mm` of written path (across
+  travels, not across retractions), because the ink's and syringe's compliance smooths the single
+  motor steps of the plunger.
 - Layered writing (all extruding moves horizontal, on at least two levels): a line is as high as
   its level lies above the level below it, hangs *below* the tip, and is area / height wide; seen
   from above it is a capsule (straight flanks, round ends).
@@ -114,7 +114,8 @@ def deposit(
         None decides from the motion, see the module.
     plunger_step_mm : float or None, mm
         One motor step of the plunger; None finds it from the motion. A move shorter than the
-        path of 1.5 steps that got no step still writes when writing goes on after it.
+        path of 1.5 steps that got no step still writes when it goes straight on and writing goes
+        on after it.
 
     Raises
     ------
@@ -152,14 +153,16 @@ def _dosed_lines(
             "no block moves the needle while the plunger advances, so nothing was deposited; "
             "check that the job extrudes and that the extruder was hot enough to be allowed to"
         )
-    rise = executed.end[:, 2] - executed.start[:, 2]
+    move = executed.end - executed.start
     # Bridging freely first, to learn how much path one step of the plunger makes.
-    run = writing_runs(length, plunger, rise, smoothing / 2)
+    run = writing_runs(length, plunger, move, smoothing / 2)
     quantum = _plunger_quantum(plunger) if step is None else step
     path_of_step = quantum * length[run >= 0].sum() / plunger[run >= 0].sum()
-    run = writing_runs(length, plunger, rise, min(1.5 * path_of_step, smoothing / 2))
+    run = writing_runs(length, plunger, move, min(1.5 * path_of_step, smoothing / 2))
     chosen = np.flatnonzero(run >= 0)
-    area = _smoothed_area(run[chosen], length[chosen], plunger[chosen] * plunger_area, smoothing)
+    # Pressure lives through a short travel, but not through a retraction.
+    stretch = np.cumsum(plunger < 0, dtype=np.int64)[chosen]
+    area = _smoothed_area(stretch, length[chosen], plunger[chosen] * plunger_area, smoothing)
     kept = area > 0
     chosen = chosen[kept]
     return _Lines(
@@ -178,17 +181,17 @@ def _plunger_quantum(plunger: FloatArray) -> float:
 
 
 def _smoothed_area(
-    run: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
+    stretch: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
 ) -> FloatArray:
     """Cross-section (n,), mm²: volume per length over a window around each block's middle.
 
     The window is `smoothing` or the block itself, whichever is longer, and ends where the
-    stretch of writing does.
+    stretch between two retractions does.
     """
     path = np.concatenate([[0.0], np.cumsum(length)])
     dosed = np.concatenate([[0.0], np.cumsum(volume)])
-    first = np.searchsorted(run, run, side="left")
-    last = np.searchsorted(run, run, side="right")
+    first = np.searchsorted(stretch, stretch, side="left")
+    last = np.searchsorted(stretch, stretch, side="right")
     middle = (path[:-1] + path[1:]) / 2
     half = np.maximum(smoothing, length) / 2
     low = np.maximum(middle - half, path[first])

@@ -12,20 +12,22 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 
+STRAIGHT = 0.7
+"""Cosine of the turn beyond which a move without plunger is a hop, not part of a line."""
 SUPERSAMPLE = 2
 """Fine pixels per voxel edge when layers are painted."""
 
 
 @jit
 def writing_runs(
-    length: FloatArray, plunger: FloatArray, rise: FloatArray, gap_limit: float
+    length: FloatArray, plunger: FloatArray, move: FloatArray, gap_limit: float
 ) -> IntArray:
     """Number the unbroken stretches of writing; -1 for blocks that don't write.
 
     A moving block writes when the plunger advances in it. A short moving block in which no
-    whole plunger step fell belongs to the stretch when writing goes on after it within
-    `gap_limit` (mm), at the same height unless the stretch climbs anyway. Retraction ends a
-    stretch, and so does a longer move without plunger.
+    whole plunger step fell belongs to the stretch when it goes on in nearly the same direction
+    and writing goes on after it within `gap_limit` (mm); a sharp turn without plunger is a hop to
+    the next line. Retraction ends a stretch, and so does a longer move without plunger.
     """
     n = len(length)
     run = np.full(n, -1, dtype=np.int64)
@@ -33,7 +35,7 @@ def writing_runs(
     is_open = False
     gap = 0.0
     gap_start = -1
-    climbs = False
+    last = 0
     for i in range(n):
         if length[i] <= 1e-9:
             if plunger[i] < 0.0:
@@ -50,13 +52,17 @@ def writing_runs(
                 count += 1
             run[i] = count - 1
             is_open, gap, gap_start = True, 0.0, -1
-            climbs = abs(rise[i]) > 1e-3
+            last = i
         elif is_open:
             gap += length[i]
             if gap_start < 0:
                 gap_start = i
-            if gap > gap_limit or (abs(rise[i]) > 1e-3 and not climbs):
+            ahead = 0.0
+            for c in range(3):
+                ahead += move[i, c] * move[last, c]
+            if gap > gap_limit or ahead < STRAIGHT * length[i] * length[last]:
                 is_open, gap, gap_start = False, 0.0, -1
+            last = i
         if not is_open:
             gap, gap_start = 0.0, -1
     return run

@@ -89,7 +89,7 @@ class Channel:
         self._noted = 0
         self._alarms = 0
         self._fault = ""
-        self._journal_lost = self._resumed = False
+        self._journal_lost = self._resumed = self._unverified = False
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
         self._booted = False
@@ -233,6 +233,14 @@ class Channel:
     def _on_notice(self, event: said.Notice) -> None:
         self._record("notice", text=event.text)
 
+    def _on_went_back(self, event: said.WentBack) -> None:
+        self._alarm(f"lines {event.first} to {event.last} weren't taken after all; sent again")
+        self._unverified = True
+
+    def _on_stray(self, event: said.Stray) -> None:
+        self._record("notice", text=f"an ok without a line, before line {event.number}")
+        self._unverified = True
+
     def _on_fault(self, event: said.Fault) -> None:
         where = f"line {self.job.file_line(event.line)} of {self.job.name}"
         text = f"the printer says {event.text!r} ({where})"
@@ -369,6 +377,8 @@ _ON_EVENT: Final[dict[type, Callable[[Channel, Any], None]]] = {
     said.InStep: Channel._on_in_step,
     said.Fault: Channel._on_fault,
     said.Notice: Channel._on_notice,
+    said.WentBack: Channel._on_went_back,
+    said.Stray: Channel._on_stray,
     said.Action: Channel._on_action,
     said.Noisy: Channel._on_noisy,
     said.Halted: Channel._on_halted,

@@ -28,6 +28,7 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import PrintOutcome, Status
 
 START_LIMIT_S: Final = 20.0
+_ANSWER_LIMIT_S: Final = 5.0
 _ANY_LENGTH: Final = 10_000
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
@@ -104,9 +105,24 @@ class PrintClient:
 
     @property
     def status(self) -> Status:
-        """The print as it was last heard of; asks when nothing was."""
-        if self._last is None:
-            self._last = next(self.events())
+        """The print as it is now; asks the link process.
+
+        Raises
+        ------
+        NoLink
+            When a link process is alive but doesn't answer.
+        """
+        if self._last is not None and self._last.ended:
+            return self._last
+        self._send("status")
+        for message in self._messages(_ANSWER_LIMIT_S):
+            if message["event"] == "status":
+                self._last = Status.from_dict(message)
+                if message.get("asked") or self._last.ended:
+                    return self._last
+        if self._reach():
+            raise NoLink(f"the link process of {self.folder} doesn't answer; see {LOG}")
+        self._last = what_is_known(self.folder)
         return self._last
 
     def events(self) -> Iterator[Status]:

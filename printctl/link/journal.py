@@ -109,8 +109,7 @@ def decode(line: bytes) -> Record | None:
     """Read a line; None when its checksum is wrong."""
     crc, _, text = line.rstrip(b"\n").partition(b" ")
     try:
-        intact = len(crc) == 8 and int(crc, 16) == zlib.crc32(text)
-        record = json.loads(text) if intact else None
+        record = json.loads(text) if crc == b"%08x" % zlib.crc32(text) else None
     except ValueError:
         return None
     return record if isinstance(record, dict) else None

@@ -43,6 +43,9 @@ class Timing:
     silence_s : float
         Without any sign of life while a line is in flight; more than twice the interval of busy
         messages that the handshake sets (M113 S1).
+    deaf_s : float
+        In place of ``silence_s`` for the ok to a line that was taken, on a firmware that sends no
+        busy messages: there a slow move is as silent as a lost ok.
     quiet_s : float
         Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
     answer_s : float
@@ -56,6 +59,7 @@ class Timing:
     """
 
     silence_s: float = 2.5
+    deaf_s: float = 60.0
     quiet_s: float = 0.05
     answer_s: float = 1.0
     doubt_limit_s: float = 6.0

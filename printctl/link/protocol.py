@@ -62,6 +62,38 @@ class Notice:
 
 
 @dataclass(frozen=True)
+class WentBack:
+    """Lines that an ok which wasn't theirs had acknowledged are sent again.
+
+    Something that nobody sent has been answered, so it may have been done: the protocol holds the
+    job (``held``) until the position has been verified.
+
+    Attributes
+    ----------
+    first, last : int
+        Their numbers.
+    """
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Stray:
+    """An ok that belongs to no line: a fragment of a garbled one may have been done unverified.
+
+    The protocol holds the job (``held``) until the position has been verified.
+
+    Attributes
+    ----------
+    number : int
+        Of the line in flight, which wasn't taken and will be sent again.
+    """
+
+    number: int
+
+
+@dataclass(frozen=True)
 class Action:
     """The printer asks its host for an action (``//action:pause``)."""
 
@@ -116,7 +148,18 @@ class Silent:
 
 
 Event: TypeAlias = (
-    Replied | InStep | Fault | Notice | Action | Noisy | Halted | WasReset | OutOfStep | Silent
+    Replied
+    | InStep
+    | Fault
+    | Notice
+    | WentBack
+    | Stray
+    | Action
+    | Noisy
+    | Halted
+    | WasReset
+    | OutOfStep
+    | Silent
 )
 
 
@@ -133,6 +176,8 @@ class LinkProtocol(Protocol):
         Line number known to be taken last, control commands included.
     held : bool
         While set, no further job line is sent; control commands are.
+    keepalive : bool
+        Whether the firmware says once a second that it is busy; set once that is known.
     kill_bytes : bytes
         What halts the firmware at once, out of band.
     """
@@ -141,6 +186,7 @@ class LinkProtocol(Protocol):
     lines_done: int
     number: int
     held: bool
+    keepalive: bool
     kill_bytes: bytes
 
     @property

@@ -57,6 +57,7 @@ class MarlinProtocol:
         self.lines_done = 0
         self.number = 0
         self.held = True
+        self.keepalive = True
         self._lines: Sequence[bytes] = ()
         self._count = 0
         self._phase = Phase.READY
@@ -332,7 +333,12 @@ class MarlinProtocol:
         noisy = self._errors.count(self.number)
         if noisy:
             events.append(noisy)
-        self._fly(now)
+        if self._doubt.oks and not self._flight_control:
+            events.append(said.Stray(self.number + 1))
+            self.held = True
+            self._send_next(now)
+        else:
+            self._fly(now)
 
     def _was_taken(self, now: float, events: list[Event]) -> None:
         doubt = self._doubt
@@ -349,11 +355,13 @@ class MarlinProtocol:
         else:
             if math.isnan(self._taken_at):
                 self._taken_at = now
-            self._phase, self.deadline = Phase.FLIGHT, self._taken_at + self.timing.silence_s
+            wait = self.timing.silence_s if self.keepalive else self.timing.deaf_s
+            self._phase, self.deadline = Phase.FLIGHT, self._taken_at + wait
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
-        events.append(said.Notice(f"lines {last + 1} to {self.number} weren't taken; sent again"))
+        events.append(said.WentBack(last + 1, self.number))
+        self.held = True
         if self._flight is None:
             events.append(said.InStep(last))  # it was asked for
         elif self._flight_control:
@@ -374,7 +382,7 @@ class MarlinProtocol:
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         else:
-            self._begin(Goal.GO_ON, now, conclusive=True)
+            self._begin(Goal.GO_ON, now, conclusive=self.keepalive)
             self._ask_now(now, events)
 
     def _end(self, event: Event, events: list[Event]) -> None:

@@ -128,6 +128,10 @@ class Server:
         self._wake()
         for thread in self._threads:
             thread.join(patience_s)
+        if not self._threads[0].is_alive():
+            self._selector.close()
+            self._waker.close()
+            self._woken.close()
 
     # --- threads ---------------------------------------------------------------------------
 
@@ -159,7 +163,7 @@ class Server:
         self._wake()
 
     def _wake(self) -> None:
-        with contextlib.suppress(BlockingIOError, OSError):
+        with contextlib.suppress(OSError):  # full: it is awake anyway; closed: it is over
             self._waker.send(b"!")
 
     def _drain_waker(self) -> None:
@@ -211,10 +215,10 @@ class Server:
 
     def _subscribe(self, guest: _Guest, wish: dict[str, Any]) -> None:
         guest.subscribed = True
-        self._status(guest, wish)
+        self._post(guest, {"event": "status", **self.channel.status.to_dict()})
 
     def _status(self, guest: _Guest, wish: dict[str, Any]) -> None:
-        self._post(guest, {"event": "status", **self.channel.status.to_dict()})
+        self._post(guest, {"event": "status", "asked": True, **self.channel.status.to_dict()})
 
     def _do_kill(self, guest: _Guest, wish: dict[str, Any]) -> None:
         self._kill.set()

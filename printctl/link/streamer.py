@@ -84,9 +84,10 @@ class Streamer(Channel):
         protocol, transport = self.protocol, self.wiring.transport
         now_s, read, take = self.wiring.clock.now, transport.read, protocol.take_output
         feed, wishes, commands, total = protocol.feed, self._wishes, self._commands, len(self.job)
-        protocol.held = False
         now = now_s()
-        protocol.go(now)
+        if not self._unverified:
+            protocol.held = False
+            protocol.go(now)
         while protocol.lines_done < total and not wishes and not commands:
             output = take()
             if output:
@@ -105,8 +106,18 @@ class Streamer(Channel):
             if self._fault:
                 self._settle()
                 self._retreat_and_end(LinkState.FAILED, self._fault)
+            if self._unverified:
+                self._verify_in_passing()
             if self._killed.is_set():
                 self._await_halt()
+
+    def _verify_in_passing(self) -> None:
+        """Compare positions between two lines; the planner isn't drained for it."""
+        self._settle()
+        self._unverified = False
+        self._verify(modal_state(self.job.lines, self.protocol.lines_done))
+        self.protocol.held = False
+        self.protocol.go(self.wiring.clock.now())
 
     def _obey(self) -> None:
         """Do what was wished, with no line in flight."""
@@ -160,12 +171,21 @@ class Streamer(Channel):
                 f"{self.wiring.transport.name} answers M115 with {name!r}, the profile expects "
                 f"{self.wiring.printer.firmware}; choose the profile of this printer"
             )
-        self._command(b"M113 S1", journalled=False)
+        self._check_keepalive(journalled=False)
         self._check_steps()
         for mode in (b"G21", b"G90", b"M82"):  # what an earlier job may have left otherwise
             self._command(mode, journalled=False)
         if not self._journal_lost:
             self._fault = ""  # a firmware without M113 says so; that is no fault of the job
+
+    def _check_keepalive(self, journalled: bool) -> None:
+        """Have the firmware say every second that it is busy, and see that it will."""
+        for _ in range(RETRIES):
+            self._command(b"M113 S1", journalled)
+            if any(b"M113 S1" in text for text in self._command(b"M113", journalled)):
+                return
+        self.protocol.keepalive = False
+        self._alarm("the firmware sends no busy messages (M113); a lost ok costs a minute")
 
     def _check_steps(self) -> None:
         """Refuse a printer whose steps per mm aren't the profile's; note other differences."""
@@ -198,6 +218,7 @@ class Streamer(Channel):
             )
         self.protocol.load(self.job.lines, done, number)
         self._record("ack", done=done)
+        self._check_keepalive(journalled=True)
         self._command(b"M400")
         at = self._where()
         self._verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved

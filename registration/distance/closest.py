@@ -11,6 +11,8 @@ from kernels import jit, pjit
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+CHUNK = 64
+"""Points a thread takes at a time; each starts from the last one's triangle."""
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 
 
@@ -70,6 +72,54 @@ def _box_distance2(box: FloatArray, px: float, py: float, pz: float) -> float:
     return dx * dx + dy * dy + dz * dz
 
 
+@jit
+def _nearest_one(
+    point: FloatArray,
+    triangles: FloatArray,
+    boxes: FloatArray,
+    nodes: IntArray,
+    order: IntArray,
+    stack: IntArray,
+    guess: int,
+    found: FloatArray,
+) -> tuple[int, int]:
+    """Nearest triangle and feature; foot and squared distance go into `found`.
+
+    A `guess` (the last point's triangle, or -1) bounds the search from its beginning.
+    """
+    px, py, pz = point
+    best = np.inf
+    feature, triangle = 0, 0
+    if guess >= 0:
+        x, y, z, feature = closest_on_triangle(px, py, pz, triangles[guess])
+        best = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+        triangle = guess
+        found[0], found[1], found[2] = x, y, z
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _box_distance2(boxes[node], px, py, pz) >= best:
+            continue
+        if nodes[node, 0] < 0:
+            for k in range(-1 - nodes[node, 0], nodes[node, 1]):
+                t = order[k]
+                x, y, z, where = closest_on_triangle(px, py, pz, triangles[t])
+                d2 = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+                if d2 < best:
+                    best, feature, triangle = d2, where, t
+                    found[0], found[1], found[2] = x, y, z
+            continue
+        left, right = nodes[node]
+        if _box_distance2(boxes[left], px, py, pz) < _box_distance2(boxes[right], px, py, pz):
+            left, right = right, left
+        stack[top], stack[top + 1] = left, right
+        top += 2
+    found[3] = best
+    return triangle, feature
+
+
 @pjit
 def nearest(
     points: FloatArray,
@@ -90,44 +140,25 @@ def nearest(
     foot = np.empty((n, 3))
     direction = np.empty((n, 3))
     face = np.empty(n, dtype=np.int64)
-    for i in numba.prange(n):
-        px, py, pz = points[i]
-        best = np.inf
-        feature, triangle = 0, 0
-        fx, fy, fz = 0.0, 0.0, 0.0
+    for chunk in numba.prange((n + CHUNK - 1) // CHUNK):
         stack = np.empty(128, dtype=np.int64)
-        stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if _box_distance2(boxes[node], px, py, pz) >= best:
-                continue
-            if nodes[node, 0] < 0:
-                for k in range(-1 - nodes[node, 0], nodes[node, 1]):
-                    t = order[k]
-                    x, y, z, where = closest_on_triangle(px, py, pz, triangles[t])
-                    d2 = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
-                    if d2 < best:
-                        best, feature, triangle = d2, where, t
-                        fx, fy, fz = x, y, z
-                continue
-            left, right = nodes[node]
-            if _box_distance2(boxes[left], px, py, pz) < _box_distance2(boxes[right], px, py, pz):
-                left, right = right, left
-            stack[top], stack[top + 1] = left, right
-            top += 2
-        normal = normals[triangle, feature]
-        ex, ey, ez = px - fx, py - fy, pz - fz
-        side = 1.0 if ex * normal[0] + ey * normal[1] + ez * normal[2] >= 0.0 else -1.0
-        length = np.sqrt(best)
-        distance[i] = side * length
-        foot[i, 0], foot[i, 1], foot[i, 2] = fx, fy, fz
-        face[i] = triangle
-        if length > 1e-6:
-            direction[i, 0] = side * ex / length
-            direction[i, 1] = side * ey / length
-            direction[i, 2] = side * ez / length
-        else:
-            direction[i] = normal
+        found = np.empty(4)
+        triangle = -1
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            triangle, feature = _nearest_one(
+                points[i], triangles, boxes, nodes, order, stack, triangle, found
+            )
+            ex, ey, ez = points[i] - found[:3]
+            normal = normals[triangle, feature]
+            side = 1.0 if ex * normal[0] + ey * normal[1] + ez * normal[2] >= 0.0 else -1.0
+            length = np.sqrt(found[3])
+            distance[i] = side * length
+            foot[i] = found[:3]
+            face[i] = triangle
+            if length > 1e-6:
+                direction[i, 0] = side * ex / length
+                direction[i, 1] = side * ey / length
+                direction[i, 2] = side * ez / length
+            else:
+                direction[i] = normal
     return distance, foot, direction, face

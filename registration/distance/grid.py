@@ -32,7 +32,7 @@ class DistanceGrid:
 
 
 def distance_grid(
-    surface: ModelSurface, margin_mm: float, finest_mm: float, most: int = 600_000
+    surface: ModelSurface, margin_mm: float, finest_mm: float, most: int = 300_000
 ) -> DistanceGrid:
     """Exact distances on a grid over the surface's box and a margin.
 

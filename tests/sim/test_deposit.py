@@ -123,6 +123,19 @@ def test_travel_leaves_nothing() -> None:
     assert found.volume[:, (y > 0.2) & (y < 5.8)].max() == 0
 
 
+def test_short_hop_between_lines_takes_no_ink_from_them() -> None:
+    points, volume = [(0.0, 0.0, 0.06)], []
+    for layer in (1, 2):
+        for line in range(40):
+            ends = (1.0, 2.2) if line % 2 else (2.2, 1.0)
+            y = 1 + line * WIDTH
+            points += [(ends[0], y, layer * HEIGHT), (ends[1], y, layer * HEIGHT)]
+            volume += [0.0, 1.2 * WIDTH * HEIGHT]
+    found = deposit(motion(points, volume), AREA, 0.01, plunger_step_mm=0.0026 / AREA)
+    inner = found.volume[3:-3, 50:-50, 40:90] / 255.0
+    assert inner.mean() > 0.99
+
+
 def test_layer_painter_agrees_with_a_distance_test_at_every_fine_pixel() -> None:
     rng = np.random.default_rng(0)
     segments = rng.uniform(0.3, 1.7, (12, 4))

@@ -64,7 +64,8 @@ def test_going_on_after_a_torn_tail_loses_only_the_torn_record(tmp_path):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(place=st.integers(0, 10_000), bit=st.integers(0, 7))
 def test_any_flipped_bit_is_found(tmp_path, place, bit):
-    path = written(tmp_path / f"j{place}-{bit}")
+    (tmp_path / "j").unlink(missing_ok=True)
+    path = written(tmp_path / "j")
     data = bytearray(path.read_bytes())
     data[place % len(data)] ^= 1 << bit
     path.write_bytes(data)
@@ -75,7 +76,7 @@ def test_any_flipped_bit_is_found(tmp_path, place, bit):
 
 @given(st.binary(max_size=200))
 def test_garbage_is_never_a_record(data):
-    assert decode(data) is None or encode(decode(data)).startswith(data[:8].lower())
+    assert decode(data) is None or encode(decode(data)).startswith(data[:8])
 
 
 def test_closing_twice_does_no_harm_and_a_missing_one_is_named(tmp_path):

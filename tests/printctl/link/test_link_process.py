@@ -315,3 +315,18 @@ def test_link_process_that_dies_at_once_is_told_with_its_last_words(tmp_path, pr
     (tmp_path / "run" / "link.json").mkdir(parents=True)
     with pytest.raises(LinkError, match=r"ended at once: .*IsADirectoryError"):
         start_print(tmp_path / "job.gcode", profile, "/dev/nowhere", tmp_path / "run")
+
+
+def test_status_is_that_of_now(tmp_path, profile):
+    write_job(tmp_path / "job.gcode", 400)
+    with pty_printer(FakeMarlin(), hold_at=100) as served:
+        client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
+        assert served.held.wait(10)
+        assert client.status.lines_done == 99
+        client.pause()
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        assert client.status.state is LinkState.PAUSED
+        client.stop()
+        assert client.wait(30).state is LinkState.STOPPED
+        assert client.status.state is LinkState.STOPPED

@@ -6,7 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from printctl.link.marlin_replies import frame
-from printctl.link.protocol import Fault, Halted, InStep, Notice, OutOfStep, Replied, WasReset
+from printctl.link.protocol import (
+    Fault,
+    Halted,
+    InStep,
+    Notice,
+    OutOfStep,
+    Replied,
+    Stray,
+    WasReset,
+    WentBack,
+)
 from printctl.link.protocol_marlin import QUESTION, RENUMBER, MarlinProtocol
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
@@ -94,6 +104,22 @@ def test_silence_asks_which_line_was_taken_and_goes_on():
     assert protocol.take_output() == frame(2, JOB[1])
 
 
+def test_taken_line_is_waited_for_longer_where_no_busy_message_can_tell():
+    protocol = started()
+    protocol.keepalive = False
+    protocol.tick(2.6)
+    assert protocol.take_output() == QUESTION
+    settle(protocol, 1, 2.7)
+    assert not protocol.tick(60.0)
+    assert protocol.take_output() == b""
+    protocol.feed(b"ok\n", 61.0)
+    assert protocol.take_output() == frame(2, JOB[1])
+    protocol.tick(64.0)
+    protocol.take_output()
+    settle(protocol, 2, 64.1)
+    assert protocol.tick(130.0) == [Notice("the ok to line 2 was lost")]
+
+
 def test_busy_printer_is_waited_for():
     protocol = started()
     for second in range(1, 60):
@@ -152,9 +178,27 @@ def test_lines_acknowledged_by_a_surplus_ok_are_sent_again_once_confirmed():
     settle(protocol, 1, now)
     assert protocol.take_output() == b""  # once isn't enough
     now = ask(protocol, now + 0.051)
-    settle(protocol, 1, now)
+    assert settle(protocol, 1, now) == [WentBack(2, 2)]
+    assert protocol.take_output() == b""  # the position is to be verified first
+    protocol.held = False
+    protocol.go(now)
     assert protocol.take_output() == frame(2, JOB[1])
     assert protocol.lines_done == 1
+
+
+def test_fragment_that_was_done_holds_the_job_until_the_position_is_verified():
+    protocol = started()
+    said = b"Error:No Checksum with line number, Last Line: 0\nResend: 1\nok\nok\n"
+    protocol.feed(said, 1.0)
+    now = ask(protocol, 1.0)
+    assert settle(protocol, 0, now) == [Stray(1)]
+    assert protocol.take_output() == b""
+    protocol.submit(b"M114", now)
+    assert protocol.take_output() == frame(1, b"M114")
+    protocol.feed(b"ok\n", now)
+    protocol.held = False
+    protocol.go(now)
+    assert protocol.take_output() == frame(2, JOB[0])
 
 
 def test_line_far_from_ours_is_out_of_step():

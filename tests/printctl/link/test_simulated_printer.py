@@ -58,11 +58,8 @@ def wire(*faults: str, seed: int = 0, **troubles: float) -> SimTransport:
 
 
 def same_motion(one: ExecutedMotion, other: ExecutedMotion) -> bool:
-    return (
-        np.array_equal(one.line, other.line)
-        and np.array_equal(one.end, other.end)
-        and np.array_equal(one.plunger_end, other.plunger_end)
-    )
+    """Whether the same moves were made; line numbers shift where M114 was asked in passing."""
+    return np.array_equal(one.end, other.end) and np.array_equal(one.plunger_end, other.plunger_end)
 
 
 def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
@@ -71,6 +68,7 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert status.state is LinkState.DONE
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert same_motion(transport.printer.executed(), foreseen)
+    assert np.array_equal(transport.printer.executed().line, foreseen.line)
 
 
 def test_lost_ok_costs_one_question_and_no_line(tmp_path):
@@ -138,7 +136,7 @@ def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed
     status, _ = printed(data, tmp_path, transport)
     assert status.state is LinkState.DONE, status
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert transport.slips or same_motion(transport.printer.executed(), foreseen)
+    assert same_motion(transport.printer.executed(), foreseen)
     assert read_journal(tmp_path / "journal.log").done == status.lines_total
 
 

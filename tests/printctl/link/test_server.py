@@ -1,0 +1,145 @@
+"""The link process's door: who may come in, what is understood, and that nobody holds up a kill."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+
+import pytest
+
+from printctl.link.server import Server, forget, listen
+from printctl.link.states import LinkState, Status
+
+
+class Spy:
+    """Stands for the channel; notes what was wished."""
+
+    def __init__(self) -> None:
+        self.wishes: list[str] = []
+        self.killed = threading.Event()
+        self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
+
+    def stop(self) -> None:
+        self.wishes.append("stop")
+
+    def pause(self) -> None:
+        self.wishes.append("pause")
+
+    def resume(self) -> None:
+        self.wishes.append("resume")
+
+    def command(self, text: bytes, done) -> None:
+        self.wishes.append(text.decode())
+        done((b"X:0.00", b"ok"))
+
+    def kill(self) -> None:
+        self.killed.set()
+
+
+@pytest.fixture(params=["unix", "tcp"])
+def door(request, tmp_path, monkeypatch):
+    if request.param == "tcp":
+        monkeypatch.delattr(socket, "AF_UNIX", raising=False)
+    elif not hasattr(socket, "AF_UNIX"):
+        pytest.skip("no Unix sockets here")
+    listener, address, token = listen(tmp_path)
+    monkeypatch.undo()
+    spy = Spy()
+    server = Server(listener, token, spy)  # type: ignore[arg-type]
+    server.start()
+    guests: list[socket.socket] = []
+
+    def enter() -> socket.socket:
+        kind, _, rest = address.partition(":")
+        if kind == "unix":
+            guest = socket.socket(socket.AF_UNIX)
+            guest.connect(rest)
+        else:
+            host, _, port = rest.rpartition(":")
+            guest = socket.create_connection((host, int(port)))
+        guest.settimeout(5)
+        guests.append(guest)
+        return guest
+
+    yield spy, server, enter, token
+    server.finish()
+    for guest in guests:
+        guest.close()
+    forget(address)
+
+
+def say(guest: socket.socket, **message: object) -> None:
+    guest.sendall(json.dumps(message).encode() + b"\n")
+
+
+def hear(guest: socket.socket) -> dict:
+    data = b""
+    while not data.endswith(b"\n"):
+        data += guest.recv(1)
+    return json.loads(data)
+
+
+def test_status_and_wishes_arrive(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="status", token=token)
+    assert hear(guest)["lines_done"] == 5
+    for wish in ("stop", "pause", "resume"):
+        say(guest, do=wish, token=token)
+    say(guest, do="command", text="M114", token=token)
+    assert hear(guest) == {"event": "reply", "command": "M114", "lines": ["X:0.00", "ok"]}
+    assert spy.wishes == ["stop", "pause", "resume", "M114"]
+
+
+def test_only_subscribers_are_told(door):
+    _, server, enter, token = door
+    one, other = enter(), enter()
+    say(one, do="subscribe", token=token)
+    assert hear(one)["state"] == "printing"
+    say(other, do="status", token=token)
+    assert hear(other)["asked"]
+    server.publish(Status(LinkState.PAUSED))
+    assert hear(one)["state"] == "paused"
+    say(other, do="status", token=token)
+    assert hear(other)["asked"]  # and not what was published
+    say(one, do="detach", token=token)
+
+
+@pytest.mark.parametrize("line", [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n"])
+def test_nonsense_is_refused_and_the_door_stays_open(door, line):
+    spy, _, enter, token = door
+    guest = enter()
+    guest.sendall(line)
+    assert hear(guest)["event"] == "refused"
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
+    assert spy.wishes == []
+
+
+@pytest.mark.parametrize("text", ["M110 N5", "M112", "M83", "g91", "G1 X1*5", "", "G1\nX2", "µ"])
+def test_command_that_must_not_be_sent_is_refused(door, text):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="command", text=text, token=token)
+    assert hear(guest)["event"] == "refused"
+    assert spy.wishes == []
+
+
+def test_stranger_without_the_token_is_refused(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="stop", token=token + "x")
+    assert hear(guest) == {"event": "refused", "message": "wrong token"}
+    assert spy.wishes == []
+
+
+def test_kill_gets_through_beside_guests_that_never_read_or_never_end_a_line(door):
+    spy, server, enter, token = door
+    deaf, endless, user = enter(), enter(), enter()
+    say(deaf, do="subscribe", token=token)
+    endless.sendall(b"x" * 50_000)
+    for done in range(20_000):
+        server.publish(Status(LinkState.PRINTING, lines_done=done, message="m" * 100))
+    say(user, do="kill", token=token)
+    assert spy.killed.wait(10)
