@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.checkers import (
     Coverage,
+    Outside,
     Perfusion,
     consistent_radii,
     coverage,
@@ -41,7 +42,8 @@ class Found:
     overlaps_within_joints: int
     overlaps_percent: float
     segments_outside: int
-    first_outside: list[int]
+    first_outside: list[tuple[int, float | None]]
+    """Up to five: piece, how far its lumen reaches out (mm; None where its axis does)."""
     flow_spread: float
     inflow_ul_s: float
     murray_low: float
@@ -77,7 +79,7 @@ def check(path: Path, stl: Path, flow_ul_s: float) -> Found:
         overlaps_within_joints=len(near.within_joints),
         overlaps_percent=100.0 * len(near.within_joints) / net.count,
         segments_outside=len(outside.pieces),
-        first_outside=outside.pieces[:5].tolist(),
+        first_outside=_first(outside),
         flow_spread=spread(flows),
         inflow_ul_s=float(flows.sum()),
         murray_low=float(ratios.min(initial=1.0)),
@@ -87,6 +89,11 @@ def check(path: Path, stl: Path, flow_ul_s: float) -> Found:
         coverage=coverage(net, tissue),
         radius_error=float(np.abs(net.radius / radius[:, None] - 1.0).max()),
     )
+
+
+def _first(outside: Outside) -> list[tuple[int, float | None]]:
+    found = zip(outside.pieces[:5].tolist(), outside.excess_mm.tolist(), strict=False)
+    return [(piece, excess if np.isfinite(excess) else None) for piece, excess in found]
 
 
 def rows_of(name: str, terminals: int, found: Found, peer: Found | None = None) -> list[Any]:
@@ -116,7 +123,7 @@ def rows_of(name: str, terminals: int, found: Found, peer: Found | None = None) 
     if found.colliding_pairs:
         rows[1] |= {"first_pieces": found.first_colliding, "deepest_mm": found.deepest_collision_mm}
     if found.segments_outside:
-        rows[3] |= {"first_pieces": found.first_outside}
+        rows[3] |= {"pieces_and_excess_mm": found.first_outside}
     return rows
 
 

@@ -10,8 +10,14 @@ from design.tissue.grid import depth_along
 from design.vasculature.fit import Room, neighbours_of, seven, widening
 from design.vasculature.index import CellIndex
 from design.vasculature.options import Law
-from design.vasculature.state import place, refresh, refresh_upwards
+from design.vasculature.state import place, refresh_upwards
 from kernels import jit
+
+SPARE = 0.98
+"""Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
+
+FEW = 4
+"""A branch isn't thinned out below so many terminals, but taken."""
 
 
 @jit
@@ -56,19 +62,75 @@ def too_wide(segments: Any, count: int) -> int:
 
 @jit
 def prune(segments: Any, count: int, index: CellIndex, room: Room, law: Law) -> int:
-    """Take away branches until no segment is wider than allowed; return the new count.
+    """Take terminals away until no segment is wider than allowed; return the new count.
 
-    Of a segment that is too wide the smaller branch at its end is taken, or itself when it is a
-    terminal, and what is left is joined straight. Where the straight segment doesn't fit, the
-    whole branch goes. A tree pruned to its stem returns 1. The index isn't kept up: list anew.
+    A segment that is a little too wide loses as many of its terminals as make it thin enough, by
+    Murray's law, wherever what is left can be joined straight. Where that isn't enough, or the
+    segment feeds only a few, the smaller branch at its end goes (itself when it is a terminal).
+    A tree pruned to its stem returns 1. The index isn't kept up: list anew.
     """
     gone = np.zeros(count, np.uint8)
+    wide = np.zeros(count, np.int64)
+    size = 0
     for i in range(1, count):
-        if gone[i] == 0 and segments[i].radius > segments[i].allowed:
+        if segments[i].radius > segments[i].allowed:
+            wide[size] = i
+            size += 1
+    # Small branches first: what they lose counts for those above.
+    fed = np.empty(size, np.int64)
+    for n in range(size):
+        fed[n] = segments[wide[n]].terminals
+    for n in np.argsort(fed, kind="mergesort"):
+        i = wide[n]
+        s = segments[i]
+        if gone[i] != 0:
+            continue
+        goal = 0
+        if s.allowed > 0.0:
+            goal = int(fed[n] * (SPARE * s.allowed / s.radius) ** law.gamma)
+        if goal < FEW or not _thin_out(segments, i, goal, gone, index, room, law):
             _take(segments, _smaller_end(segments, i), gone, index, room, law)
-            if segments[0].left < 0:
-                return 1
+        if segments[0].left < 0:
+            return 1
     return _compact(segments, count, gone)
+
+
+@jit
+def _thin_out(
+    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, room: Room, law: Law
+) -> bool:
+    """Take single terminals from a branch until it feeds ``goal``; False when they don't do."""
+    tips = np.empty(segments[i].terminals, np.int32)
+    stack = np.empty(segments[i].terminals + 1, np.int32)
+    stack[0] = i
+    top = 1
+    size = 0
+    while top > 0:
+        top -= 1
+        here = stack[top]
+        s = segments[here]
+        if s.left < 0:
+            tips[size] = here
+            size += 1
+        else:
+            stack[top] = s.right
+            stack[top + 1] = s.left
+            top += 2
+    if size <= goal:
+        return True
+    # Spread over the branch: every so many first, then those between.
+    stride = max(1, size // (size - goal))
+    for first in range(stride):
+        for n in range(first, size, stride):
+            if segments[i].terminals <= goal:
+                return True
+            tip = tips[n]
+            parent, sibling, _, _ = neighbours_of(segments, tip)
+            if gone[tip] != 0 or parent == i or segments[parent].left < 0:
+                continue
+            if _straight_fits(segments, index, room, int(parent), int(sibling), tip):
+                _join(segments, int(parent), int(sibling), tip, gone, law)
+    return bool(segments[i].terminals <= goal)
 
 
 @jit
@@ -83,25 +145,30 @@ def _smaller_end(segments: Any, i: int) -> int:
 
 @jit
 def _take(segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: Law) -> None:
+    """Take a branch away, or the least one above it whose loss leaves a straight that fits."""
     while True:
         parent, sibling, _, _ = neighbours_of(segments, i)
         if parent == 0:
             segments[0].left, segments[0].right = -1, -1
             return
-        up, kept = segments[parent], segments[sibling]
         if _straight_fits(segments, index, room, int(parent), int(sibling), i):
-            break
+            _join(segments, int(parent), int(sibling), i, gone, law)
+            return
         i = int(parent)
-    _mark(segments, i, gone)
-    gone[sibling] = 1
-    place(segments, int(parent), (up.px, up.py, up.pz), (kept.dx, kept.dy, kept.dz))
-    up.left, up.right = kept.left, kept.right
-    up.radius = max(up.radius, kept.radius)
+
+
+@jit
+def _join(segments: Any, parent: int, kept: int, taken: int, gone: Any, law: Law) -> None:
+    """Make ``parent`` and ``kept`` one straight segment, without the branch ``taken``."""
+    up, low = segments[parent], segments[kept]
+    _mark(segments, taken, gone)
+    gone[kept] = 1
+    place(segments, parent, (up.px, up.py, up.pz), (low.dx, low.dy, low.dz))
+    up.left, up.right = low.left, low.right
     up.allowed = np.inf
     if up.left >= 0:
         segments[up.left].parent, segments[up.right].parent = parent, parent
-    refresh(segments, int(parent), law)
-    refresh_upwards(segments, up.parent, law)
+    refresh_upwards(segments, parent, law)
 
 
 @jit

@@ -79,29 +79,35 @@ def joined(
     return load, spend, m
 
 
+ENOUGH = 64
+"""Terminals above which one more changes a segment so little that the linear model serves."""
+
+
 @jit
 def climb(
-    segments: Any, index: int, load: float, spend: float, added: int, law: Law
-) -> tuple[float, float, float, float, float]:
-    """Walk to the root as if segment ``index`` had this load and spend.
+    segments: Any, index: int, load: float, spend: float, enough: int, law: Law
+) -> tuple[float, float, float, float]:
+    """Cost of a tree in which ``index`` has this load and spend, and all above one terminal more.
 
-    Every segment above gets ``added`` more terminals.
+    Walks to the root, or to the first segment of ``enough`` terminals or more and on from there by
+    the derivatives kept in it (`design.vasculature.state.spread_down`). The walk is exact; what is
+    left off is of second order in the change there, about 1/enough squared.
 
     Returns
     -------
-    root_load, root_spend : float
-        At the root; the second is the cost.
+    rise : float
+        Of the cost K_root.
     by_load, by_spend : float
         Derivatives of the cost with respect to ``load`` and ``spend``.
-    share : float
-        (r_index / r_root)⁴.
+    radius : float, mm
+        Of segment ``index``, as the radius stands of the segment where the walk ended.
     """
     e = 0.25 * law.lam
     # Derivatives of this level's (load, spend) with respect to those at ``index``: a 2 x 2 matrix.
     ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
     share = 1.0
     here = index
-    while segments[here].parent >= 0:
+    while segments[here].parent >= 0 and segments[here].terminals < enough:
         up = segments[here].parent
         other = segments[up].left
         if other == here:
@@ -110,7 +116,7 @@ def climb(
         total = a0 + to_gamma(segments[other].load, law)
         m = from_gamma(total, law)
         both = spend + segments[other].spend
-        mass = (segments[up].terminals + added) * law.k * segments[up].length
+        mass = (segments[up].terminals + 1) * law.k * segments[up].length
         above = mass + m
         me, we = to_lambda(m, law), to_lambda(above, law)
         up_spend = we * (to_u(segments[up].length, law) + both / me)
@@ -121,4 +127,11 @@ def climb(
         ll, ls = m_by_load * ll, m_by_load * ls
         share *= load / m
         load, spend, here = above, up_spend, up
-    return load, spend, sl, ss, share
+    end = segments[here]
+    rise = end.by_load * (load - end.load) + end.by_spend * (spend - end.spend) + end.by_one
+    return (
+        rise,
+        end.by_load * ll + end.by_spend * sl,
+        end.by_load * ls + end.by_spend * ss,
+        end.radius * sqrt(sqrt(share)),
+    )

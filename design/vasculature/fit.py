@@ -14,8 +14,10 @@ from kernels import jit
 
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
 
-MARGIN = 1.02
-"""Trial forks must fit with radii this much larger: every later terminal widens its path."""
+MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
+"""Trial forks must fit with larger radii, because every later terminal widens its path: by the
+first factor, plus the second times the logarithm of how often the tree has yet to grow by e, the
+third at most."""
 
 
 class Room(NamedTuple):
@@ -30,6 +32,8 @@ class Room(NamedTuple):
     ratio : float
         Clearance over the thinner radius; the larger of the two counts.
     length_to_radius : float
+    reserve : float
+        Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
     """
 
     grid: GridArrays
@@ -37,6 +41,7 @@ class Room(NamedTuple):
     clearance: float
     ratio: float
     length_to_radius: float
+    reserve: float
 
 
 class Fork(NamedTuple):
@@ -95,7 +100,7 @@ def widening(
     -------
     float
         Below 1 when there is a collision; at most `REACH`. Without ``record`` the search ends
-        below `MARGIN`.
+        below the room's reserve.
     """
     least = REACH
     reach = REACH * radius
@@ -139,7 +144,7 @@ def widening(
                         factor = min(factor, (d - room.clearance) / both)
                     if factor < least:
                         least = factor
-                        if least < MARGIN and not record:
+                        if least < room.reserve and not record:
                             return least
                     if record and factor * s.radius < s.allowed:
                         s.allowed = factor * s.radius
@@ -174,7 +179,7 @@ def in_tissue(
     room: Room, ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float
 ) -> bool:
     """Whether a capsule keeps its distance from the tissue's surface."""
-    need = MARGIN * radius + room.wall
+    need = room.reserve * radius + room.wall
     return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
 
 
@@ -207,13 +212,19 @@ def fits(index: CellIndex, segments: Any, room: Room, fork: Fork) -> bool:
     i = fork.segment
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven(i, -1, -1, -1, -1, -1, -1)
-    if widening(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False) < MARGIN:
+    if (
+        widening(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
+        < room.reserve
+    ):
         return False
     skip = seven(i, parent, sibling, -1, -1, -1, -1)
-    if widening(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False) < MARGIN:
+    if (
+        widening(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
+        < room.reserve
+    ):
         return False
     skip = seven(i, left, right, -1, -1, -1, -1)
     return bool(
         widening(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
-        >= MARGIN
+        >= room.reserve
     )

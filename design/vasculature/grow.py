@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from design.errors import DesignError, GrowthError, TissueError
 from design.tissue import Tissue
 from design.vasculature.audit import measure_room, prune
-from design.vasculature.fit import Room
+from design.vasculature.fit import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Room
 from design.vasculature.index import CellIndex, empty_index
 from design.vasculature.options import GrowthOptions
 from design.vasculature.retip import retip_thin
 from design.vasculature.root import stem
+from design.vasculature.sample import depth_first, inside
 from design.vasculature.start import first_pair
-from design.vasculature.state import SEGMENT, place, refresh, spread_radii
+from design.vasculature.state import SEGMENT, place, refresh, spread_down
 from design.vasculature.step import (
     DONE,
     FULL_INDEX,
@@ -48,8 +49,12 @@ ROUNDS = 20
 
 _PATIENCE = 20_000
 _CHUNK = 4096
-_CHUNK_AT_MOST = 1 << 19
 _CELL = 1.2
+_TRIES = 0.5
+"""Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
+grown to them in order is like one grown in random order."""
+_SMALL = 10_000
+"""Terminals below which a tree is in the cache, however it is ordered."""
 
 
 def grow_tree(tissue: Tissue, options: GrowthOptions) -> VesselTree:
@@ -126,6 +131,7 @@ class _Garden:
             options.clearance_mm,
             options.clearance_ratio,
             options.length_to_radius,
+            MARGIN,
         )
         fixed = options.smallest_radius_mm or 0.0
         spread = spread if fixed else 0.0
@@ -203,12 +209,20 @@ class _Garden:
     def _points(self, tries: int) -> Any:
         low, high = self.tissue.bounds
         points = self.random.uniform(low, high, (tries, 3))
-        return points[self.tissue.contains(points)]
+        in_order = self.terminals > _SMALL
+        return inside(self.tissue.grid.arrays, points, low, high, in_order)
+
+    @property
+    def _per_inside(self) -> float:
+        """Points in the bounds for each in the tissue."""
+        return float(np.prod(np.ptp(self.tissue.bounds, axis=0))) / self.tissue.volume_mm3
 
     def _reindex(self) -> None:
         """List everything anew, in cells that suit the tree until it has doubled."""
         volume = self.tissue.volume_mm3
         self.indexed = max(4, self.terminals)
+        if self.terminals > _SMALL:
+            self.segments = depth_first(self.segments, self.count)
         goal = min(self.options.terminals, 2 * self.terminals)
         cell = _CELL * float(np.cbrt(volume / max(8, goal)))
         room = 16 * len(self.segments) + 4096
@@ -216,7 +230,7 @@ class _Garden:
             self.index = empty_index(self.tissue.bounds, cell, room, len(self.segments))
             listed = list_all(self.segments, self.count, self.index, self.room)
             if listed and self.index.used[0] < 0.5 * room:
-                return
+                break
             room *= 2
 
     def grow(self) -> None:
@@ -229,14 +243,16 @@ class _Garden:
         status = FULL_INDEX
         while status != DONE:
             if status == MORE_POINTS:
-                tries = int(np.clip(4 * self.terminals, _CHUNK, _CHUNK_AT_MOST))
+                tries = int(np.clip(_TRIES * self._per_inside * self.terminals, _CHUNK, 1 << 21))
                 points, first = self._points(tries), 0
             else:
                 self._reindex()
+                # Neighbours' shares have changed since each segment's room was measured.
+                measure_room(self.segments, self.count, self.index, self.room, 0.0)
             status, first = grow(
                 self.segments,
                 self.index,
-                self.room,
+                self.room._replace(reserve=self._reserve()),
                 options.law,
                 self.scale,
                 self.progress,
@@ -246,6 +262,13 @@ class _Garden:
             )
             if self.progress["since"][0] > _PATIENCE:
                 raise self._no_room()
+
+    def _reserve(self) -> float:
+        """How much wider than predicted trial forks must be able to grow."""
+        if self.scale.root_radius > 0:
+            return MARGIN
+        left = float(np.log(self.options.terminals / self.terminals))
+        return min(MARGIN + MARGIN_LEFT * left, MARGIN_AT_MOST)
 
     def _no_room(self) -> GrowthError:
         smallest = self.options.smallest_radius_mm
@@ -263,10 +286,10 @@ class _Garden:
         """
         smallest = self.options.smallest_radius_mm
         root = self.scale.root_radius or self._root_radius()
-        thinnest = spread_radii(self.segments, self.count, root, 1.0, self.options.law)
+        thinnest = spread_down(self.segments, self.count, root, 1.0, self.options.law)
         if smallest is not None and thinnest > smallest:
             root *= smallest / thinnest
-            spread_radii(self.segments, self.count, root, 1.0, self.options.law)
+            spread_down(self.segments, self.count, root, 1.0, self.options.law)
         self._reindex()
         return int(
             measure_room(self.segments, self.count, self.index, self.room, _just(smallest or 0.0))

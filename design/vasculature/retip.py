@@ -10,7 +10,6 @@ from design.geometry import point_segment
 from design.vasculature.bifurcation import distance
 from design.vasculature.cost import from_gamma, to_gamma
 from design.vasculature.fit import (
-    MARGIN,
     Room,
     in_tissue,
     kept_apart,
@@ -89,7 +88,7 @@ def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radiu
         return False
     skip = seven(i, parent, sibling, -1, -1, -1, -1)
     free = widening(index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False)
-    return bool(free >= MARGIN)
+    return bool(free >= room.reserve)
 
 
 @jit

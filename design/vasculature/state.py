@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.cost import from_gamma, joined, leaf, to_gamma
+from design.vasculature.cost import from_gamma, joined, leaf, to_gamma, to_lambda
 from design.vasculature.options import Law
 from kernels import jit
 
@@ -29,9 +29,12 @@ SEGMENT = np.dtype(
         ("radius", "f8"),
         ("allowed", "f8"),
         ("full", "i8"),
+        ("by_load", "f8"),
+        ("by_spend", "f8"),
+        ("by_one", "f8"),
     ]
 )
-"""Fields of a growing segment, 128 bytes: two cache lines, the first for the walk to the root.
+"""Fields of a growing segment.
 
 load, spend : see `design.vasculature.cost`; length : mm; parent, left, right : -1 for none;
 terminals : downstream; p and d : ends, mm; radius : of the finished tree as predicted, mm;
@@ -75,8 +78,8 @@ def refresh_upwards(segments: Any, i: int, law: Law) -> None:
 
 
 @jit
-def spread_radii(segments: Any, count: int, root_radius: float, slack: float, law: Law) -> float:
-    """Derive all radii from the root's in one downward pass; mark what is full.
+def spread_down(segments: Any, count: int, root_radius: float, slack: float, law: Law) -> float:
+    """Derive all radii and all derivatives of the cost from the root's, in one downward pass.
 
     A segment is full when its radius times ``slack`` exceeds what is allowed, or one above is.
 
@@ -85,11 +88,13 @@ def spread_radii(segments: Any, count: int, root_radius: float, slack: float, la
     float
         Smallest radius of a terminal.
     """
+    e = 0.25 * law.lam
     stack = np.empty(count, np.int32)
     stack[0] = 0
     top = 1
-    segments[0].radius = root_radius
-    segments[0].full = 0
+    root = segments[0]
+    root.radius, root.full = root_radius, 0
+    root.by_load, root.by_spend, root.by_one = 0.0, 1.0, 0.0
     smallest = np.inf
     while top > 0:
         top -= 1
@@ -101,11 +106,19 @@ def spread_radii(segments: Any, count: int, root_radius: float, slack: float, la
             smallest = min(smallest, s.radius)
             continue
         a, b = segments[s.left], segments[s.right]
-        m = from_gamma(to_gamma(a.load, law) + to_gamma(b.load, law), law)
-        a.radius = s.radius * np.sqrt(np.sqrt(a.load / m))
-        b.radius = s.radius * np.sqrt(np.sqrt(b.load / m))
-        a.full = s.full
-        b.full = s.full
+        # As in `climb`, from the other end.
+        in_a, in_b = to_gamma(a.load, law), to_gamma(b.load, law)
+        m = from_gamma(in_a + in_b, law)
+        m_e, s_e = to_lambda(m, law), to_lambda(s.load, law)
+        own = e * s.spend / s.load
+        by_m = s.by_load + s.by_spend * (own - e * s_e * (a.spend + b.spend) / (m_e * m))
+        by_one = s.by_one + law.k * s.length * (s.by_load + s.by_spend * own)
+        for child, part in ((a, in_a), (b, in_b)):
+            child.radius = s.radius * np.sqrt(np.sqrt(child.load / m))
+            child.full = s.full
+            child.by_load = by_m * (m / (in_a + in_b)) * (part / child.load)
+            child.by_spend = s.by_spend * s_e / m_e
+            child.by_one = by_one
         stack[top] = s.left
         stack[top + 1] = s.right
         top += 2

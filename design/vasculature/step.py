@@ -8,11 +8,11 @@ import numpy as np
 
 from design.tissue.grid import depth_along, read
 from design.vasculature.bifurcation import best_place, distance, split_value
-from design.vasculature.cost import climb
+from design.vasculature.cost import ENOUGH, climb
 from design.vasculature.fit import Fork, Room, Seven, fits, neighbours_of, seven, widening
 from design.vasculature.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.options import Law
-from design.vasculature.state import place, refresh, refresh_upwards, spread_radii
+from design.vasculature.state import place, refresh, refresh_upwards, spread_down
 from kernels import jit
 
 CANDIDATES = 10
@@ -80,7 +80,7 @@ GROWTH_POWER = 0.02
 THIN_MARGIN = 1.08
 """A new terminal must be this much wider than the limit: later ones make it thinner."""
 
-_RELAX, _TIGHTEN, _PATIENCE = 0.93, 1.01, 12
+_RELAX, _TIGHTEN, _PATIENCE = 0.93, 1.01, 6
 _APART = 0.9
 
 
@@ -108,20 +108,18 @@ def trial(
     i: int,
     b: Any,
     t: Any,
-    root_radius: float,
     law: Law,
 ) -> tuple[Any, float]:
-    """Fork with its exact radii, and the exact cost, of a terminal at ``t`` by way of ``b``."""
+    """Fork with its radii, and the rise of the cost, of a terminal at ``t`` by way of ``b``."""
     s = segments[i]
     up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
     low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
     new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
     load, spend, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, law)
-    _, cost, _, _, share = climb(segments, i, load, spend, 1, law)
-    r_up = root_radius * np.sqrt(np.sqrt(share))
+    rise, _, _, r_up = climb(segments, i, load, spend, ENOUGH, law)
     r_low = r_up * np.sqrt(np.sqrt(low_load / m))
     r_new = r_up * np.sqrt(np.sqrt(law.k * new / m))
-    return Fork(np.int64(i), b[0], b[1], b[2], t[0], t[1], t[2], r_up, r_low, r_new), cost
+    return Fork(np.int64(i), b[0], b[1], b[2], t[0], t[1], t[2], r_up, r_low, r_new), rise
 
 
 @jit
@@ -150,8 +148,8 @@ def estimate(segments: Any, i: int, t: Any, place_out: Any, slopes: Any, law: La
         distance(bx, by, bz, t[0], t[1], t[2]),
         law,
     )
-    _, cost, by_load, by_spend, _ = climb(segments, i, load, spend, 1, law)
-    slopes[0] = cost - by_load * load - by_spend * spend
+    rise, by_load, by_spend, _ = climb(segments, i, load, spend, ENOUGH, law)
+    slopes[0] = rise - by_load * load - by_spend * spend
     slopes[1] = by_load
     slopes[2] = by_spend
     bx, by, bz = best_place(s, t[0], t[1], t[2], by_load, by_spend, ITERATIONS, law)
@@ -178,7 +176,6 @@ def propose(
     index: CellIndex,
     room: Room,
     law: Law,
-    root_radius: float,
     limit: float,
     t: Any,
     found: Any,
@@ -196,7 +193,7 @@ def propose(
     order = np.argsort(costs, kind="mergesort")
     for n in order:
         if costs[n] < np.inf:
-            fork, _ = trial(segments, found[n], places[n], t, root_radius, law)
+            fork, _ = trial(segments, found[n], places[n], t, law)
             if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
                 return True, fork
     others = np.empty((TRIED * 6, 3))
@@ -217,7 +214,7 @@ def propose(
         if values[n] == np.inf:
             break
         i = found[order[n // 6]]
-        fork, _ = trial(segments, i, others[n], t, root_radius, law)
+        fork, _ = trial(segments, i, others[n], t, law)
         if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
             return True, fork
     return False, fork
@@ -270,7 +267,7 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     """Predict all radii anew."""
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
-    s.smallest = spread_radii(segments, s.count, s.root_radius, 1.02, law)
+    s.smallest = spread_down(segments, s.count, s.root_radius, 1.02, law)
     s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
 
 
@@ -314,7 +311,7 @@ def grow(
         tip = max(limit, 0.5 * s.root_radius * (s.terminals + 1) ** (-1.0 / law.gamma))
         if -read(room.grid, t[0], t[1], t[2]) < tip + room.wall:
             continue
-        good, fork = propose(segments, index, room, law, s.root_radius, limit, t, found, size)
+        good, fork = propose(segments, index, room, law, limit, t, found, size)
         if not good:
             continue
         listed = commit(segments, s.count, index, room, law, fork)

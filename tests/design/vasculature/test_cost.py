@@ -7,7 +7,7 @@ from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
 from design.vasculature.bifurcation import best_place, split_value
 from design.vasculature.cost import climb
 from design.vasculature.options import Law
-from design.vasculature.state import SEGMENT, place, refresh
+from design.vasculature.state import SEGMENT, place, refresh, spread_down
 from design.vasculature.step import trial
 from tests.design.vasculature import oracles
 
@@ -97,7 +97,9 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals):
     rng = np.random.default_rng(seed)
     i = int(rng.integers(1, count))
     b, t = rng.normal(0, 3, 3), rng.normal(0, 3, 3)
-    fork, cost = trial(segments, i, b, t, 1.0, law)
+    spread_down(segments, count, 1.0, 1.0, law)
+    before = float(segments[0]["spend"])
+    fork, rise = trial(segments, i, b, t, law)
     s = segments[i]
     end, children = (s["dx"], s["dy"], s["dz"]), (s["left"], s["right"])
     lower, tip = count, count + 1
@@ -120,23 +122,41 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals):
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
     load = tree.reduced_resistance[0] * tree.terminals[0]
     expected = load ** (law.lam / 4) * (length**law.u @ relative**law.lam)
-    assert cost == pytest.approx(expected, rel=1e-10)
+    assert before + rise == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("gamma", [2.5, 3.0])
 def test_derivatives_at_the_root_agree_with_differences(gamma):
     law = Law(0.01, gamma, 2.0, 1.0)
     segments, count = random_segments(5, 20, law)
+    spread_down(segments, count, 1.0, 1.0, law)
     for i in range(1, count, 3):
         load, spend = float(segments[i]["load"]), float(segments[i]["spend"])
-        _, _, by_load, by_spend, _ = climb(segments, i, load, spend, 1, law)
+        _, by_load, by_spend, _ = climb(segments, i, load, spend, 10**6, law)
         h = 1e-6
-        up = climb(segments, i, load * (1 + h), spend, 1, law)[1]
-        down = climb(segments, i, load * (1 - h), spend, 1, law)[1]
+        whole = 10**6
+        up = climb(segments, i, load * (1 + h), spend, whole, law)[0]
+        down = climb(segments, i, load * (1 - h), spend, whole, law)[0]
         assert by_load == pytest.approx((up - down) / (2 * h * load), rel=1e-5, abs=1e-8)
-        up = climb(segments, i, load, spend * (1 + h), 1, law)[1]
-        down = climb(segments, i, load, spend * (1 - h), 1, law)[1]
+        up = climb(segments, i, load, spend * (1 + h), whole, law)[0]
+        down = climb(segments, i, load, spend * (1 - h), whole, law)[0]
         assert by_spend == pytest.approx((up - down) / (2 * h * spend), rel=1e-5)
+
+
+def test_linear_model_approaches_the_exact_rise_with_the_size_of_the_tree():
+    law = Law(0.01, 3.0, 2.0, 1.0)
+    segments, count = random_segments(8, 2000, law)
+    spread_down(segments, count, 1.0, 1.0, law)
+    rng = np.random.default_rng(8)
+    errors = {4: [], 64: []}
+    for i in rng.integers(1, count, 200):
+        s = segments[i]
+        load, spend = 1.3 * float(s["load"]), 1.2 * float(s["spend"])
+        exact = climb(segments, i, load, spend, 10**6, law)[0]
+        for enough, list_ in errors.items():
+            list_.append(abs(climb(segments, i, load, spend, enough, law)[0] / exact - 1))
+    assert np.median(errors[64]) < 1e-3
+    assert np.mean(errors[64]) < 0.5 * np.mean(errors[4])
 
 
 def test_derivatives_of_a_split_agree_with_differences():
@@ -161,7 +181,8 @@ def test_best_place_beats_a_fine_search_by_nobody():
         s = segments[i]
         p, d = np.array([s["px"], s["py"], s["pz"]]), np.array([s["dx"], s["dy"], s["dz"]])
         t = 0.5 * (p + d) + rng.normal(0, 2, 3)
-        _, _, by_load, by_spend, _ = climb(segments, i, s["load"], s["spend"], 1, law)
+        spread_down(segments, count, 1.0, 1.0, law)
+        _, by_load, by_spend, _ = climb(segments, i, s["load"], s["spend"], 64, law)
 
         def value(b, s=s, p=p, d=d, t=t, by_load=by_load, by_spend=by_spend):
             lengths = [max(1e-6, np.linalg.norm(b - x)) for x in (p, d, t)]

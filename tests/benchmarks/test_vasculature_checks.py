@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from benchmarks.checkers import Perfusion, box_triangles, consistent_radii, write_stl
+from benchmarks.vasculature_checks import DROP_PA, VISCOSITY_PA_S, check, rows_of
+from benchmarks.vasculature_plot import slope_of
+from tests.benchmarks.checkers.nets import net_of
+
+HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree"
+POINTS = [[5.0, 5, 10], [5, 5, 8], [2, 5, 5], [8, 5, 5], [2, 2, 2], [2, 8, 2], [8, 2, 2], [8, 8, 2]]
+EDGES = [[0, 1], [1, 2], [1, 3], [2, 4], [2, 5], [3, 6], [3, 7]]
+
+
+def written(folder, points, radius=None):
+    """A file with the given radii or, by default, those that feed all outlets alike."""
+    net = net_of(points, EDGES, 0.1)
+    if radius is None:
+        radius = consistent_radii(net, Perfusion(10.0, DROP_PA, VISCOSITY_PA_S))
+    rows = [HEADER]
+    for k, (a, b) in enumerate(EDGES):
+        numbers = [*map(float, points[a]), *map(float, points[b]), float(radius[k])]
+        rows.append(",".join(map(repr, [k, a, b, *numbers, float(radius[k])])) + ",artery,0")
+    write_stl(folder / "box.stl", box_triangles(np.zeros(3), np.full(3, 10.0)))
+    (folder / "network.csv").write_text("\n".join(rows) + "\n")
+    return check(folder / "network.csv", folder / "box.stl", 10.0)
+
+
+def broken(found):
+    """The measures whose goal isn't met."""
+    rows = rows_of("here", 4, found)
+    return [row["measure"].removeprefix("here: ") for row in rows if row.get("met") is False]
+
+
+def test_a_sound_file_meets_every_goal(tmp_path):
+    found = written(tmp_path, POINTS)
+    assert broken(found) == []
+    assert found.inflow_ul_s == pytest.approx(10.0, rel=1e-12)
+
+
+def test_a_wrong_radius_is_seen_by_flow_murray_and_ratios(tmp_path):
+    net = net_of(POINTS, EDGES, 0.1)
+    radius = consistent_radii(net, Perfusion(10.0, DROP_PA, VISCOSITY_PA_S))
+    radius[4] *= 1.01
+    assert broken(written(tmp_path, POINTS, radius)) == [
+        "terminal flow spread",
+        "Murray residual",
+        "radii against consistent ones",
+    ]
+
+
+def test_a_planted_collision_is_seen(tmp_path):
+    crossing = [list(p) for p in POINTS]
+    crossing[4], crossing[6] = [8, 2, 3.5], [2, 2, 3.52]
+    found = written(tmp_path, crossing)
+    assert broken(found) == ["colliding pairs"]
+    assert found.first_colliding == [[3, 5]]
+
+
+def test_a_planted_piece_outside_is_seen(tmp_path):
+    outside = [list(p) for p in POINTS]
+    outside[7] = [8, 8, -1]
+    found = written(tmp_path, outside)
+    assert broken(found) == ["segments out of tissue"]
+    assert found.first_outside == [(6, None)]
+
+
+def test_the_slope_is_that_of_a_power_law():
+    curve = [{"terminals": n, "t": 3e-4 * n**1.2} for n in (1000, 4000, 16_000, 64_000)]
+    assert slope_of(curve, "t") == pytest.approx(1.2)
