@@ -61,6 +61,9 @@ def register(
     ] = None,
     scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
     tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
+    diameter_tolerance_percent: Annotated[
+        float, typer.Option("--diameter-tolerance-percent", min=0.1)
+    ] = 10.0,
     as_json: JsonFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
@@ -80,7 +83,7 @@ def register(
     data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
-        "verdict": verdict(numbers, tolerance_um),
+        "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
         "scan": {"source": str(scan)},
         "registration": numbers,
     }

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-DIAMETER_TOLERANCE_PERCENT = 10.0
 
-
-def verdict(registration: dict[str, Any], tolerance_um: float) -> dict[str, Any]:
+def verdict(
+    registration: dict[str, Any], tolerance_um: float, diameter_tolerance_percent: float
+) -> dict[str, Any]:
     """Judge a registration report.
 
-    The print passes when every vessel is open, no diameter is off by more than a tenth, the pose
-    is unambiguous, and the RMS deviation of the scaled fit (shrinkage taken out; the rigid fit
-    stands beside it) is within the tolerance.
+    The print passes when every vessel is open, no diameter is off by more than its tolerance, the
+    pose is unambiguous, and the RMS deviation of the scaled fit (shrinkage taken out; the rigid
+    fit stands beside it) is within the tolerance.
     """
     vessels = registration["vessels"]
     closed = [row["vessel"] for row in vessels if not row["open"]]
@@ -40,12 +40,15 @@ def verdict(registration: dict[str, Any], tolerance_um: float) -> dict[str, Any]
     ]
     if worst is not None:
         error = worst["error_percent"]
+        limit = diameter_tolerance_percent
+        beyond = sum(abs(row["error_percent"]) > limit for row in measured)
         findings.insert(
             1,
             (
-                abs(error) <= DIAMETER_TOLERANCE_PERCENT,
-                f"largest diameter error {error:+.1f} % of ±{DIAMETER_TOLERANCE_PERCENT:g} % "
-                f"allowed (vessel {worst['vessel']})",
+                beyond == 0,
+                f"largest diameter error {error:+.1f} % of ±{limit:g} % allowed "
+                f"(vessel {worst['vessel']}"
+                + (f"; {beyond} of {len(measured)} vessels beyond)" if beyond else ")"),
             ),
         )
     return {

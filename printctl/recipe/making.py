@@ -29,6 +29,9 @@ class Embedded(Part):
     needle: str = "30g"
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
+    overlap_radii: Annotated[float, Field(ge=0, le=5)] = Field(
+        default=0.5, description="Overlap of a joint, in radii of the thinner vessel."
+    )
     allowed_crossings: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=0,
         description="How often the needle's shaft may pass through ink that is already written.",
@@ -98,4 +101,7 @@ class RegistrationPart(Part):
 
     tolerance_um: Annotated[float, Field(gt=0, le=5000)] = Field(
         default=100.0, description="RMS deviation, scaled fit, above which the verdict is fail."
+    )
+    diameter_tolerance_percent: Annotated[float, Field(gt=0, le=1000)] = Field(
+        default=10.0, description="Error of a vessel's diameter above which the verdict is fail."
     )

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit
+from registration.gauging.neighbours import Neighbours
 from registration.gauging.planes import clearances, stations, to_scan
 from registration.gauging.sections import Planes, Sections, cut
 from registration.segmentation import Segmentation
@@ -17,6 +18,9 @@ from registration.segmentation.volume import sample
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+_FREE_WALL = 0.95
+"""Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class VesselGauge:
     designed_um, measured_um : float, µm
         Mean diameter over the sections that lie clear of junctions and ends; measured from
         equal area. Of a vessel too short for a clear section: twice the median radius in its
-        middle third. NaN when nothing is seen.
+        middle third, where by design at least `_FREE_WALL` of the wall is its own. NaN when
+        nothing of the kind is seen.
     error_percent : float
         Of the measured over the designed diameter.
     narrowest_um : float, µm
@@ -95,7 +100,7 @@ def gauge_vessels(
     spacing_mm : float, mm
         Between sections.
     """
-    clear = clearances(network)
+    clear, neighbours = clearances(network), Neighbours(network)
     rms = _wall_rms(network, segmentation, fit, deviation_mm)
     degree = network.degree()[network.vessel_nodes]
     # An end face is rounded by the smoothing, a junction's rim as well.
@@ -103,13 +108,24 @@ def gauge_vessels(
     trim = np.where(degree > 1, 1.05 * clear + border, 2 * border)
     lengths = network.lengths()
     return tuple(
-        _gauge(network, vessel, segmentation, fit, trim[vessel], spacing_mm, rms[vessel], lengths)
+        _gauge(
+            network,
+            neighbours,
+            vessel,
+            segmentation,
+            fit,
+            trim[vessel],
+            spacing_mm,
+            rms[vessel],
+            lengths,
+        )
         for vessel in range(network.vessel_count)
     )
 
 
 def _gauge(
     network: VesselNetwork,
+    neighbours: Neighbours,
     vessel: int,
     segmentation: Segmentation,
     fit: Fit,
@@ -127,7 +143,8 @@ def _gauge(
     seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
     counted = seen & apart & (sections.closed_outline | ~sections.open)
     if not apart.any():
-        sections, counted = _between_junctions(sections, seen, along, length)
+        own = neighbours.free_wall(vessel, centre, tangent, radius) >= _FREE_WALL
+        sections, counted = _between_junctions(sections, seen & own, along, length)
     return VesselGauge(
         vessel=vessel,
         kind=VesselKind(int(network.kind[vessel])).name.lower(),

@@ -72,7 +72,8 @@ def write_report(context: RunContext) -> dict[str, Any]:
     truth = found.pop("truth_check", None)
     if truth is not None:
         data["truth_check"] = truth
-    data["verdict"] = verdict(found, context.recipe.registration.tolerance_um)
+    limits = context.recipe.registration
+    data["verdict"] = verdict(found, limits.tolerance_um, limits.diameter_tolerance_percent)
     data["frames"] = frames(context, found)
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()

@@ -62,7 +62,8 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
     area = math.pi / 4 * context.syringe.inner_mm**2
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
-    ink = deposit(ExecutedMotion.load(context.folder / EXECUTED), area, fine)
+    motion = ExecutedMotion.load(context.folder / EXECUTED)
+    ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
     report(0.4, "scanning")
     left = 1 - part.shrink_percent / 100
     seed = part.seed if part.seed is not None else context.recipe.seed

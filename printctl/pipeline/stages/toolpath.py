@@ -55,6 +55,7 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
                     needle_outer_mm=context.needle.outer_mm,
                     write_speed_mm_s=part.write_speed_mm_s,
                     travel_speed_mm_s=part.travel_speed_mm_s,
+                    overlap_radii=part.overlap_radii,
                     retract_ul=ink.retract_ul,
                     plunger_ul_s=ink.plunger_ul_s,
                 ),
