@@ -16,19 +16,20 @@ def _run(recipe: Path, folder: Path) -> None:
     report = json.loads((folder / "run" / "report.json").read_text())
     assert report["network"]["terminals"] == 200
     assert report["print"]["state"] == "done"
-    assert report["registration"]["scaled"]["rms_um"] < 100
+    assert report["registration"]["all_open"]
+    assert report["registration"]["scaled"]["rms_um"] < 40
     assert not report["registration"]["ambiguity"]["flag"]
-    assert report["truth_check"]["pose_error_um"] < 60
+    assert report["truth_check"]["pose_error_um"] < 30
     assert done.returncode == 0, report["verdict"]
 
 
-@pytest.mark.slow
 def test_shipped_phantom(tmp_path: Path) -> None:
     _run(ROOT / "examples" / "cortex_embedded.yaml", tmp_path)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not GYRUS.exists(), reason="no shared data beside the project")
 def test_real_gyrus(tmp_path: Path) -> None:
+    """Its slab is thinner than the phantom's: the smallest lumen is 0.25 mm, not 0.3."""
     tissue = {"=": "replace", "mesh": str(GYRUS), "unit": "mm"}
-    _run(recipe_file(tmp_path, "cortex_embedded", tissue=tissue, name="gyrus_embedded"), tmp_path)
+    changes = {"tissue": tissue, "vasculature": {"smallest_diameter_mm": 0.25}}
+    _run(recipe_file(tmp_path, "cortex_embedded", name="gyrus_embedded", **changes), tmp_path)
