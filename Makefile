@@ -11,7 +11,7 @@ demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m slow

@@ -131,7 +131,7 @@ def test_a_ring_is_closed_by_an_overlap():
     net = replace(net, nodes=ring[:1], vessel_nodes=np.array([[0, 0]]))
     plan = plan_embedded(net, OPTIONS)
     assert (plan.report.joints, plan.report.overlapped) == (1, 1)
-    assert plan.report.overlap_ul == pytest.approx(np.pi * 0.2**3)
+    assert plan.report.overlap_ul == pytest.approx(OPTIONS.overlap_radii * np.pi * 0.2**3)
 
 
 def test_a_taper_is_written_by_flow_at_constant_speed():
