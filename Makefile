@@ -5,16 +5,13 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow lint bench clean
+.PHONY: demo test lint bench bench-vasculature clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
 
 test: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
-
-test-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pytest -m slow
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -24,6 +21,10 @@ lint: $(VENV)/.ready-test
 
 bench: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.pipeline
+
+# Minutes; with svv beside it where it installs. BENCH="--large" adds a million terminals.
+bench-vasculature: $(VENV)/.ready
+	$(BIN)/python -m benchmarks.vasculature $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
