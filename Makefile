@@ -20,11 +20,11 @@ lint: $(VENV)/.ready-test
 	$(BIN)/lint-imports
 
 bench: $(VENV)/.ready
-	$(BIN)/python -m benchmarks.pipeline
+	@$(BIN)/python -m benchmarks.pipeline
 
 # Minutes; with svv beside it where it installs. BENCH="--large" adds a million terminals.
 bench-vasculature: $(VENV)/.ready
-	$(BIN)/python -m benchmarks.vasculature $(BENCH)
+	@$(BIN)/python -m benchmarks.vasculature $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

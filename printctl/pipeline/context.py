@@ -22,10 +22,14 @@ from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
+from printctl.recipe.making import Embedded, FileScan, SimulatedScan
 
 NETWORK = "network.csv"
 LUMEN = "lumen.stl"
 SOLID = "solid.stl"
+
+LIGHT_REACHES_MM = 3.5
+"""Deeper parts are beyond OCT in scattering gels; the planar part, 3 mm, is at its limit."""
 
 
 @dataclass
@@ -69,6 +73,16 @@ class RunContext:
     def tissue(self) -> Tissue:
         """The tissue, made anew from its source."""
         return make_tissue(self.recipe.tissue, self.recipe_folder)
+
+    @cached_property
+    def scan_part(self) -> FileScan | SimulatedScan:
+        """What the recipe says of the scan; by default OCT, or micro-CT for what is too deep."""
+        if self.recipe.scan is not None:
+            return self.recipe.scan
+        low, high = self.tissue.bounds
+        if high[2] - low[2] > LIGHT_REACHES_MM or isinstance(self.recipe.toolpath, Embedded):
+            return SimulatedScan(simulated="microct", voxel_um=(80, 80, 80))
+        return SimulatedScan(simulated="oct")
 
     @cached_property
     def network(self) -> VesselNetwork:

@@ -8,8 +8,21 @@ from importlib import metadata
 from typing import Any
 
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import digest_file
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
+
+
+def input_digests(context: RunContext) -> dict[str, str]:
+    """SHA-256 of each file that the recipe names."""
+    recipe = context.recipe
+    named = [
+        getattr(recipe.tissue, "mesh", None),
+        getattr(recipe.vasculature, "network", None),
+        getattr(recipe.scan, "file", None),
+    ]
+    files = {name: context.recipe_folder / name for name in named if name}
+    return {name: digest_file(path) for name, path in files.items() if path.is_file()}
 
 
 def run_facts(context: RunContext) -> dict[str, Any]:
@@ -18,6 +31,7 @@ def run_facts(context: RunContext) -> dict[str, Any]:
     return {
         "recipe": recipe.model_dump(mode="json", by_alias=True),
         "seed": recipe.seed,
+        "inputs": input_digests(context),
         "versions": {name: metadata.version(name) for name in LIBRARIES},
         "machine": {
             "python": platform.python_version(),

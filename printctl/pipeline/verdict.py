@@ -22,7 +22,7 @@ def verdict(
     findings = [
         (
             not closed,
-            f"all {len(vessels)} vessels are open"
+            f"All {len(vessels)} vessels are open"
             if not closed
             else f"{len(closed)} of {len(vessels)} vessels not open: {_some(closed)}",
         ),
@@ -33,9 +33,9 @@ def verdict(
         ),
         (
             not registration["ambiguity"]["flag"],
-            "the pose is ambiguous: another one fits nearly as well"
+            "The pose is ambiguous: another one fits nearly as well"
             if registration["ambiguity"]["flag"]
-            else "the pose is unambiguous",
+            else "The pose is unambiguous",
         ),
     ]
     if worst is not None:
@@ -46,7 +46,7 @@ def verdict(
             1,
             (
                 beyond == 0,
-                f"largest diameter error {error:+.1f} % of ±{limit:g} % allowed "
+                f"Largest diameter error {_signed(error)} % of ±{limit:g} % allowed "
                 f"(vessel {worst['vessel']}"
                 + (f"; {beyond} of {len(measured)} vessels beyond)" if beyond else ")"),
             ),
@@ -55,6 +55,10 @@ def verdict(
         "passed": all(good for good, _ in findings),
         "reasons": [text for _, text in findings],
     }
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.1f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _some(vessels: list[int]) -> str:

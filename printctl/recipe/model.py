@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from printctl.recipe.making import (
+    FileScan,
     Fresh,
     PrinterPart,
     RegistrationPart,
     ScanPart,
-    SimulatedScan,
     ToolpathPart,
 )
 from printctl.recipe.parts import Block, FlowPart, NamedNetwork, NetworkPart, Part, Seed, TissuePart
@@ -28,7 +28,7 @@ class Recipe(Part):
     flow: FlowPart = FlowPart()
     toolpath: ToolpathPart = Fresh(method="fresh")
     printer: PrinterPart = PrinterPart()
-    scan: ScanPart = SimulatedScan(simulated="oct")
+    scan: ScanPart | None = None
     registration: RegistrationPart = RegistrationPart()
 
     @model_validator(mode="after")
@@ -38,9 +38,10 @@ class Recipe(Part):
                 "vasculature.design planar_four_vessel is made for a block; "
                 "give tissue: {shape: block, size_mm: [16, 8, 3]}"
             )
-        if isinstance(self.scan, SimulatedScan) and self.printer.port != "simulated":
+        if not isinstance(self.scan, FileScan) and self.printer.port != "simulated":
             raise ValueError(
-                f"scan.simulated {self.scan.simulated} needs what the simulated printer deposited, "
-                f"but printer.port is {self.printer.port}; give scan.file, or port: simulated"
+                "a simulated scan needs what the simulated printer deposited, but printer.port is "
+                f"{self.printer.port}; give scan.file (it may come into being after the print), "
+                "or port: simulated"
             )
         return self

@@ -29,7 +29,7 @@ SIGN = "positive where the lumen, or the outside, reaches beyond the design: too
 
 def depends(context: RunContext) -> Any:
     """How it was made decides what is compared; the user's scan where it names one."""
-    part = context.recipe.scan
+    part = context.scan_part
     if not isinstance(part, FileScan):
         return context.recipe.toolpath.method
     path = context.recipe_folder / part.file
@@ -45,7 +45,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     summary = {**report_dict(found), "sign_convention": SIGN}
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
-    if isinstance(context.recipe.scan, SimulatedScan):
+    if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
     return summary, [NUMBERS, DEVIATION]
 
@@ -84,7 +84,7 @@ def check_truth(context: RunContext, found: RegistrationReport, model: Solid) ->
 
 def reads(context: RunContext) -> tuple[str, ...]:
     """The design, and the simulated scan where there is one."""
-    scan = (SCAN, TRUTH) if isinstance(context.recipe.scan, SimulatedScan) else ()
+    scan = (SCAN, TRUTH) if isinstance(context.scan_part, SimulatedScan) else ()
     return (NETWORK, LUMEN, SOLID, *scan)
 
 

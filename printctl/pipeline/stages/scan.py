@@ -29,6 +29,8 @@ from sim.scanner import (
 
 SCAN, TRUTH = "scan.tif", "scan_truth.json"
 
+_NAMES = {"oct": "OCT", "microct": "micro-CT"}
+
 _FINEST_DEPOSIT_MM = 0.02
 _DEPOSIT_PER_SCAN_VOXEL = 0.625
 """The deposit is laid somewhat finer than it is scanned, so that its own voxels don't show."""
@@ -36,7 +38,7 @@ _DEPOSIT_PER_SCAN_VOXEL = 0.625
 
 def depends(context: RunContext) -> Any:
     """The section, the seed and the syringe; the user's file where it names one."""
-    part = context.recipe.scan
+    part = context.scan_part
     found = part.model_dump(mode="json")
     if isinstance(part, FileScan):
         path = context.recipe_folder / part.file
@@ -46,7 +48,7 @@ def depends(context: RunContext) -> Any:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Scan, or read the user's scan once to see that it can be used."""
-    part = context.recipe.scan
+    part = context.scan_part
     if isinstance(part, FileScan):
         return describe(load_scan(context), part.file), []
     scanned = simulate(context, part, report)
@@ -54,7 +56,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     scan = to_scan(scanned, context)
     write_scan_tiff(context.folder / SCAN, scan)
     write_truth(context, scanned)
-    return describe(scan, f"simulated {part.simulated}"), [SCAN, TRUTH]
+    return describe(scan, f"simulated {_NAMES[part.simulated]}"), [SCAN, TRUTH]
 
 
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
@@ -99,7 +101,7 @@ def write_truth(context: RunContext, scanned: Scanned) -> None:
 
 def load_scan(context: RunContext) -> Scan:
     """The scan of this run: the user's, or the simulated one read back from its file."""
-    part = context.recipe.scan
+    part = context.scan_part
     if isinstance(part, SimulatedScan):
         return read_scan(context.folder / SCAN)
     size = part.voxel_um
@@ -126,7 +128,7 @@ def describe(scan: Scan, source: str) -> dict[str, Any]:
 
 def reads(context: RunContext) -> tuple[str, ...]:
     """The executed motion, where the scan is simulated from it."""
-    return (EXECUTED,) if isinstance(context.recipe.scan, SimulatedScan) else ()
+    return (EXECUTED,) if isinstance(context.scan_part, SimulatedScan) else ()
 
 
 STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration/readers"), work)

@@ -1,0 +1,25 @@
+"""What a vessel network is like, and how it serves the tissue around it."""
+
+from design.measures.junctions import MurrayResiduals, TerminalFlow
+from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
+from design.measures.morphometry import Morphometry, OrderTable
+from design.measures.oxygen import Oxygen, OxygenModel
+from design.measures.supply import BEYOND_UM, Supply
+from design.measures.table import measures_dict
+from design.measures.ways import Ways
+
+__all__ = [
+    "BEYOND_UM",
+    "MeasureOptions",
+    "Morphometry",
+    "MurrayResiduals",
+    "NetworkMeasures",
+    "OrderTable",
+    "Oxygen",
+    "OxygenModel",
+    "Supply",
+    "TerminalFlow",
+    "Ways",
+    "measure_network",
+    "measures_dict",
+]

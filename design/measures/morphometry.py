@@ -1,0 +1,209 @@
+"""Morphometry by orders, in the form in which real vessels are published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from design.measures.forest import Forest, elements_of, forest_of, strahler_orders
+from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+
+_ROUNDS = 3
+_SETTLED = 0.01
+
+
+@dataclass(frozen=True)
+class OrderTable:
+    """Vessels by order, 1 for the smallest.
+
+    A segment is a vessel between two nodes; an element is a run of segments of one order in
+    series.
+
+    Attributes
+    ----------
+    segments, elements : (n,) int64
+        How many.
+    diameter_mean_mm, diameter_sd_mm : (n,) float64, mm
+        Of elements, each the mean of its segments.
+    segment_length_mean_mm, element_length_mean_mm, element_length_sd_mm : (n,) float64, mm
+    connectivity : (n, n) float64
+        Elements of order row + 1 that spring from one of order column + 1, on average.
+    branching_ratio, diameter_ratio, length_ratio : float or None
+        Factors from one order to the next, from straight lines through the logarithms of
+        elements, diameters and element lengths; None with fewer than two orders.
+    """
+
+    segments: IntArray
+    elements: IntArray
+    diameter_mean_mm: FloatArray
+    diameter_sd_mm: FloatArray
+    segment_length_mean_mm: FloatArray
+    element_length_mean_mm: FloatArray
+    element_length_sd_mm: FloatArray
+    connectivity: FloatArray
+    branching_ratio: float | None
+    diameter_ratio: float | None
+    length_ratio: float | None
+
+
+@dataclass(frozen=True)
+class Morphometry:
+    """Orders of all vessels of one kind that branch without loops.
+
+    Attributes
+    ----------
+    kind : VesselKind
+    vessels : (k,) int64
+        Their numbers in the network.
+    strahler_order, diameter_order : (k,) int64
+        Of each of them.
+    diameter_order_change : float
+        Of the last round that found them, see `diameter_defined_orders`.
+    strahler, diameter_defined : OrderTable
+    """
+
+    kind: VesselKind
+    vessels: IntArray
+    strahler_order: IntArray
+    diameter_order: IntArray
+    diameter_order_change: float
+    strahler: OrderTable
+    diameter_defined: OrderTable
+
+
+def measure_morphometry(network: VesselNetwork) -> tuple[Morphometry, ...]:
+    """Morphometry of each kind of vessel; a kind whose vessels have loops has no orders."""
+    length, diameter = network.lengths(), 2.0 * network.mean_radius()
+    found = []
+    for kind in VesselKind:
+        forest = forest_of(network, kind)
+        if forest is None:
+            continue
+        long, wide = length[forest.vessels], diameter[forest.vessels]
+        plain = strahler_orders(forest.parent, forest.order)
+        defined, change = diameter_defined_orders(wide, plain)
+        found.append(
+            Morphometry(
+                kind,
+                forest.vessels,
+                plain,
+                defined,
+                change,
+                order_table(forest, plain, long, wide),
+                order_table(forest, defined, long, wide),
+            )
+        )
+    return tuple(found)
+
+
+def diameter_defined_orders(diameter: FloatArray, strahler: IntArray) -> tuple[IntArray, float]:
+    """Orders by ranges of diameter, found from Strahler's by iteration.
+
+    The bound between orders n and n + 1 is ((D̄ₙ + sₙ) + (D̄ₙ₊₁ - sₙ₊₁)) / 2 with mean and
+    standard deviation of each order's segments; vessels are ordered anew by their diameter
+    (Kassab et al. 1993, doi 10.1152/ajpheart.1993.265.1.H350; Jiang et al. 1994,
+    doi 10.1152/jappl.1994.76.2.882) until no mean changes by 1 %, three times at most. Real
+    vessels settle by then; the diameters of a grown tree leave no gaps between orders, and
+    further rounds only creep, until its orders merge. An order left without vessels is dropped.
+
+    Parameters
+    ----------
+    diameter : (k,) float64, mm
+    strahler : (k,) int64
+        Where to begin.
+
+    Returns
+    -------
+    (k,) int64
+        Orders from 1.
+    float
+        The greatest relative change of an order's mean diameter in the last round.
+    """
+    orders = _compact(strahler)
+    change = 0.0
+    mean, spread = _mean_spread(diameter, orders)
+    for _ in range(_ROUNDS):
+        bounds = 0.5 * ((mean + spread)[:-1] + (mean - spread)[1:])
+        # Orders that overlap widely could cross their bounds.
+        bounds = np.maximum.accumulate(bounds)
+        orders = _compact(np.searchsorted(bounds, diameter, side="right"))
+        before = mean
+        mean, spread = _mean_spread(diameter, orders)
+        if len(mean) != len(before):
+            change = 1.0
+            continue
+        change = float(np.abs(mean / before - 1.0).max())
+        if change < _SETTLED:
+            break
+    return orders + 1, change
+
+
+def _compact(orders: IntArray) -> IntArray:
+    """Orders numbered from 0 without gaps."""
+    return np.unique(orders, return_inverse=True)[1].reshape(-1)
+
+
+def _mean_spread(values: FloatArray, orders: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation by order, from 0."""
+    count = np.bincount(orders)
+    mean = np.bincount(orders, values) / count
+    return mean, np.sqrt(np.bincount(orders, (values - mean[orders]) ** 2) / count)
+
+
+def order_table(
+    forest: Forest, rank: IntArray, length: FloatArray, diameter: FloatArray
+) -> OrderTable:
+    """Count, length and diameter of segments and elements of each order.
+
+    Parameters
+    ----------
+    forest : Forest
+    rank : (k,) int64
+        Orders, from 1, none skipped.
+    length, diameter : (k,) float64, mm
+        Of the forest's vessels.
+    """
+    element = elements_of(forest.parent, forest.order, rank, diameter)
+    parts = np.bincount(element)
+    of = np.zeros(len(parts), dtype=np.int64)
+    of[element] = rank
+    orders = int(rank.max())
+    wide = np.bincount(element, diameter) / parts
+    long = np.asarray(np.bincount(element, length), dtype=np.float64)
+    elements = np.bincount(of, minlength=orders + 1)[1:].astype(np.int64)
+    segments = np.bincount(rank, minlength=orders + 1)[1:].astype(np.int64)
+    mean, spread = _mean_spread(wide, of - 1)
+    mean_length, spread_length = _mean_spread(long, of - 1)
+    return OrderTable(
+        segments=segments,
+        elements=elements,
+        diameter_mean_mm=mean,
+        diameter_sd_mm=spread,
+        segment_length_mean_mm=np.bincount(rank, length, minlength=orders + 1)[1:] / segments,
+        element_length_mean_mm=mean_length,
+        element_length_sd_mm=spread_length,
+        connectivity=_connectivity(forest, element, rank, elements),
+        branching_ratio=_ratio(elements.astype(np.float64)),
+        diameter_ratio=_ratio(mean),
+        length_ratio=_ratio(mean_length),
+    )
+
+
+def _connectivity(
+    forest: Forest, element: IntArray, rank: IntArray, elements: IntArray
+) -> FloatArray:
+    child = np.flatnonzero(forest.parent >= 0)
+    parent = forest.parent[child]
+    springs = element[child] != element[parent]
+    table = np.zeros((len(elements), len(elements)))
+    np.add.at(table, (rank[child[springs]] - 1, rank[parent[springs]] - 1), 1.0)
+    return table / elements
+
+
+def _ratio(values: FloatArray) -> float | None:
+    """Factor between neighbouring orders, at least 1."""
+    if len(values) < 2:
+        return None
+    slope = float(np.polyfit(np.arange(len(values)), np.log10(values), 1)[0])
+    return float(10.0 ** abs(slope))

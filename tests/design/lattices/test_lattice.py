@@ -1,0 +1,170 @@
+"""Lattices: their nets, what fits, their ports."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import networkx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from design.errors import NetworkError, TissueError
+from design.hemodynamics import FlowConditions, solve_flow
+from design.lattices import LatticeKind, LatticeOptions, build_lattice
+from design.lattices.cells import narrowest, tile, unit_cell
+from design.lattices.orient import directed, st_order
+from design.measures import MeasureOptions, measure_network
+from design.tissue import Tissue, annulus, block, cylinder, tissue_from_surface
+from design.vasculature import collisions
+
+KINDS = get_args(LatticeKind)
+
+
+@pytest.fixture(scope="module")
+def rod() -> Tissue:
+    surface = cylinder(24.0, 16.0)
+    return tissue_from_surface(surface.vertices, surface.faces)
+
+
+@pytest.mark.parametrize(
+    ("kind", "nodes", "degree"),
+    [("grid", 1, 6), ("honeycomb", 4, 5), ("gyroid", 8, 3), ("diamond", 8, 4)],
+)
+def test_each_node_has_the_bonds_of_its_net(kind: LatticeKind, nodes: int, degree: int) -> None:
+    cell = unit_cell(kind)
+    assert len(cell.nodes) == nodes
+    np.testing.assert_array_equal(np.bincount(cell.bonds.ravel()), degree)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ring"), [("grid", 4), ("honeycomb", 4), ("gyroid", 10), ("diamond", 6)]
+)
+def test_shortest_rings_are_those_of_the_net(kind: LatticeKind, ring: int) -> None:
+    _, bonds = tile(unit_cell(kind), (3, 3, 3))
+    assert networkx.girth(networkx.Graph(bonds.tolist())) == ring
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_are_periodic(kind: LatticeKind) -> None:
+    cell = unit_cell(kind)
+    nodes, bonds = tile(cell, (2, 3, 2))
+    assert len(nodes) == 12 * len(cell.nodes)
+    lengths = np.linalg.norm(nodes[bonds[:, 1]] - nodes[bonds[:, 0]], axis=1)
+    own = cell.nodes[cell.bonds[:, 1]] + cell.shift * cell.size - cell.nodes[cell.bonds[:, 0]]
+    np.testing.assert_allclose(
+        np.unique(lengths.round(9)), np.unique(np.linalg.norm(own, axis=1).round(9))
+    )
+    assert 0.0 < narrowest(cell) <= 1.0
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_lattice_has_one_inlet_one_outlet_and_no_dead_end(
+    rod: Tissue, kind: LatticeKind, axis: str
+) -> None:
+    options = LatticeOptions(kind, 4.5, 0.3, axis=axis, clearance_mm=0.2)  # type: ignore[arg-type]
+    network = build_lattice(rod, options)
+    assert network.inlets().tolist() == [len(network.nodes) - 2]
+    assert network.outlets().tolist() == [len(network.nodes) - 1]
+    degree = network.degree()
+    assert (degree[:-2] >= 2).all()
+    assert (degree[-2:] == 1).all()
+    found = collisions(network, 0.2)
+    assert found.count == 0
+    start, end, radius, _, _ = network.pieces()
+    assert rod.grid.capsule_inside(start[:-2], end[:-2], radius[:-2], 0.2).all()
+    np.testing.assert_allclose(rod.grid.distance(network.nodes[-2:]), 0.0, atol=0.05)
+    way = network.nodes[-1] - network.nodes[-2]
+    assert way["xyz".index(axis)] > 0.0
+    assert set(np.unique(network.radius)) == {0.3, 0.3 * 1.5}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_flow_goes_through_every_lattice_and_its_measures_are_taken(
+    rod: Tissue, kind: LatticeKind
+) -> None:
+    network = build_lattice(rod, LatticeOptions(kind, 5.0, 0.25))
+    flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=4.0)).flow
+    assert flow[-1] == pytest.approx(4.0)
+    assert flow.min() > -1e-9
+    measured = measure_network(network, rod, MeasureOptions(samples=5000), flow)
+    assert measured.morphometry == ()
+    assert measured.supply is not None
+    assert measured.supply.distance_mean_mm < 4.0
+    assert measured.ways is not None
+    assert measured.ways.depth_max >= 4
+
+
+def test_the_same_lattice_comes_twice(rod: Tissue) -> None:
+    one, two = (build_lattice(rod, LatticeOptions("gyroid", 5.0, 0.2)) for _ in range(2))
+    np.testing.assert_array_equal(one.points, two.points)
+    np.testing.assert_array_equal(one.vessel_nodes, two.vessel_nodes)
+
+
+def test_ports_lead_around_a_hole() -> None:
+    surface = annulus(30.0, 14.0, 12.0)
+    ring = tissue_from_surface(surface.vertices, surface.faces)
+    network = build_lattice(ring, LatticeOptions("grid", 3.0, 0.3, axis="x"))
+    assert len(network.inlets()) == len(network.outlets()) == 1
+    assert ring.contains(network.nodes[:-2]).all()
+    assert np.hypot(*network.nodes[-2:, :2].T) == pytest.approx([15.0, 15.0], rel=0.02)
+
+
+def test_channels_that_would_meet_are_refused(rod: Tissue) -> None:
+    with pytest.raises(NetworkError, match="enlarge the cell"):
+        build_lattice(rod, LatticeOptions("gyroid", 2.0, 0.3))
+
+
+def test_a_lattice_too_coarse_for_its_tissue_is_refused() -> None:
+    surface = block((5.0, 5.0, 5.0))
+    cube = tissue_from_surface(surface.vertices, surface.faces)
+    with pytest.raises(TissueError, match="fits into the tissue"):
+        build_lattice(cube, LatticeOptions("diamond", 9.0, 0.3))
+
+
+def test_more_cells_than_memory_are_refused(rod: Tissue) -> None:
+    with pytest.raises(NetworkError, match="cells"):
+        build_lattice(rod, LatticeOptions("grid", 0.05, 0.01))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("cubic", 1.0, 0.1), ("grid", -1.0, 0.1), ("grid", 1.0, 0.0), ("grid", 1.0, 0.2, 0.1)],
+)
+def test_impossible_options_are_refused(options: tuple[str, float, float]) -> None:
+    with pytest.raises(NetworkError, match="lattice"):
+        LatticeOptions(*options)  # type: ignore[arg-type]
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 2**32), count=st.integers(3, 25), chords=st.integers(0, 20))
+def test_in_an_st_order_only_the_ends_lack_a_neighbour(seed: int, count: int, chords: int) -> None:
+    random = np.random.default_rng(seed)
+    name = random.permutation(count)
+    ring = np.column_stack([name, np.roll(name, 1)])
+    more = random.integers(0, count, (chords, 2))
+    edges = np.concatenate([ring, more[more[:, 0] != more[:, 1]]])
+    edges = np.unique(np.sort(edges, axis=1), axis=0)
+    source, sink = random.choice(count, 2, replace=False)
+    place = st_order(edges, count, int(source), int(sink))
+    assert sorted(place) == list(range(count))
+    for node in range(count):
+        others = np.concatenate([edges[edges[:, 0] == node, 1], edges[edges[:, 1] == node, 0]])
+        assert (place[others] < place[node]).any() == (node != source)
+        assert (place[others] > place[node]).any() == (node != sink)
+
+
+def test_directions_hold_where_the_flow_stands_still() -> None:
+    # A bridge between two equal ways, with a node in its middle where nothing flows.
+    edges = np.array([[0, 1], [0, 2], [1, 3], [3, 2], [1, 4], [2, 4]])
+    turned = directed(edges, np.ones(6), 5, 0, 4)
+    assert set(range(5)) - set(turned[:, 1].tolist()) == {0}
+    assert set(range(5)) - set(turned[:, 0].tolist()) == {4}
+
+
+def test_directions_follow_the_flow() -> None:
+    edges = np.array([[1, 0], [2, 0], [2, 1], [3, 1], [2, 3]])
+    turned = directed(edges, np.array([10.0, 1.0, 1.0, 1.0, 1.0]), 4, 0, 3)
+    assert sorted(turned.tolist()) == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]

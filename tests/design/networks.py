@@ -1,0 +1,74 @@
+"""Networks of all sorts, for the tests of file formats."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+
+from design.network import VesselKind, VesselNetwork
+
+TREE_KINDS = tuple(int(kind) for kind in VesselKind)
+TOWARDS_ROOT = (int(VesselKind.VEIN), int(VesselKind.LYMPH))
+
+
+def random_network(seed: int, vessels: int) -> VesselNetwork:
+    """Any graph: loops, parallel vessels, tapers, inner points."""
+    random = np.random.default_rng(seed)
+    nodes = random.normal(0.0, 10.0, (vessels + 1, 3))
+    first = random.integers(0, vessels + 1, vessels)
+    last = (first + random.integers(1, vessels + 1, vessels)) % (vessels + 1)
+    return with_points(
+        random,
+        nodes,
+        np.column_stack([first, last]),
+        random.integers(0, 5, vessels),
+        random.integers(0, 3, vessels),
+    )
+
+
+def random_trees(seed: int, vessels: int, roots: int) -> VesselNetwork:
+    """Trees, each of one kind; every node below a root has one vessel on the root's side."""
+    random = np.random.default_rng(seed)
+    nodes = random.normal(0.0, 10.0, (roots + vessels, 3))
+    tree = np.arange(roots + vessels)
+    ends = []
+    for i in range(vessels):
+        parent = i if i < roots else int(random.integers(0, roots + i))
+        tree[roots + i] = tree[parent]
+        ends.append((parent, roots + i))
+    kind = random.integers(0, 5, roots)[tree[roots:]]
+    back = np.isin(kind, TOWARDS_ROOT)
+    both = np.array(ends)
+    both[back] = both[back, ::-1]
+    # Each root has a vessel only if there are at least as many vessels.
+    return with_points(random, nodes, both, kind, tree[roots:])
+
+
+def with_points(
+    random: np.random.Generator, nodes: object, ends: object, kind: object, tree: object
+) -> VesselNetwork:
+    """Give each vessel up to three inner points, and radii that jump at some nodes."""
+    place, joins = np.asarray(nodes, dtype=float), np.asarray(ends, dtype=np.int64)
+    points, offset = [], [0]
+    for first, last in joins:
+        inner = random.normal(0.0, 10.0, (int(random.integers(0, 4)), 3))
+        points.append(np.concatenate([place[[first]], inner, place[[last]]]))
+        offset.append(offset[-1] + len(points[-1]))
+    flat = np.concatenate(points)
+    return VesselNetwork(
+        place,
+        joins,
+        np.asarray(kind, dtype=np.int64),
+        np.asarray(tree, dtype=np.int64),
+        np.array(offset),
+        flat,
+        random.choice([0.1, 0.25, 1 / 3, 0.7], len(flat)),
+    )
+
+
+networks = st.builds(random_network, st.integers(0, 2**32), st.integers(1, 12))
+trees = st.integers(1, 3).flatmap(
+    lambda roots: st.builds(
+        random_trees, st.integers(0, 2**32), st.integers(roots, 15), st.just(roots)
+    )
+)
