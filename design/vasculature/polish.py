@@ -1,0 +1,141 @@
+"""Polish a grown tree: relax all its branch points, then graft branches where they cost less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.tissue import Tissue
+from design.vasculature.collide import collisions
+from design.vasculature.convert import tree_to_network
+from design.vasculature.polish_bench import Bench
+from design.vasculature.polish_cost import tree_volume
+from design.vasculature.polish_options import PolishOptions
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import tree_radii
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What is wrong with a tree in its tissue.
+
+    Attributes
+    ----------
+    collisions : int
+        Pairs as `design.vasculature.collisions` counts them.
+    joint_overlaps : int
+        Pairs as near within one joint.
+    outside : int
+        Segments, the stem apart, whose capsule isn't in the tissue.
+    short : int
+        Segments shorter than the least length over their radius.
+    """
+
+    collisions: int
+    joint_overlaps: int
+    outside: int
+    short: int
+
+    def no_worse_than(self, other: Faults) -> bool:
+        """Whether there are no more collisions, joint overlaps or segments outside."""
+        return (
+            self.collisions <= other.collisions
+            and self.joint_overlaps <= other.joint_overlaps
+            and self.outside <= other.outside
+        )
+
+
+@dataclass(frozen=True)
+class Polished:
+    """A polished tree, and what it took.
+
+    Attributes
+    ----------
+    tree : VesselTree
+        The tree that came in where nothing better was found.
+    volume_before, volume_after : float, mm³
+    cost_ratio : float
+        Cost after over cost before; the volume's ratio for exponents 1 and 2.
+    relaxed_ratio : float
+        The same after the first relaxation, before any graft.
+    node_moves, graft_moves : int
+        Kept moves of branch points and of branches.
+    rejected : int
+        Moves undone because what they left couldn't be repaired.
+    faults_before, faults_after : Faults
+    """
+
+    tree: VesselTree
+    volume_before: float
+    volume_after: float
+    cost_ratio: float
+    relaxed_ratio: float
+    node_moves: int
+    graft_moves: int
+    rejected: int
+    faults_before: Faults
+    faults_after: Faults
+
+
+def find_faults(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Faults:
+    """Audit a tree with its exact radii."""
+    radius = tree_radii(tree)
+    found = collisions(tree_to_network(tree), options.clearance_mm, options.clearance_ratio)
+    inside: NDArray[np.bool_] = tissue.grid.capsule_inside(
+        tree.proximal[1:], tree.distal[1:], radius[1:], options.clearance_mm
+    )
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    short = length < options.length_to_radius * radius
+    return Faults(found.count, len(found.joint_pieces), int((~inside).sum()), int(short.sum()))
+
+
+def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished:
+    """Lower a tree's cost by moving branch points and branches; terminals and stem stay.
+
+    Branch points move, one after another in sweeps, towards the weighted Fermat point of their
+    three neighbours; the weights are the exact gradient of the whole tree's cost
+    (`design.vasculature.polish_cost`). Branches are cut off and grafted on nearer or cheaper
+    segments, as in Guy et al. 2019 (doi 10.1109/TBME.2019.2942313) and Jessen et al. 2024
+    (arXiv 2410.06002). A move is made only when its vessels fit and the exact cost falls, or, of a
+    graft in a warm round, rises by no more than the round's heat. After each sweep all pairs are
+    audited with the true radii; what grew too wide is pushed aside or grafted elsewhere, and a
+    sweep that can't be repaired is undone, half of it tried instead. What ends dearer than the
+    first relaxation isn't kept.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    tree : VesselTree
+        Its flow, pressure drop, viscosity and Murray exponent are held.
+    options : PolishOptions
+
+    Returns
+    -------
+    Polished
+        Never dearer than what came in, nor with more collisions, joint overlaps or segments
+        outside. Same input, same bytes, whatever the number of threads. The smallest radius isn't
+        held: scale with `scaled_to_smallest_radius` and check anew.
+    """
+    before = find_faults(tissue, tree, options)
+    bench = Bench.open(tissue, tree, options)
+    cost = bench.cost
+    relaxed = bench.run()
+    done = bench.tree()
+    after = find_faults(tissue, done, options)
+    ratio = bench.cost / cost
+    if not after.no_worse_than(before) or not ratio < 1.0:
+        done, after, ratio, relaxed = tree, before, 1.0, 1.0
+    return Polished(
+        tree=done,
+        volume_before=tree_volume(tree),
+        volume_after=tree_volume(done),
+        cost_ratio=ratio,
+        relaxed_ratio=relaxed,
+        node_moves=bench.node_moves,
+        graft_moves=bench.graft_moves,
+        rejected=bench.rejected,
+        faults_before=before,
+        faults_after=after,
+    )

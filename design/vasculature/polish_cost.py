@@ -1,0 +1,181 @@
+r"""A finished tree's exact cost, and its gradient with respect to every branch point.
+
+With equal terminal flows q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
+(q/Δp)^(λ/4) K_root (`design.vasculature.cost`), the volume for u = 1, λ = 2 times π. It depends on
+the branch points through the segments' lengths alone. Differentiating the bifurcation's algebra
+from the root down (reverse mode, as for any recursion: Griewank & Walther, Evaluating Derivatives,
+2nd ed. 2008, ch. 3) gives with e = λ/4, S = K_l + K_r, A_c = W_c^(γ/4), W̄ = ∂K_root/∂W and
+K̄ = ∂K_root/∂K, which is 1 at the root, where W̄ = 0:
+
+- m̄ = W̄ + K̄ (e K/W - e W^e S / m^(e+1))
+- W̄_c = m̄ (m / ΣA) (A_c / W_c),   K̄_c = K̄ W^e / m^e
+- ∂K_root/∂ℓ = (W̄ + K̄ e K/W) n k + K̄ W^e u ℓ^(u-1)
+
+One pass up for W and K and one down (`design.vasculature.state.spread_down`) are O(n). A branch
+point then sees the sum of ∂K_root/∂ℓ times the unit vectors along its three segments: where it
+vanishes the point is a weighted Fermat point of its three neighbours.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.vasculature.cost import joined, to_gamma, to_lambda, to_u
+from design.vasculature.options import Law
+from design.vasculature.state import SEGMENT, Segments, refresh, spread_down
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import downward_order, tree_radii
+from kernels import jit
+
+FloatArray = NDArray[np.float64]
+
+
+def law_of(tree: VesselTree, length_exponent: float = 1.0, radius_exponent: float = 2.0) -> Law:
+    """The constants of the cost Σ ℓᵘ r^λ for a tree."""
+    k = 8.0 * tree.viscosity_pa_s / pi
+    return Law(k, tree.murray_exponent, radius_exponent, length_exponent)
+
+
+def segments_of(tree: VesselTree, law: Law) -> Segments:
+    """The tree as growing segments, with radii and derivatives of the cost."""
+    segments = np.zeros(len(tree.parent), SEGMENT)
+    for axis, name in enumerate("xyz"):
+        segments[f"p{name}"] = tree.proximal[:, axis]
+        segments[f"d{name}"] = tree.distal[:, axis]
+    segments["length"] = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    segments["parent"] = tree.parent
+    segments["left"], segments["right"] = tree.children.T
+    segments["allowed"] = np.inf
+    _refresh_all(segments, downward_order(tree.children), law)
+    spread_down(segments, len(segments), float(tree_radii(tree)[0]), 1.0, law)
+    return segments
+
+
+@jit
+def _refresh_all(segments: Any, order: Any, law: Law) -> None:
+    for at in range(len(order) - 1, -1, -1):
+        refresh(segments, order[at], law)
+
+
+def tree_volume(tree: VesselTree) -> float:
+    """Volume of all vessels, mm³: the sum of π r² ℓ."""
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    return float(pi * (tree_radii(tree) ** 2 @ length))
+
+
+def volume_gradient(tree: VesselTree) -> FloatArray:
+    """Derivative of the tree's volume with respect to each segment's far end, (n, 3), mm².
+
+    Pressure drop and terminal flow are held; all radii follow. A branch point's row counts its
+    three segments, a terminal's its one. Equations: see the module.
+    """
+    law = law_of(tree)
+    segments = segments_of(tree, law)
+    scale = pi * (tree.terminal_flow_ul_s / tree.pressure_drop_pa) ** 0.5
+    gradient: FloatArray = scale * _end_slopes(segments, law)
+    return gradient
+
+
+@jit
+def _end_slopes(segments: Any, law: Law) -> Any:
+    slope = np.zeros((len(segments), 3))
+    for i in range(len(segments)):
+        s = segments[i]
+        pull = length_slope(s, law) / s.length
+        away = (s.dx - s.px, s.dy - s.py, s.dz - s.pz)
+        for x in range(3):
+            slope[i, x] += pull * away[x]
+            if s.parent >= 0:
+                slope[s.parent, x] -= pull * away[x]
+    return slope
+
+
+@jit
+def length_slope(s: Any, law: Law) -> float:
+    """Derivative of the cost with respect to a segment's length, by its derivatives as kept."""
+    by_length = law.u * to_u(s.length, law) / s.length
+    own = 0.25 * law.lam * s.spend / s.load
+    return (s.by_load + s.by_spend * own) * s.terminals * law.k + s.by_spend * to_lambda(
+        s.load, law
+    ) * by_length
+
+
+@jit
+def child_slope(
+    child_load: float, child_spend: float, n: int, length: float, bar: Any, law: Law
+) -> float:
+    """As `length_slope`, from a segment's load and spend and the derivatives ``bar`` by them."""
+    own = 0.25 * law.lam * child_spend / child_load
+    return (bar[0] + bar[1] * own) * n * law.k + bar[1] * to_lambda(child_load, law) * law.u * to_u(
+        length, law
+    ) / length
+
+
+@jit
+def walk_up(
+    segments: Any, index: int, load: float, spend: float, terminals: int, law: Law
+) -> tuple[float, float]:
+    """Cost of the tree if segment ``index`` had this load, spend and terminals; exact, O(depth).
+
+    Returns
+    -------
+    cost : float
+        K_root.
+    radius4 : float, Pa·s·mm
+        W_root / n_root times the shares on the way down: times Q/Δp, the fourth power of the
+        segment's radius, mm⁴. Q is the flow into the root.
+    """
+    share = 1.0
+    n = terminals
+    here = index
+    while segments[here].parent >= 0:
+        up = segments[here].parent
+        other = segments[up].left
+        if other == here:
+            other = segments[up].right
+        o = segments[other]
+        n += o.terminals
+        above, spend, m = joined(load, spend, o.load, o.spend, segments[up].length, n, law)
+        share *= load / m
+        load, here = above, up
+    return spend, share * load / n
+
+
+@jit
+def relengthened(s: Any, length: float, law: Law) -> tuple[float, float]:
+    """Load and spend of a segment whose length alone changes."""
+    load = s.load + s.terminals * law.k * (length - s.length)
+    reduced = s.spend / to_lambda(s.load, law) - to_u(s.length, law) + to_u(length, law)
+    return load, to_lambda(load, law) * reduced
+
+
+@jit
+def fork_slopes(
+    above: Any, lengths: Any, loads: Any, spends: Any, counts: Any, law: Law
+) -> tuple[float, float, float]:
+    """Derivatives of the cost by the lengths above a fork and of its two branches.
+
+    ``above`` holds the derivatives of the cost by the upper segment's load and spend.
+    """
+    e = 0.25 * law.lam
+    n = counts[0] + counts[1]
+    in0, in1 = to_gamma(loads[0], law), to_gamma(loads[1], law)
+    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], n, law)
+    we, me = to_lambda(load, law), to_lambda(m, law)
+    both = spends[0] + spends[1]
+    by_m = above[0] + above[1] * e * (spend / load - we * both / (me * m))
+    by_spend = above[1] * we / me
+    by_total = by_m * m / (in0 + in1)
+    return (
+        child_slope(load, spend, n, lengths[0], above, law),
+        child_slope(
+            loads[0], spends[0], counts[0], lengths[1], (by_total * in0 / loads[0], by_spend), law
+        ),
+        child_slope(
+            loads[1], spends[1], counts[1], lengths[2], (by_total * in1 / loads[1], by_spend), law
+        ),
+    )
