@@ -113,7 +113,7 @@ class GivenNetwork(Part):
     """A network from a CSV file of pieces."""
 
     network: str = Field(min_length=1, description="Path, relative to the recipe.")
-    unit: LengthUnit = Field(description="Unit of the coordinates and radii.")
+    unit: LengthUnit = Field(description="Unit of the coordinates; radii are mm, as named.")
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
 
 
