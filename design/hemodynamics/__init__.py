@@ -1,5 +1,6 @@
 """Flow in vessel networks."""
 
+from design.hemodynamics.balance import balance, flow_spread
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.flow import FlowSolution
 from design.hemodynamics.resistance import vessel_resistance
@@ -10,6 +11,8 @@ from design.hemodynamics.table import flow_table, write_flow_csv
 __all__ = [
     "FlowConditions",
     "FlowSolution",
+    "balance",
+    "flow_spread",
     "flow_summary",
     "flow_table",
     "node_inflow",

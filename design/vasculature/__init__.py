@@ -2,7 +2,9 @@
 
 from design.vasculature.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network
+from design.vasculature.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.grow import grow_tree
+from design.vasculature.loops import LoopOptions, close_loops
 from design.vasculature.named import (
     PLANAR_BLOCK_MM,
     PLANAR_DIMPLES,
@@ -19,9 +21,14 @@ __all__ = [
     "Collisions",
     "Dimple",
     "GrowthOptions",
+    "LoopOptions",
+    "RootSpec",
     "VesselTree",
     "check_network",
+    "close_loops",
     "collisions",
+    "forest_to_network",
+    "grow_forest",
     "grow_tree",
     "planar_four_vessel",
     "scaled_to_smallest_radius",

@@ -29,7 +29,9 @@ from design.vasculature.step import (
     derive_radii,
     grow,
     list_all,
+    list_from,
 )
+from design.vasculature.surroundings import Surroundings, clear_of
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
 
@@ -88,7 +90,7 @@ def grow_tree(tissue: Tissue, options: GrowthOptions) -> VesselTree:
     best: DesignError = GrowthError("not tried")
     for attempt in range(ATTEMPTS):
         spread = spreads[attempt % len(spreads)]
-        garden = _Garden.open(tissue, options, spread, attempt)
+        garden = Garden.open(tissue, options, Surroundings(), spread, attempt)
         try:
             return garden.run()
         except (GrowthError, TissueError) as error:
@@ -109,11 +111,12 @@ def _just(value: float) -> float:
 
 
 @dataclass
-class _Garden:
+class Garden:
     """The arrays of one growth, and the loop around its kernels."""
 
     tissue: Tissue
     options: GrowthOptions
+    others: Surroundings
     room: Room
     scale: Scale
     segments: NDArray[np.void]
@@ -123,7 +126,15 @@ class _Garden:
     indexed: int = 0
 
     @classmethod
-    def open(cls, tissue: Tissue, options: GrowthOptions, spread: float, attempt: int) -> _Garden:
+    def open(
+        cls,
+        tissue: Tissue,
+        options: GrowthOptions,
+        others: Surroundings,
+        spread: float,
+        attempt: int,
+    ) -> Garden:
+        """A garden with nothing in it yet; same arguments, same growth."""
         grid = tissue.grid
         room = Room(
             grid.arrays,
@@ -136,16 +147,16 @@ class _Garden:
         fixed = options.smallest_radius_mm or 0.0
         spread = spread if fixed else 0.0
         root = fixed * spread * options.terminals ** (1.0 / options.murray_exponent)
-        flow = options.flow_ul_s(tissue.volume_mm3)
-        scale = Scale(
-            flow / options.pressure_drop_pa, root, spread, options.terminals, tissue.volume_mm3
-        )
-        segments = np.zeros(2 * options.terminals + 1, SEGMENT)
+        volume = others.share * tissue.volume_mm3
+        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
+        scale = Scale(drop, root, spread, options.terminals, volume)
+        own = np.zeros(2 * options.terminals + 1, SEGMENT)
+        segments = np.concatenate([own, others.records()]) if others.count else own
         progress = np.zeros(1, PROGRESS)
         progress["apart"] = 0.9
         index = empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1)
         random = np.random.default_rng([options.seed, attempt])
-        return cls(tissue, options, room, scale, segments, progress, random, index)
+        return cls(tissue, options, others, room, scale, segments, progress, random, index)
 
     @property
     def count(self) -> int:
@@ -156,6 +167,11 @@ class _Garden:
     def terminals(self) -> int:
         """Terminals grown."""
         return int(self.progress["terminals"][0])
+
+    def meet(self, others: Surroundings) -> None:
+        """Take the vessels of others as they are now."""
+        own = self.segments[: 2 * self.options.terminals + 1]
+        self.others, self.segments = others, np.concatenate([own, others.records()])
 
     def run(self) -> VesselTree:
         """Grow, audit and repair until everything fits."""
@@ -179,6 +195,11 @@ class _Garden:
         place(self.segments, 0, tuple(begin), tuple(end))
         refresh(self.segments, 0, law)
         self.segments[0]["allowed"] = np.inf
+        if self.others.count and not self._clear(begin, end[None], self._first_guess())[0]:
+            raise GrowthError(
+                "the root's stem from ({:.4g}, {:.4g}, {:.4g}) ".format(*begin)
+                + "meets another tree's vessel; choose another root_point_mm or root_direction"
+            )
         self.progress["count"], self.progress["terminals"] = 1, 1
         if options.terminals > 1:
             self._first_pair()
@@ -186,9 +207,12 @@ class _Garden:
 
     def _first_pair(self) -> None:
         law, root = self.options.law, self._first_guess()
-        apart = 0.5 * float(np.cbrt(self.tissue.volume_mm3))
+        apart = 0.5 * float(np.cbrt(self.scale.volume))
+        at = np.array([self.segments[name][0] for name in ("dx", "dy", "dz")])
         for _ in range(40):
             points = self._points(_CHUNK)
+            if self.others.count:
+                points = points[self._clear(at, points, root)]
             if first_pair(self.segments, self.room, law, root, points, apart):
                 self.progress["count"], self.progress["terminals"] = 3, 2
                 self.segments["allowed"][:3] = np.inf
@@ -209,17 +233,27 @@ class _Garden:
     def _points(self, tries: int) -> Any:
         low, high = self.tissue.bounds
         points = self.random.uniform(low, high, (tries, 3))
+        if self.others.owns is not None:
+            points = points[self.others.owns(points)]
         in_order = self.terminals > _SMALL
         return inside(self.tissue.grid.arrays, points, low, high, in_order)
 
     @property
     def _per_inside(self) -> float:
         """Points in the bounds for each in the tissue."""
-        return float(np.prod(np.ptp(self.tissue.bounds, axis=0))) / self.tissue.volume_mm3
+        return float(np.prod(np.ptp(self.tissue.bounds, axis=0))) / self.scale.volume
 
-    def _reindex(self) -> None:
-        """List everything anew, in cells that suit the tree until it has doubled."""
-        volume = self.tissue.volume_mm3
+    def _clear(self, begin: Any, points: Any, radius: float) -> Any:
+        """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
+        self._reindex(own=0)
+        return clear_of(self.segments, self.index, self.room, begin, points, radius)
+
+    def _reindex(self, own: int | None = None) -> None:
+        """List everything anew, in cells that suit the tree until it has doubled.
+
+        Of the tree's own segments ``own`` are listed, or all.
+        """
+        volume = self.scale.volume
         self.indexed = max(4, self.terminals)
         if self.terminals > _SMALL:
             self.segments = depth_first(self.segments, self.count)
@@ -228,20 +262,26 @@ class _Garden:
         room = 16 * len(self.segments) + 4096
         while True:
             self.index = empty_index(self.tissue.bounds, cell, room, len(self.segments))
-            listed = list_all(self.segments, self.count, self.index, self.room)
+            end = len(self.segments)
+            count = self.count if own is None else own
+            listed = list_all(self.segments, count, self.index, self.room)
+            listed = listed and list_from(
+                self.segments, end - self.others.count, end, self.index, self.room
+            )
             if listed and self.index.used[0] < 0.5 * room:
                 break
             room *= 2
 
-    def grow(self) -> None:
-        """Grow up to the goal, wherever growth stands."""
+    def grow(self, until: int | None = None) -> None:
+        """Grow up to the goal, wherever growth stands, or to so many terminals on the way."""
         options = self.options
-        if self.terminals >= options.terminals:
+        goal = min(until or options.terminals, options.terminals)
+        if self.terminals >= goal:
             return
         self.progress["since"] = 0
         points, first = np.empty((0, 3)), 0
         status = FULL_INDEX
-        while status != DONE:
+        while status != DONE and self.terminals < goal:
             if status == MORE_POINTS:
                 tries = int(np.clip(_TRIES * self._per_inside * self.terminals, _CHUNK, 1 << 21))
                 points, first = self._points(tries), 0
@@ -258,7 +298,7 @@ class _Garden:
                 self.progress,
                 points,
                 first,
-                2 * self.indexed,
+                min(2 * self.indexed, goal),
             )
             if self.progress["since"][0] > _PATIENCE:
                 raise self._no_room()
@@ -324,7 +364,7 @@ class _Garden:
     def tree(self) -> VesselTree:
         """The finished tree, its ratios computed afresh from geometry and topology."""
         s, smallest = self.segments[: self.count], self.options.smallest_radius_mm
-        flow = self.options.flow_ul_s(self.tissue.volume_mm3)
+        flow = self.options.flow_ul_s(self.scale.volume)
         drop = flow * float(s["load"][0]) / (self.terminals * float(s["radius"][0]) ** 4)
         tree = tree_from_topology(
             np.column_stack([s["px"], s["py"], s["pz"]]),

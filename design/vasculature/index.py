@@ -108,7 +108,7 @@ def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
 def nearest_segments(
     index: CellIndex, segments: Any, x: float, y: float, z: float, found: Any, away: Any
 ) -> int:
-    """The segments nearest to a point by their axes, nearest first.
+    """The segments nearest to a point by their axes, nearest first; those of others left out.
 
     Parameters
     ----------
@@ -149,6 +149,8 @@ def nearest_segments(
                         s = segments[i]
                         d, _ = point_segment(x, y, z, s.px, s.py, s.pz, s.dx, s.dy, s.dz)
                         if size == room and d >= away[size - 1]:
+                            continue
+                        if s.terminals == 0:
                             continue
                         at = size if size < room else room - 1
                         while at > 0 and away[at - 1] > d:

@@ -37,9 +37,9 @@ SEGMENT = np.dtype(
 """Fields of a growing segment.
 
 load, spend : see `design.vasculature.cost`; length : mm; parent, left, right : -1 for none;
-terminals : downstream; p and d : ends, mm; radius : of the finished tree as predicted, mm;
-allowed : largest radius that tissue and neighbours leave, mm; full : 1 where this segment or one
-above it can't grow wider.
+terminals : downstream, 0 for a vessel of another tree (kept behind all the tree's own);
+p and d : ends, mm; radius : of the finished tree as predicted, mm; allowed : largest radius that
+tissue and neighbours leave, mm; full : 1 where this segment or one above it can't grow wider.
 """
 
 Segments = NDArray[np.void]

@@ -329,7 +329,13 @@ def grow(
 @jit
 def list_all(segments: Any, count: int, index: CellIndex, room: Room) -> bool:
     """List all segments in an empty index; False when it runs out of room."""
-    for i in range(count):
+    return list_from(segments, 0, count, index, room)
+
+
+@jit
+def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Room) -> bool:
+    """List segments ``first`` to ``end`` in an index; False when it runs out of room."""
+    for i in range(first, end):
         s = segments[i]
         if not insert(index, i, s, REACH * s.radius + room.clearance):
             return False

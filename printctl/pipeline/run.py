@@ -16,6 +16,7 @@ from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import (
     dry_run,
     flow,
+    measures,
     printing,
     registration,
     report,
@@ -28,7 +29,7 @@ from printctl.pipeline.stages import (
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 
-DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, solid.STAGE)
+DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE, solid.STAGE)
 TOOLPATH: Sequence[Stage] = (*DESIGN, toolpath.STAGE, dry_run.STAGE)
 WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)
 

@@ -130,8 +130,20 @@ class GrownNetwork(Part):
         default=None, description="Fixes the smallest lumen; the pressure drop follows."
     )
     clearance_mm: float = Field(default=0.1, ge=0, le=10)
+    polish: bool = Field(
+        default=False, description="Relax and regraft the grown tree to lower its volume."
+    )
     root_mm: Point | None = None
     root_direction: Point | None = None
+
+    @model_validator(mode="after")
+    def _polish_keeps_no_smallest_lumen(self) -> GrownNetwork:
+        if self.polish and self.smallest_diameter_mm is not None:
+            raise ValueError(
+                "polish thins the smallest lumens by some percent, so it can't be combined with "
+                "smallest_diameter_mm yet; give one of the two"
+            )
+        return self
 
 
 def _network_kind(value: Any) -> str:

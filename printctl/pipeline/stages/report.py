@@ -11,6 +11,7 @@ from design.files import write_text
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.registration import DEVIATION, load_deviation
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.pipeline.verdict import verdict
@@ -23,6 +24,7 @@ _SECTIONS = {
     "tissue": "tissue",
     "vasculature": "network",
     "flow": "flow",
+    "measures": "measures",
     "solid": "solid",
     "toolpath": "toolpath",
     "dry run": "dry_run",
@@ -40,6 +42,8 @@ def collect(context: RunContext) -> dict[str, Any]:
     for stage, section in _SECTIONS.items():
         if stage in records:
             data[section] = records[stage].summary
+    if "measures" in data:
+        data["tissue"] = {**data["tissue"], **key_numbers(data["measures"])}
     data["timings"] = {
         stage: {
             "seconds": record.seconds,

@@ -17,6 +17,7 @@ from design.vasculature import (
     planar_four_vessel,
     tree_to_network,
 )
+from design.vasculature.polish import PolishOptions, polish
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
@@ -52,6 +53,8 @@ def make_network(context: RunContext) -> VesselNetwork:
             clearance = part.clearance_mm
         case GrownNetwork():
             tree = grow_tree(context.tissue, growth_options(part, context.recipe.seed))
+            if part.polish:
+                tree = polish(context.tissue, tree, polish_options(part, context.recipe.seed)).tree
             return tree_to_network(tree, VesselKind.ARTERY)
     check_network(network, clearance)
     return network
@@ -70,6 +73,17 @@ def growth_options(part: GrownNetwork, seed: int) -> GrowthOptions:
         clearance_mm=part.clearance_mm,
         root_point_mm=part.root_mm,
         root_direction=part.root_direction,
+    )
+
+
+def polish_options(part: GrownNetwork, seed: int) -> PolishOptions:
+    """The constraints the tree was grown with."""
+    grown = growth_options(part, seed)
+    return PolishOptions(
+        seed=seed,
+        clearance_mm=grown.clearance_mm,
+        clearance_ratio=grown.clearance_ratio,
+        length_to_radius=grown.length_to_radius,
     )
 
 

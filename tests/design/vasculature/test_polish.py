@@ -9,10 +9,10 @@ from scipy.optimize import minimize
 from design.errors import GrowthError
 from design.tissue import annulus, block, folded_cortex
 from design.vasculature import GrowthOptions, grow_tree, tree_from_topology
-from design.vasculature.polish import find_faults, polish
-from design.vasculature.polish_bench import Bench
-from design.vasculature.polish_cost import tree_volume
-from design.vasculature.polish_options import PolishOptions
+from design.vasculature.polish.cost import tree_volume
+from design.vasculature.polish.options import PolishOptions
+from design.vasculature.polish.polish import find_faults, polish
+from design.vasculature.polish.workbench import Bench
 from tests.design.tissue import surfaces
 from tests.design.vasculature.test_grow import check, tissue_of
 

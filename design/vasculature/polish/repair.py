@@ -9,8 +9,8 @@ import numpy as np
 from design.vasculature.fit import Room
 from design.vasculature.index import CellIndex
 from design.vasculature.options import Law
-from design.vasculature.polish_fit import far_end, node_fits, node_slack
-from design.vasculature.polish_relax import commit_node, node_value
+from design.vasculature.polish.fit import far_end, node_fits, node_slack
+from design.vasculature.polish.relax import commit_node, node_value
 from kernels import jit
 
 STEPS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0])

@@ -9,7 +9,7 @@ import numpy as np
 from design.vasculature.fit import Fork, Room, joint_fits, neighbours_of, seven
 from design.vasculature.index import CellIndex
 from design.vasculature.options import Law
-from design.vasculature.polish_fit import (
+from design.vasculature.polish.fit import (
     capsule_fits,
     far_end,
     near_end,
@@ -17,7 +17,7 @@ from design.vasculature.polish_fit import (
     slack_below,
     stretch,
 )
-from design.vasculature.polish_relax import root_radius
+from design.vasculature.polish.relax import root_radius
 from kernels import jit
 
 

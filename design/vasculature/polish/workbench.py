@@ -14,11 +14,11 @@ from design.vasculature.audit import measure_room
 from design.vasculature.fit import Room
 from design.vasculature.index import CellIndex, empty_index
 from design.vasculature.options import Law
-from design.vasculature.polish_cost import law_of, segments_of
-from design.vasculature.polish_graft import graft
-from design.vasculature.polish_options import PolishOptions
-from design.vasculature.polish_relax import all_radii, relax
-from design.vasculature.polish_repair import push_wide
+from design.vasculature.polish.cost import law_of, segments_of
+from design.vasculature.polish.graft import graft
+from design.vasculature.polish.options import PolishOptions
+from design.vasculature.polish.relax import all_radii, relax
+from design.vasculature.polish.repair import push_wide
 from design.vasculature.step import list_all
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology
@@ -43,6 +43,9 @@ MENDINGS = 8
 
 HALVINGS = 2
 """How often a sweep that can't be repaired is tried with half of its moves."""
+
+PARTS, PART = 8, 2500
+"""Parts, at most, in which branches are grafted between audits, and branches in one at least."""
 
 ANYWHERE = 1e3
 """Heat at which a branch that can't stay is grafted wherever it fits."""
@@ -110,7 +113,7 @@ class Bench:
         relaxed, best = self.cost, self.segments.copy()
         for heat in _cooling(self.options.rounds, self.options.heat):
             before = self.cost
-            self.graft_moves += self._kept(partial(self._graft, heat), np.inf if heat else before)
+            self.graft(heat)
             self.relax(BETWEEN)
             if heat == 0 and self.cost > before * (1.0 - self.options.tolerance):
                 break
@@ -125,9 +128,16 @@ class Bench:
         for sweep in range(sweeps):
             before = self.cost
             self.room = self.room._replace(reserve=RESERVES[min(sweep // 2, 1)])
-            self.node_moves += self._kept(partial(self._relax, sweep), before)
+            self.node_moves += self._kept(partial(self._relax, sweep), before, self._all())
             if self.cost > before * (1.0 - self.options.tolerance):
                 break
+
+    def graft(self, heat: float) -> None:
+        """Try to graft every branch once, in random order, and mend after each part of them."""
+        branches = self.random.permutation(self._all())
+        for part in np.array_split(branches, min(PARTS, 1 + len(branches) // PART)):
+            limit = np.inf if heat else self.cost
+            self.graft_moves += self._kept(partial(self._graft, heat), limit, part)
 
     def tree(self) -> VesselTree:
         """The tree as it stands, its ratios computed afresh."""
@@ -143,14 +153,16 @@ class Bench:
             viscosity_pa_s=given.viscosity_pa_s,
         )
 
-    def _kept(self, stage: Callable[[IntArray], int], limit: float) -> int:
-        """Run a stage on all segments; where that can't be repaired, on half of them, and so on.
+    def _all(self) -> IntArray:
+        return np.arange(1, len(self.segments))
+
+    def _kept(self, stage: Callable[[IntArray], int], limit: float, segments: IntArray) -> int:
+        """Run a stage on segments; where that can't be repaired, on half of them, and so on.
 
         Returns how many of its moves are kept: all, or none where the cost doesn't end below
         ``limit``.
         """
         before = self.segments.copy()
-        segments = np.arange(1, len(self.segments))
         for _ in range(HALVINGS + 1):
             moved = stage(segments)
             if moved == 0 or (self.mended() and self.cost < limit):
@@ -227,8 +239,8 @@ class Bench:
                 self._list()
         return total
 
-    def _graft(self, heat: float, segments: IntArray) -> int:
-        return self._through(self.random.permutation(segments), heat)
+    def _graft(self, heat: float, branches: IntArray) -> int:
+        return self._through(branches, heat)
 
     def _through(self, branches: IntArray, heat: float) -> int:
         first = total = 0

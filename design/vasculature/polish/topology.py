@@ -6,7 +6,7 @@ from typing import Any
 
 from design.vasculature.fit import Fork, neighbours_of
 from design.vasculature.options import Law
-from design.vasculature.polish_fit import far_end, near_end
+from design.vasculature.polish.fit import far_end, near_end
 from design.vasculature.state import place, refresh, refresh_upwards
 from kernels import jit
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.convert import tree_to_network
-from design.vasculature.polish_bench import Bench
-from design.vasculature.polish_cost import tree_volume
-from design.vasculature.polish_options import PolishOptions
+from design.vasculature.polish.cost import tree_volume
+from design.vasculature.polish.options import PolishOptions
+from design.vasculature.polish.workbench import Bench
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 
@@ -96,7 +96,7 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
 
     Branch points move, one after another in sweeps, towards the weighted Fermat point of their
     three neighbours; the weights are the exact gradient of the whole tree's cost
-    (`design.vasculature.polish_cost`). Branches are cut off and grafted on nearer or cheaper
+    (`design.vasculature.polish.cost`). Branches are cut off and grafted on nearer or cheaper
     segments, as in Guy et al. 2019 (doi 10.1109/TBME.2019.2942313) and Jessen et al. 2024
     (arXiv 2410.06002). A move is made only when its vessels fit and the exact cost falls, or, of a
     graft in a warm round, rises by no more than the round's heat. After each sweep all pairs are

@@ -1,0 +1,219 @@
+"""Radii of connections adjusted until every loop carries its share of the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from design.errors import FlowError
+from design.hemodynamics.boundary import Boundary, place_conditions
+from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conductance import factorise
+from design.hemodynamics.resistance import vessel_resistance
+from design.hemodynamics.steady import solve_flow
+from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+
+SPREAD = 0.01
+"""Largest difference of two loops' flows over the mean, after division by their shares."""
+
+WIDEST = 0.25
+"""Part of its resistance that a connection may be lowered to where there is a choice: a radius
+grows by a factor of √2 at most."""
+
+_SUM = 1e-6
+_HALVINGS = 12
+
+
+def loop_vessels(network: VesselNetwork) -> IntArray:
+    """Vessels of kind connection: one for each loop.
+
+    Raises
+    ------
+    FlowError
+        When there are none.
+    """
+    loops = np.flatnonzero(network.kind == VesselKind.CONNECTION)
+    if len(loops) == 0:
+        raise FlowError("the network has no vessel of kind connection; close its loops first")
+    return loops
+
+
+def flow_spread(
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    shares: Sequence[float] | FloatArray | None = None,
+) -> float:
+    """(max - min) / mean of the connections' flows, each over its share.
+
+    Raises
+    ------
+    FlowError
+        As `solve_flow`, or for impossible shares.
+    """
+    loops = loop_vessels(network)
+    wanted = _shares(shares, len(loops))
+    each = np.abs(solve_flow(network, conditions).flow[loops]) / wanted
+    return float(np.ptp(each) / each.mean())
+
+
+def balance(
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    shares: Sequence[float] | FloatArray | None = None,
+    *,
+    spread: float = SPREAD,
+    smallest_radius_mm: float = 0.0,
+) -> VesselNetwork:
+    """Scale each connection's radius so that it carries its share.
+
+    The flow wanted in the connections determines the pressures in all else: with the
+    connections taken out and their flows put in at their ends, one linear solve gives the drop Δp
+    that each has left. R = Δp/Q is the resistance it needs, and r ~ R^(-1/4) its radius. Where
+    no given pressure ties parts of the network together, their levels are chosen to change the
+    resistances least; where one ties all, the flow falls until all connections are left enough.
+    Trees aren't touched. Connections that become wider lose clearance:
+    `design.vasculature.collisions` tells whether any loses too much.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    conditions : FlowConditions
+    shares : (k,), optional
+        Of each connection, in the network's order, in any unit; equal by default.
+    spread : float
+        Allowed `flow_spread` of the result.
+    smallest_radius_mm : float
+        Below which no radius of a connection may fall.
+
+    Returns
+    -------
+    VesselNetwork
+        Its `flow_spread` is at most ``spread``.
+
+    Raises
+    ------
+    FlowError
+        When shares can't be met: not positive, not as many as connections, against the flow's
+        direction or below the smallest radius (with the count), or spread left over.
+    """
+    loops = loop_vessels(network)
+    wanted = _shares(shares, len(loops))
+    flow = solve_flow(network, conditions).flow
+    resistance = vessel_resistance(network, conditions.viscosity_pa_s)
+    # Connections may be drawn against the flow; what they carry keeps its direction.
+    sign = np.where(flow[loops] < 0, -1.0, 1.0)
+    target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
+    for _ in range(_HALVINGS):
+        drop = _drops(network, conditions, loops, target, resistance)
+        needed = drop / target
+        if conditions.inlet_pressure_pa is None or (needed > WIDEST * resistance[loops]).all():
+            break
+        # Less flow leaves more of the given pressure to the connections.
+        target *= 0.5
+    bad = np.flatnonzero(~(needed > 0))
+    if len(bad):
+        raise FlowError(
+            f"{len(bad)} of {len(loops)} connections would need flow against the pressure, first "
+            f"vessel {loops[bad[0]]}; the trees take more pressure than there is: ask for shares "
+            "nearer to equal, or widen the trees"
+        )
+    adjusted = _scaled(network, loops, (resistance[loops] / needed) ** 0.25)
+    thin = np.array([adjusted.polyline(int(v))[1].min() for v in loops]) < smallest_radius_mm
+    if thin.any():
+        raise FlowError(
+            f"{int(thin.sum())} of {len(loops)} connections would be thinner than "
+            f"{smallest_radius_mm:g} mm, first vessel {loops[int(np.argmax(thin))]}; ask for "
+            "shares nearer to equal or thicker connections"
+        )
+    left = flow_spread(adjusted, conditions, wanted)
+    if left > spread:
+        raise FlowError(
+            f"flow spread {left:.3g} is left after balancing, above {spread:g}; check the "
+            "network for vessels of absurd resistance"
+        )
+    return adjusted
+
+
+def _shares(shares: Sequence[float] | FloatArray | None, count: int) -> FloatArray:
+    if shares is None:
+        return np.ones(count)
+    given = np.asarray(shares, dtype=np.float64)
+    if given.shape != (count,):
+        raise FlowError(f"{given.size} shares for {count} connections; give one for each, in order")
+    if not (np.isfinite(given).all() and (given > 0).all()):
+        raise FlowError(f"a share is {given.min():g}; give positive numbers")
+    return given
+
+
+def _drops(
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    loops: IntArray,
+    target: FloatArray,
+    resistance: FloatArray,
+) -> FloatArray:
+    """Pressure drop left to each connection when all carry their target, (k,), Pa."""
+    boundary = place_conditions(network, conditions)
+    ends = boundary.slot[network.vessel_nodes]
+    rest = np.ones(network.vessel_count, dtype=bool)
+    rest[loops] = False
+    part = _parts(ends[rest], boundary)
+    injected = boundary.injected.copy()
+    np.add.at(injected, ends[loops, 0], -target)
+    np.add.at(injected, ends[loops, 1], target)
+    floating = _floating(part, boundary.fixed, injected, float(np.abs(target).sum()))
+    fixed = boundary.fixed.copy()
+    fixed[[np.flatnonzero(part == p)[0] for p in floating]] = True
+    datum = float(boundary.pressure[boundary.fixed].min())
+    given = np.where(boundary.fixed, boundary.pressure - datum, 0.0)
+    pressure, _ = factorise(ends[rest], 1.0 / resistance[rest], fixed).solve(injected, given)
+    drop = pressure[ends[loops, 0]] - pressure[ends[loops, 1]]
+    if len(floating) == 0:
+        return np.asarray(drop)
+    # Levels c of the floating parts: least squares of (drop + A c) / (R Q) - 1.
+    levels = (part[ends[loops, 0], None] == floating).astype(np.float64)
+    levels -= part[ends[loops, 1], None] == floating
+    now = resistance[loops] * target
+    c, *_ = np.linalg.lstsq(levels / now[:, None], 1.0 - drop / now, rcond=None)
+    along = (levels * np.sign(target)[:, None]).min(axis=1)
+    if len(floating) == 1 and (along > 0).all():
+        c = np.maximum(c, (np.abs(WIDEST * now) - np.sign(target) * drop).max())
+    return np.asarray(drop + levels @ c)
+
+
+def _parts(ends: IntArray, boundary: Boundary) -> IntArray:
+    """Part of each unknown without the connections; those of given pressure make one."""
+    count = len(boundary.fixed)
+    held = np.flatnonzero(boundary.fixed)
+    first = np.concatenate([ends[:, 0], held[:-1]])
+    last = np.concatenate([ends[:, 1], held[1:]])
+    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
+    _, part = connected_components(joined, directed=False)
+    return np.asarray(part, dtype=np.int64)
+
+
+def _floating(
+    part: IntArray, fixed: NDArray[np.bool_], injected: FloatArray, scale: float
+) -> IntArray:
+    """Parts without a given pressure; what flows into each must flow out of it."""
+    held = np.unique(part[fixed])
+    floating = np.setdiff1d(part, held)
+    net = np.bincount(part, weights=injected)
+    off = floating[np.abs(net[floating]) > _SUM * scale]
+    if len(off):
+        raise FlowError(
+            f"the shares leave {net[off[0]]:.3g} µL/s over in a part of the network between "
+            "connections; give shares that add up there"
+        )
+    return floating
+
+
+def _scaled(network: VesselNetwork, vessels: IntArray, factor: FloatArray) -> VesselNetwork:
+    each = np.ones(network.vessel_count)
+    each[vessels] = factor
+    return replace(network, radius=network.radius * np.repeat(each, np.diff(network.offset)))

@@ -1,0 +1,15 @@
+"""Polish: lower a grown tree's cost as a whole, under the constraints it was grown with."""
+
+from design.vasculature.polish.cost import tree_volume, volume_gradient
+from design.vasculature.polish.options import PolishOptions
+from design.vasculature.polish.polish import Faults, Polished, find_faults, polish
+
+__all__ = [
+    "Faults",
+    "PolishOptions",
+    "Polished",
+    "find_faults",
+    "polish",
+    "tree_volume",
+    "volume_gradient",
+]

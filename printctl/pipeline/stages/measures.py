@@ -1,0 +1,80 @@
+"""Stage 3b: how well the network serves the tissue, all of it and what can be printed of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from design.files import write_text
+from design.hemodynamics import solve_flow
+from design.measures import MeasureOptions, measure_network, measures_dict
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
+from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.flow import conditions
+from printctl.pipeline.stages.tissue import SURFACE
+from printctl.progress import Report
+from printctl.recipe.making import Fresh
+from printctl.recipe.parts import GrownNetwork
+
+MEASURES = "measures.json"
+
+
+def printable_mm(context: RunContext) -> float:
+    """Smallest lumen that the recipe's way of printing leaves open, mm."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        lines = FreshOptions(
+            layer_height_mm=part.layer_um * 1e-3, line_width_mm=part.line_um * 1e-3
+        )
+        return lines.smallest_lumen_mm
+    needle = context.needle
+    filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
+    return filament.thinnest * filament.needle_inner_mm
+
+
+def options(context: RunContext) -> MeasureOptions:
+    """What is measured for this recipe."""
+    part = context.recipe.vasculature
+    exponent = part.murray_exponent if isinstance(part, GrownNetwork) else 3.0
+    return MeasureOptions(
+        seed=context.recipe.seed,
+        printable_diameter_mm=printable_mm(context),
+        murray_exponent=exponent,
+    )
+
+
+def depends(context: RunContext) -> Any:
+    """What shapes the options, and the flow."""
+    asked = options(context)
+    return [
+        context.recipe.flow.model_dump(mode="json"),
+        [asked.seed, asked.printable_diameter_mm, asked.murray_exponent],
+    ]
+
+
+def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    """Measure, and keep every number in a file; the report shows the main ones."""
+    network = context.network
+    flow = solve_flow(network, conditions(context.recipe.flow)).flow
+    found = measures_dict(measure_network(network, context.tissue, options(context), flow))
+    write_text(context.folder / MEASURES, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    return found, [MEASURES]
+
+
+def key_numbers(found: dict[str, Any]) -> dict[str, Any]:
+    """The few that stand beside the tissue in the report, for a grown tree or any other."""
+    supply = found["supply"]
+    return {
+        "way_to_a_lumen_mean_mm": supply["distance_mean_mm"],
+        "way_to_a_lumen_p95_mm": supply["distance_p95_mm"],
+        "way_to_a_lumen_max_mm": supply["distance_max_mm"],
+        "within_200_um_of_a_lumen_percent": 100 * (1 - supply["beyond"]["200_um"]),
+        "vessels_per_mm2": supply["vessels_per_mm2"],
+        "branching_depth_max": found["ways"]["depth_max"] if found["ways"] else None,
+    }
+
+
+STAGE = Stage("measures", depends, (SURFACE, NETWORK), ("kernels", "design"), work)
