@@ -117,11 +117,10 @@ class GivenNetwork(Part):
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
 
 
-class GrownNetwork(Part):
-    """A tree grown by constrained constructive optimisation."""
+class Growth(Part):
+    """What every grown tree is told."""
 
-    grow: Literal["tree"]
-    terminals: Annotated[int, Field(ge=1, le=20_000_000)]
+    terminals: Annotated[int, Field(ge=1, le=20_000_000)] = Field(description="Of each tree.")
     murray_exponent: Annotated[float, Field(ge=2, le=3.5)] = 3.0
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 4.0
     pressure_drop_mmhg: Annotated[float, Field(gt=0, le=1000)] = 40.0
@@ -130,11 +129,17 @@ class GrownNetwork(Part):
         default=None, description="Fixes the smallest lumen; the pressure drop follows."
     )
     clearance_mm: float = Field(default=0.1, ge=0, le=10)
+    root_mm: Point | None = None
+    root_direction: Point | None = None
+
+
+class GrownNetwork(Growth):
+    """A tree grown by constrained constructive optimisation."""
+
+    grow: Literal["tree"]
     polish: bool = Field(
         default=False, description="Relax and regraft the grown tree to lower its volume."
     )
-    root_mm: Point | None = None
-    root_direction: Point | None = None
 
     @model_validator(mode="after")
     def _polish_keeps_no_smallest_lumen(self) -> GrownNetwork:
@@ -146,15 +151,28 @@ class GrownNetwork(Part):
         return self
 
 
+class ClosedLoop(Growth):
+    """An arterial and a venous tree that don't touch, their terminals joined by smooth curves."""
+
+    grow: Literal["closed_loop"]
+    vein_root_mm: Point | None = Field(
+        default=None, description="As far from the artery's root as the surface allows by default."
+    )
+    vein_root_direction: Point | None = None
+
+
 def _network_kind(value: Any) -> str:
-    keys = ("design", "network", "grow")
-    return next((key for key in keys if given(value, key) is not None), "none")
+    grown = given(value, "grow")
+    if grown is not None:
+        return f"grow: {grown}"
+    return next((key for key in ("design", "network") if given(value, key) is not None), "none")
 
 
 NetworkPart = Annotated[
     Annotated[NamedNetwork, Tag("design")]
     | Annotated[GivenNetwork, Tag("network")]
-    | Annotated[GrownNetwork, Tag("grow")],
+    | Annotated[GrownNetwork, Tag("grow: tree")]
+    | Annotated[ClosedLoop, Tag("grow: closed_loop")],
     Discriminator(_network_kind),
 ]
 

@@ -17,7 +17,7 @@ from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
-from printctl.recipe.parts import GrownNetwork
+from printctl.recipe.parts import Growth
 
 MEASURES = "measures.json"
 
@@ -38,7 +38,7 @@ def printable_mm(context: RunContext) -> float:
 def options(context: RunContext) -> MeasureOptions:
     """What is measured for this recipe."""
     part = context.recipe.vasculature
-    exponent = part.murray_exponent if isinstance(part, GrownNetwork) else 3.0
+    exponent = part.murray_exponent if isinstance(part, Growth) else 3.0
     return MeasureOptions(
         seed=context.recipe.seed,
         printable_diameter_mm=printable_mm(context),

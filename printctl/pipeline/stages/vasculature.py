@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import read_network_csv, write_network_csv
+from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import (
     GrowthOptions,
+    LoopOptions,
+    RootSpec,
     check_network,
+    close_loops,
+    grow_forest,
     grow_tree,
     planar_four_vessel,
     tree_to_network,
@@ -23,7 +29,7 @@ from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
-from printctl.recipe.parts import GivenNetwork, GrownNetwork, NamedNetwork
+from printctl.recipe.parts import ClosedLoop, GivenNetwork, GrownNetwork, Growth, NamedNetwork
 
 
 def depends(context: RunContext) -> Any:
@@ -56,11 +62,24 @@ def make_network(context: RunContext) -> VesselNetwork:
             if part.polish:
                 tree = polish(context.tissue, tree, polish_options(part, context.recipe.seed)).tree
             return tree_to_network(tree, VesselKind.ARTERY)
+        case ClosedLoop():
+            return closed_loop(context.tissue, part, context.recipe.seed)
     check_network(network, clearance)
     return network
 
 
-def growth_options(part: GrownNetwork, seed: int) -> GrowthOptions:
+def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> VesselNetwork:
+    """Artery and vein, grown in turn, and every terminal of the one joined to one of the other."""
+    artery = growth_options(part, seed)
+    vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
+    roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
+    arterial, venous = grow_forest(tissue, roots)
+    thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
+    joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
+    return close_loops(tissue, arterial, venous, joined)
+
+
+def growth_options(part: Growth, seed: int) -> GrowthOptions:
     """The recipe's words in the design's units."""
     return GrowthOptions(
         terminals=part.terminals,
