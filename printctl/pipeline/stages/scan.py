@@ -117,7 +117,7 @@ def describe(scan: Scan, source: str) -> dict[str, Any]:
     dz, dy, dx = scan.geometric_voxel_mm
     return {
         "source": source,
-        "modality": scan.modality,
+        "modality": _NAMES.get(scan.modality, scan.modality),
         "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
         "shape": list(scan.volume.shape[::-1]),
         "refractive_index": scan.refractive_index,
