@@ -26,7 +26,7 @@ from printctl.pipeline.stages.registration import (
 )
 from printctl.pipeline.stages.report import HTML
 from printctl.pipeline.verdict import verdict
-from registration import read_scan, register_scan, report_dict
+from registration import RegistrationReport, read_scan, register_scan, report_dict
 from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
 
@@ -87,6 +87,23 @@ def register(
         "scan": {"source": str(scan)},
         "registration": numbers,
     }
+    _write(out, data, found, surface, vessels)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(*data["verdict"]["reasons"], str(out / HTML))
+    if not data["verdict"]["passed"]:
+        raise typer.Exit(1)
+
+
+def _write(
+    out: Path,
+    data: dict[str, Any],
+    found: RegistrationReport,
+    surface: Solid,
+    vessels: VesselNetwork,
+) -> None:
+    """Numbers, the scanned surface with its deviation, and the page."""
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_deviation(out / DEVIATION, found)
@@ -96,12 +113,6 @@ def register(
         ReportSurface("As designed", surface.vertices, surface.faces),
     ]
     write_report_html(out / HTML, data, shown, vessels)
-    if as_json:
-        print_json(data)
-    else:
-        print_lines(*data["verdict"]["reasons"], str(out / HTML))
-    if not data["verdict"]["passed"]:
-        raise typer.Exit(1)
 
 
 def _voxel_mm(text: str | None) -> tuple[float, float, float] | None:
