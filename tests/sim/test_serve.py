@@ -137,7 +137,8 @@ def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_p
     served.send("G1 X5 F600")
     served.send("G1 X10")
     with pytest.raises((OSError, AssertionError)):
-        served.send("G1 X15")
+        served.send("G1 X15")  # its ok may still get out before the cable does
+        served.send("G1 X20")
     assert served.process.wait(PATIENCE_S) == 0
     assert ExecutedMotion.load(record).end[-1, 0] == 15
 
