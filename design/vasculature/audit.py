@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.depth import depth_along, least_depth_along
+from design.tissue.grid import depth_along
 from design.vasculature.fit import Room, neighbours_of, seven, widening
-from design.vasculature.index import REACH, CellIndex
+from design.vasculature.index import CellIndex
 from design.vasculature.options import Law
 from design.vasculature.state import place, refresh_upwards
 from kernels import jit
@@ -35,8 +35,8 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
     segments[0].allowed = np.inf
     for i in range(1, count):
         s = segments[i]
-        most = REACH * s.radius + room.wall
-        depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+        need = s.radius + room.wall
+        depth = depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, need)
         s.allowed = depth - room.wall
     for i in range(count):
         s = segments[i]

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.geometry import point_segment, segment_segment
-from design.tissue.arrays import GridArrays
-from design.tissue.depth import depth_along
+from design.tissue.grid import GridArrays, depth_along
 from design.vasculature.bifurcation import distance
 from design.vasculature.index import REACH, CellIndex, cell_range
 from kernels import jit
@@ -28,7 +27,7 @@ class Room(NamedTuple):
     ----------
     grid : GridArrays
     wall : float, mm
-        Kept from the tissue's surface.
+        Kept from the tissue's surface: the clearance and the grid's error.
     clearance : float, mm
     ratio : float
         Clearance over the thinner radius; the larger of the two counts.

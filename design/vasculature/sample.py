@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.arrays import GridArrays
-from design.tissue.grid import read
+from design.tissue.grid import GridArrays, read
 from kernels import jit
 
 

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from design.tissue.depth import least_depth_along
-from design.tissue.grid import read
+from design.tissue.grid import depth_along, read
 from design.vasculature.bifurcation import best_place, distance, split_value
 from design.vasculature.cost import ENOUGH, climb
 from design.vasculature.fit import Fork, Room, Seven, fits, neighbours_of, seven, widening
@@ -225,8 +224,8 @@ def propose(
 def settle(segments: Any, index: CellIndex, room: Room, i: int, skip: Seven) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
-    most = REACH * s.radius + room.wall
-    depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+    need = s.radius + room.wall
+    depth = depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, need)
     free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
     s.allowed = min(depth - room.wall, free * s.radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)

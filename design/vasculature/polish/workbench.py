@@ -78,7 +78,7 @@ class Bench:
         grid = tissue.grid
         room = Room(
             grid.arrays,
-            options.clearance_mm,
+            options.clearance_mm + grid.error_mm,
             options.clearance_mm,
             options.clearance_ratio,
             options.length_to_radius,
