@@ -1,6 +1,7 @@
 """Tissues: a closed shape and its signed distance, from files, surfaces or parameters."""
 
-from design.tissue.grid import GridArrays, SignedDistanceGrid
+from design.tissue.arrays import GridArrays
+from design.tissue.grid import SignedDistanceGrid
 from design.tissue.heart import biventricle
 from design.tissue.load import load_tissue
 from design.tissue.shapes import Surface, annulus, block, cylinder, folded_cortex

@@ -16,14 +16,12 @@ from design.geometry import (
     nearest_distance,
     point_triangle_squared,
 )
+from design.tissue.arrays import BAND_CELLS, BRICK, GridArrays
 from design.tissue.columns import Columns, cross_columns
-from design.tissue.grid import BRICK, GridArrays, SignedDistanceGrid, mix, read
+from design.tissue.grid import SignedDistanceGrid, mix, read
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
-
-BAND_CELLS = 2.0
-"""Fine cells beyond the surface that bricks cover at least."""
 
 _SIDE = BRICK + 1
 _HALF_DIAGONAL = 0.5 * BRICK * sqrt(3.0)
@@ -67,7 +65,7 @@ def build_grid(
     brick[tuple(places.T)] = np.arange(len(places), dtype=np.int32)
     samples = _fill_bricks(tree, columns, origin, spacing_mm, places)
     coarse = _lowered(tree, coarse, brick, origin, spacing_mm)
-    arrays = GridArrays(origin, float(spacing_mm), coarse, brick, samples)
+    arrays = GridArrays(origin, float(spacing_mm), coarse, brick, samples, *tree)
     error, deepest = _measure(tree, arrays, places)
     return SignedDistanceGrid(arrays, float(error), float(max(deepest, -coarse.min()))), columns
 

@@ -94,7 +94,7 @@ def _side(av: float, aw: float, bv: float, bw: float, v: float, w: float) -> boo
 
 
 @jit
-def _hit(c: Any, v: float, w: float) -> int:
+def crossing(c: Any, v: float, w: float) -> int:
     """Return +1 where a line going up enters through triangle ``c``, -1 where it leaves, else 0."""
     ab = _side(c[0, 1], c[0, 2], c[1, 1], c[1, 2], v, w)
     bc = _side(c[1, 1], c[1, 2], c[2, 1], c[2, 2], v, w)
@@ -107,7 +107,7 @@ def _hit(c: Any, v: float, w: float) -> int:
 
 
 @jit
-def _height(c: Any, v: float, w: float) -> float:
+def crossing_place(c: Any, v: float, w: float) -> float:
     """Where the line (v, w) meets the triangle's plane, held within the triangle's extent."""
     abv, abw = c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
     acv, acw = c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
@@ -148,7 +148,7 @@ def _cross(corners: Any, base: Any, spacing: float, shape: Any) -> Any:
             for j in range(j0, j1 + 1):
                 for k in range(k0, k1 + 1):
                     v, w = base[0] + j * spacing, base[1] + k * spacing
-                    sign = _hit(c, v, w)
+                    sign = crossing(c, v, w)
                     if sign == 0:
                         continue
                     line = j * shape[1] + k
@@ -156,7 +156,7 @@ def _cross(corners: Any, base: Any, spacing: float, shape: Any) -> Any:
                         start[line + 1] += 1
                     else:
                         at = begin[line]
-                        where[at] = _height(c, v, w)
+                        where[at] = crossing_place(c, v, w)
                         turn[at] = sign
                         face[at] = f
                         begin[line] += 1

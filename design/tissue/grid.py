@@ -3,42 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from design.tissue.arrays import BRICK, GridArrays
+from design.tissue.depth import least_depth_along
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
-
-BRICK = 8
-"""Fine cells along a brick's edge; a coarse cell is as large as a brick."""
-
-
-class GridArrays(NamedTuple):
-    """The grid as kernels take it.
-
-    Attributes
-    ----------
-    origin : (3,) float64, mm
-        Sample (0, 0, 0).
-    spacing : float, mm
-        Of the fine samples.
-    coarse : (a + 1, b + 1, c + 1) float32, mm
-        Signed distance at the corners of the coarse cells.
-    brick : (a, b, c) int32
-        Which brick refines a coarse cell, -1 for none.
-    samples : (n, 9, 9, 9) float32, mm
-        Signed distance in each brick, its far faces included, so that a read stays in it.
-    """
-
-    origin: FloatArray
-    spacing: float
-    coarse: NDArray[np.float32]
-    brick: NDArray[np.int32]
-    samples: NDArray[np.float32]
 
 
 @jit
@@ -78,41 +53,6 @@ def mix(values: Any, i: int, j: int, k: int, u: float, v: float, w: float) -> fl
     return (c00 * (1.0 - v) + c01 * v) * (1.0 - u) + (c10 * (1.0 - v) + c11 * v) * u
 
 
-@jit
-def depth_along(
-    grid: GridArrays,
-    ax: float,
-    ay: float,
-    az: float,
-    bx: float,
-    by: float,
-    bz: float,
-    need: float,
-) -> float:
-    """Least depth below the surface along segment ab, mm; stops below ``need``.
-
-    Steps as far as the distance's Lipschitz constant of 1 allows: from depth d nothing
-    shallower than ``need`` is nearer than d - need. At least half a cell is stepped, so a dip
-    narrower than that and shallower than a quarter of a cell may be missed; the grid's error
-    margin covers it.
-    """
-    dx, dy, dz = bx - ax, by - ay, bz - az
-    length = np.sqrt(dx * dx + dy * dy + dz * dz)
-    least = -read(grid, bx, by, bz)
-    if least < need:
-        return least
-    shortest = 0.5 * grid.spacing
-    at = 0.0
-    while at < length:
-        t = at / length
-        depth = -read(grid, ax + t * dx, ay + t * dy, az + t * dz)
-        least = min(least, depth)
-        if depth < need:
-            return least
-        at += max(depth - need, shortest)
-    return least
-
-
 @pjit
 def _read_all(grid: GridArrays, points: Any) -> Any:
     value = np.empty(len(points))
@@ -122,11 +62,11 @@ def _read_all(grid: GridArrays, points: Any) -> Any:
 
 
 @pjit
-def _depth_all(grid: GridArrays, start: Any, end: Any, need: Any) -> Any:
+def _depth_all(grid: GridArrays, start: Any, end: Any, most: Any, enough: Any) -> Any:
     value = np.empty(len(start))
     for i in prange(len(start)):
         a, b = start[i], end[i]
-        value[i] = depth_along(grid, a[0], a[1], a[2], b[0], b[1], b[2], need[i])
+        value[i] = least_depth_along(grid, a[0], a[1], a[2], b[0], b[1], b[2], most[i], enough[i])
     return value
 
 
@@ -140,7 +80,8 @@ class SignedDistanceGrid:
         Samples; see there.
     error_mm : float
         Largest depth by which a read near the surface, at points tried while building,
-        exceeded the exact depth. Containment tests ask for this much more.
+        exceeded the exact depth: a measure of the reads, not a bound. Depths along segments
+        don't rest on reads.
     deepest_mm : float
         Largest sampled depth below the surface.
     """
@@ -168,23 +109,24 @@ class SignedDistanceGrid:
     def least_depth(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Least depth (n,) below the surface along segments from ``start`` to ``end`` (n, 3), mm.
 
-        Exact to the reading's error down to 0; of a segment that leaves the tissue, some
-        negative depth.
+        Exact, whatever the spacing; of a segment that leaves the tissue, some negative depth.
         """
-        return self._depth(start, end, np.zeros(len(start)))
+        return self._depth(start, end, np.full(len(start), np.inf), np.zeros(len(start)))
 
     def capsule_inside(
         self, start: FloatArray, end: FloatArray, radius: FloatArray, clearance_mm: float = 0.0
     ) -> NDArray[np.bool_]:
         """Whether capsules (axis ``start``-``end`` (n, 3), ``radius`` (n,), mm) are in the tissue.
 
-        The grid's error and ``clearance_mm`` are added to the radius.
+        ``clearance_mm`` is added to the radius. Exact, whatever the spacing.
         """
-        need = np.asarray(radius, dtype=np.float64) + clearance_mm + self.error_mm
-        return self._depth(start, end, need) >= need
+        need = np.asarray(radius, dtype=np.float64) + clearance_mm
+        return self._depth(start, end, need, need) >= need
 
-    def _depth(self, start: FloatArray, end: FloatArray, need: FloatArray) -> FloatArray:
+    def _depth(
+        self, start: FloatArray, end: FloatArray, most: FloatArray, enough: FloatArray
+    ) -> FloatArray:
         a = np.ascontiguousarray(start, dtype=np.float64)
         b = np.ascontiguousarray(end, dtype=np.float64)
-        values: FloatArray = _depth_all(self.arrays, a, b, need)
+        values: FloatArray = _depth_all(self.arrays, a, b, most, enough)
         return values

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.tissue.arrays import BRICK
 from design.tissue.columns import cross_columns
-from design.tissue.grid import BRICK
 
 FloatArray = NDArray[np.float64]
 

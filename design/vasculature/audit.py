@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.grid import depth_along
-from design.vasculature.fit import Room, neighbours_of, seven, widening
-from design.vasculature.index import CellIndex
+from design.tissue.depth import depth_along, least_depth_along
+from design.vasculature.fit import seven, widening
+from design.vasculature.index import REACH, CellIndex
+from design.vasculature.joints import limit_children
 from design.vasculature.options import Law
+from design.vasculature.room import Room, neighbours_of
 from design.vasculature.state import place, refresh_upwards
 from kernels import jit
 
@@ -35,8 +37,8 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
     segments[0].allowed = np.inf
     for i in range(1, count):
         s = segments[i]
-        need = s.radius + room.wall
-        depth = depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, need)
+        most = REACH * s.radius + room.wall
+        depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
         s.allowed = depth - room.wall
     for i in range(count):
         s = segments[i]
@@ -46,8 +48,11 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
             index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
         )
         s.allowed = min(s.allowed, free * s.radius)
-        if s.left < 0 and s.radius < smallest:
-            s.allowed = 0.0
+        if s.left < 0:
+            if s.radius < smallest:
+                s.allowed = 0.0
+            continue
+        limit_children(segments, room, left, right, s)
     return too_wide(segments, count)
 
 

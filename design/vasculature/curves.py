@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import segment_segment
-from design.tissue.grid import GridArrays, depth_along
+from design.tissue.arrays import GridArrays
+from design.tissue.depth import depth_along
 from design.vasculature.index import CellIndex, cell_range
 from kernels import jit
 

@@ -2,67 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from design.geometry import point_segment, segment_segment
-from design.tissue.grid import GridArrays, depth_along
-from design.vasculature.bifurcation import distance
+from design.tissue.depth import depth_along
 from design.vasculature.index import REACH, CellIndex, cell_range
+from design.vasculature.joints import joint_fits
+from design.vasculature.room import Fork, Room, neighbours_of
 from kernels import jit
 
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
-
-MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
-"""Trial forks must fit with larger radii, because every later terminal widens its path: by the
-first factor, plus the second times the logarithm of how often the tree has yet to grow by e, the
-third at most."""
-
-
-class Room(NamedTuple):
-    """The tissue and the distances to be kept, as kernels take them.
-
-    Attributes
-    ----------
-    grid : GridArrays
-    wall : float, mm
-        Kept from the tissue's surface: the clearance and the grid's error.
-    clearance : float, mm
-    ratio : float
-        Clearance over the thinner radius; the larger of the two counts.
-    length_to_radius : float
-    reserve : float
-        Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
-    """
-
-    grid: GridArrays
-    wall: float
-    clearance: float
-    ratio: float
-    length_to_radius: float
-    reserve: float
-
-
-class Fork(NamedTuple):
-    """A trial bifurcation on a segment: its place, the new end, three radii (mm)."""
-
-    segment: np.int64
-    bx: float
-    by: float
-    bz: float
-    tx: float
-    ty: float
-    tz: float
-    up: float
-    low: float
-    new: float
-
-
-@jit
-def kept_apart(room: Room, one: float, two: float) -> float:
-    """Clearance between vessels of radii ``one`` and ``two``, mm."""
-    return max(room.clearance, room.ratio * min(one, two))
 
 
 @jit
@@ -152,47 +103,12 @@ def widening(
 
 
 @jit
-def joint_fits(segments: Any, room: Room, fork: Fork) -> bool:
-    """Whether the three pieces of a fork are long enough, and their far ends clear each other."""
-    s = segments[fork.segment]
-    k = room.length_to_radius
-    bx, by, bz = fork.bx, fork.by, fork.bz
-    up = distance(s.px, s.py, s.pz, bx, by, bz)
-    low = distance(bx, by, bz, s.dx, s.dy, s.dz)
-    new = distance(bx, by, bz, fork.tx, fork.ty, fork.tz)
-    if up < k * fork.up or low < k * fork.low or new < k * fork.new:
-        return False
-    gap = fork.new + fork.low + kept_apart(room, fork.new, fork.low)
-    if point_segment(fork.tx, fork.ty, fork.tz, bx, by, bz, s.dx, s.dy, s.dz)[0] < gap:
-        return False
-    if point_segment(s.dx, s.dy, s.dz, bx, by, bz, fork.tx, fork.ty, fork.tz)[0] < gap:
-        return False
-    gap = fork.new + fork.up + kept_apart(room, fork.new, fork.up)
-    if point_segment(fork.tx, fork.ty, fork.tz, s.px, s.py, s.pz, bx, by, bz)[0] < gap:
-        return False
-    gap = fork.low + fork.up + kept_apart(room, fork.low, fork.up)
-    return bool(point_segment(s.dx, s.dy, s.dz, s.px, s.py, s.pz, bx, by, bz)[0] >= gap)
-
-
-@jit
 def in_tissue(
     room: Room, ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float
 ) -> bool:
     """Whether a capsule keeps its distance from the tissue's surface."""
     need = room.reserve * radius + room.wall
     return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
-
-
-@jit
-def neighbours_of(segments: Any, index: Any) -> tuple[np.int64, np.int64, np.int64, np.int64]:
-    """Parent, sibling and children of a segment, -1 for none."""
-    s = segments[index]
-    sibling = np.int64(-1)
-    if s.parent >= 0:
-        above = segments[s.parent]
-        sibling = np.int64(above.right if above.left == index else above.left)
-    # One width for all four, so that callers may loop over them.
-    return np.int64(s.parent), np.int64(sibling), np.int64(s.left), np.int64(s.right)
 
 
 @jit

@@ -202,7 +202,7 @@ def _options(root: RootSpec | GrowthOptions) -> GrowthOptions:
 
 def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
     radius = _likely_radius(tissue, options)
-    wall = options.clearance_mm + tissue.grid.error_mm
+    wall = options.clearance_mm
     begin, end = stem(tissue, options, radius, wall)
     return _Stem(begin, end, radius)
 

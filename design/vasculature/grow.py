@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from design.errors import DesignError, GrowthError, TissueError
 from design.tissue import Tissue
 from design.vasculature.audit import measure_room, prune
-from design.vasculature.fit import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Room
 from design.vasculature.index import CellIndex, empty_index
 from design.vasculature.options import GrowthOptions
 from design.vasculature.retip import retip_thin
-from design.vasculature.root import stem
+from design.vasculature.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Room
+from design.vasculature.root import lengthen_stem, stem, stem_is_short
 from design.vasculature.sample import depth_first, inside
 from design.vasculature.start import first_pair
 from design.vasculature.state import SEGMENT, place, refresh, spread_down
@@ -138,7 +138,7 @@ class Garden:
         grid = tissue.grid
         room = Room(
             grid.arrays,
-            options.clearance_mm + grid.error_mm,
+            options.clearance_mm,
             options.clearance_mm,
             options.clearance_ratio,
             options.length_to_radius,
@@ -313,16 +313,23 @@ class Garden:
     def _no_room(self) -> GrowthError:
         smallest = self.options.smallest_radius_mm
         wish = f" of radius {smallest:g} mm or more" if smallest else ""
+        asked, root = self.options.terminals, self.scale.root_radius
+        reserved = (
+            f" beside a trunk from {root:.3g} mm radius, reserved because {asked} terminals need it"
+        )
+        hint = " (their thinner trunk leaves more room: more than here may then fit)"
         return GrowthError(
-            f"only {self.terminals} of {self.options.terminals} terminals{wish} fit with clearance "
-            f"{self.options.clearance_mm:g} mm: {_PATIENCE} points in a row found no place; ask "
-            "for fewer terminals, a smaller smallest radius or clearance"
+            f"only {self.terminals} of {asked} terminals{wish} fit with clearance "
+            f"{self.options.clearance_mm:g} mm{reserved if root else ''}: {_PATIENCE} points in a "
+            f"row found no place; ask for fewer terminals{hint if root else ''}, a smaller "
+            "smallest radius or clearance"
         )
 
     def audit(self) -> int:
         """Derive the final radii; return how many segments don't fit with them.
 
-        With a smallest radius, a thinner terminal doesn't fit either.
+        With a smallest radius, a thinner terminal doesn't fit either; nor does a stem too short
+        for its radius.
         """
         smallest = self.options.smallest_radius_mm
         root = self.scale.root_radius or self._root_radius()
@@ -331,16 +338,20 @@ class Garden:
             root *= smallest / thinnest
             spread_down(self.segments, self.count, root, 1.0, self.options.law)
         self._reindex()
-        return int(
-            measure_room(self.segments, self.count, self.index, self.room, _just(smallest or 0.0))
+        left = measure_room(
+            self.segments, self.count, self.index, self.room, _just(smallest or 0.0)
         )
+        return int(left) + stem_is_short(self.segments, self.room)
 
     def _root_radius(self) -> float:
         load = float(self.segments["load"][0])
         return float((self.scale.flow_over_drop * load / self.terminals) ** 0.25)
 
     def repair(self) -> None:
-        """Move tips that are too thin; take away what else the audit found."""
+        """Lengthen the stem, or move tips that are too thin and take away what else doesn't fit."""
+        if stem_is_short(self.segments, self.room):
+            lengthen_stem(self.segments, self.room, self.options.law)
+            return
         if self.options.smallest_radius_mm is not None:
             retip_thin(
                 self.segments,

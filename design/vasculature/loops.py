@@ -198,7 +198,7 @@ def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArra
         radius, length = options.smallest_radius_mm, 0.9 * float(chord.min())
     return Rule(
         tissue.grid.arrays,
-        options.clearance_mm + tissue.grid.error_mm,
+        options.clearance_mm,
         options.clearance_mm,
         options.clearance_ratio,
         radius,

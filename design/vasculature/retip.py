@@ -9,16 +9,10 @@ import numpy as np
 from design.geometry import point_segment
 from design.vasculature.bifurcation import distance
 from design.vasculature.cost import from_gamma, to_gamma
-from design.vasculature.fit import (
-    Room,
-    in_tissue,
-    kept_apart,
-    neighbours_of,
-    seven,
-    widening,
-)
+from design.vasculature.fit import in_tissue, seven, widening
 from design.vasculature.index import REACH, CellIndex, insert
 from design.vasculature.options import Law
+from design.vasculature.room import Room, kept_apart, neighbours_of
 from design.vasculature.state import place, refresh, refresh_upwards
 from kernels import jit
 

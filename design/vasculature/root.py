@@ -7,12 +7,20 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError, TissueError
 from design.tissue import Tissue
-from design.vasculature.options import GrowthOptions
+from design.vasculature.options import GrowthOptions, Law
+from design.vasculature.room import Room
+from design.vasculature.state import Segments, place, refresh
 
 FloatArray = NDArray[np.float64]
 
 _STEM_DEPTH = 1.5
 """Depth of the stem's end over what its children need: they leave it sideways."""
+
+_STEM_LENGTH = 1.15
+"""Length of the stem over its least: the final radius may be larger than predicted."""
+
+_LONGER = 1.01
+"""The same where the stem turned out too short."""
 
 
 def stem(
@@ -22,14 +30,15 @@ def stem(
 
     It runs straight from the root point along its direction, to the first place deep enough
     for its children with half as much again, or else to the deepest place before it leaves the
-    tissue.
+    tissue; in either case so far that it is long enough for its radius.
 
     Raises
     ------
     TissueError
         When the tissue nowhere holds the children of the root.
     GrowthError
-        When the direction misses the tissue, or is too shallow for the children.
+        When the direction misses the tissue, or is too shallow for the children or too short for
+        the root's radius.
     """
     point, direction = tissue.top_vertex()
     if options.root_point_mm is not None:
@@ -59,9 +68,38 @@ def stem(
             f"surface, and its first branches need {need:.3g} mm; choose another root_point_mm or "
             "root_direction, fewer terminals, a smaller smallest radius or clearance"
         )
-    enough = np.flatnonzero(depth >= _STEM_DEPTH * need)
-    end = int(enough[0]) if len(enough) else int(np.argmax(depth))
+    long = along[: len(depth)] >= _STEM_LENGTH * options.length_to_radius * root_radius
+    if depth[long].max(initial=-np.inf) < need:
+        raise GrowthError(
+            f"root at {_say(point)} along {_say(direction)} leaves no room for a stem "
+            f"{options.length_to_radius:g} times as long as its radius of {root_radius:.3g} mm "
+            "(length_to_radius); choose another root_point_mm or root_direction, fewer terminals, "
+            "a smaller smallest radius or length_to_radius"
+        )
+    enough = np.flatnonzero(long & (depth >= _STEM_DEPTH * need))
+    end = int(enough[0]) if len(enough) else int(np.argmax(np.where(long, depth, -np.inf)))
     return point, point + along[end] * direction
+
+
+def stem_is_short(segments: Segments, room: Room) -> bool:
+    """Whether the root's segment is shorter than its radius asks for."""
+    return bool(segments[0]["length"] < room.length_to_radius * segments[0]["radius"])
+
+
+def lengthen_stem(segments: Segments, room: Room, law: Law) -> None:
+    """Move the root's bifurcation on along the stem; the audit that follows judges it there."""
+    s = segments[0]
+    begin = np.array([s["px"], s["py"], s["pz"]])
+    end = np.array([s["dx"], s["dy"], s["dz"]])
+    longer = _LONGER * room.length_to_radius * s["radius"] / s["length"]
+    end = begin + longer * (end - begin)
+    place(segments, 0, tuple(begin), tuple(end))
+    for child in (int(s["left"]), int(s["right"])):
+        if child >= 0:
+            tip = segments[child]
+            place(segments, child, tuple(end), (tip["dx"], tip["dy"], tip["dz"]))
+            refresh(segments, child, law)
+    refresh(segments, 0, law)
 
 
 def _first_stay(

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.grid import GridArrays, read
+from design.tissue.arrays import GridArrays
+from design.tissue.grid import read
 from kernels import jit
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.vasculature.bifurcation import distance
-from design.vasculature.fit import Room, in_tissue, kept_apart
+from design.vasculature.fit import in_tissue
 from design.vasculature.options import Law
+from design.vasculature.room import Room, kept_apart
 from design.vasculature.state import place, refresh
 from kernels import jit
 

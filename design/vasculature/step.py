@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from design.tissue.grid import depth_along, read
+from design.tissue.depth import least_depth_along
+from design.tissue.grid import read
 from design.vasculature.bifurcation import best_place, distance, split_value
 from design.vasculature.cost import ENOUGH, climb
-from design.vasculature.fit import Fork, Room, Seven, fits, neighbours_of, seven, widening
+from design.vasculature.fit import Seven, fits, seven, widening
 from design.vasculature.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.options import Law
+from design.vasculature.room import Fork, Room, neighbours_of
 from design.vasculature.state import place, refresh, refresh_upwards, spread_down
 from kernels import jit
 
@@ -224,8 +226,8 @@ def propose(
 def settle(segments: Any, index: CellIndex, room: Room, i: int, skip: Seven) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
-    need = s.radius + room.wall
-    depth = depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, need)
+    most = REACH * s.radius + room.wall
+    depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
     free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
     s.allowed = min(depth - room.wall, free * s.radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)

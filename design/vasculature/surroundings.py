@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.fit import Room, seven, widening
+from design.vasculature.fit import seven, widening
 from design.vasculature.index import CellIndex
+from design.vasculature.room import Room
 from design.vasculature.state import SEGMENT
 from kernels import jit
 

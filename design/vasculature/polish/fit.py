@@ -6,8 +6,9 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.bifurcation import distance
-from design.vasculature.fit import Room, in_tissue, kept_apart, neighbours_of, seven, widening
+from design.vasculature.fit import in_tissue, seven, widening
 from design.vasculature.index import CellIndex
+from design.vasculature.room import Room, kept_apart, neighbours_of
 from kernels import jit
 
 JOINT = 1.01

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.fit import Fork, Room, joint_fits, neighbours_of, seven
+from design.vasculature.fit import seven
 from design.vasculature.index import CellIndex
+from design.vasculature.joints import joint_fits
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,
@@ -18,6 +19,7 @@ from design.vasculature.polish.fit import (
     stretch,
 )
 from design.vasculature.polish.relax import root_radius
+from design.vasculature.room import Fork, Room, neighbours_of
 from kernels import jit
 
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from design.vasculature.cost import joined
-from design.vasculature.fit import Room
 from design.vasculature.index import REACH, CellIndex, insert
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end, node_fits, node_slack
+from design.vasculature.room import Room
 from design.vasculature.state import place, refresh, refresh_upwards, spread_down
 from kernels import jit
 

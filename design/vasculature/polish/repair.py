@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.fit import Room
 from design.vasculature.index import CellIndex
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, node_fits, node_slack
 from design.vasculature.polish.relax import commit_node, node_value
+from design.vasculature.room import Room
 from kernels import jit
 
 STEPS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0])
@@ -67,10 +67,30 @@ def _push(
     s = segments[i]
     here = far_end(s)
     now = (s.radius, segments[s.left].radius, segments[s.right].radius)
-    joint = min(0.0, node_slack(segments, room, i, here, now))
+    slack = node_slack(segments, room, i, here, now)
+    # A joint that doesn't part is mended first of all; where it can't be it mustn't get worse.
+    done = _push_to(segments, index, room, law, flow_over_drop, i, 0.0)
+    if done == 0 and slack < 0.0:
+        done = _push_to(segments, index, room, law, flow_over_drop, i, slack)
+    return done
+
+
+@jit
+def _push_to(
+    segments: Any,
+    index: CellIndex,
+    room: Room,
+    law: Law,
+    flow_over_drop: float,
+    i: int,
+    joint: float,
+) -> int:
+    """The same, to where the joints leave ``joint`` of room at least."""
+    s = segments[i]
+    here = far_end(s)
     for step in STEPS:
         least = np.inf
-        best, best_radii = here, now
+        best, best_radii = here, (s.radius, s.radius, s.radius)
         for n in range(len(DIRECTIONS)):
             d = DIRECTIONS[n]
             far = step * s.radius / np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)

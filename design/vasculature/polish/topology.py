@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from design.vasculature.fit import Fork, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, near_end
+from design.vasculature.room import Fork, neighbours_of
 from design.vasculature.state import place, refresh, refresh_upwards
 from kernels import jit
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.audit import measure_room
-from design.vasculature.fit import Room
 from design.vasculature.index import CellIndex, empty_index
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import law_of, segments_of
@@ -19,6 +18,7 @@ from design.vasculature.polish.graft import graft
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.relax import all_radii, relax
 from design.vasculature.polish.repair import push_wide
+from design.vasculature.room import Room
 from design.vasculature.step import list_all
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology
@@ -78,7 +78,7 @@ class Bench:
         grid = tissue.grid
         room = Room(
             grid.arrays,
-            options.clearance_mm + grid.error_mm,
+            options.clearance_mm,
             options.clearance_mm,
             options.clearance_ratio,
             options.length_to_radius,

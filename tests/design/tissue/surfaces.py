@@ -44,3 +44,10 @@ def thin_box(wall=0.3):
     outer = Manifold.cube((12.0, 12.0, 12.0))
     inner = Manifold.cube((6.0, 6.0, 9.0 - wall)).translate((3.0, 3.0, 3.0))
     return surface(outer - inner)
+
+
+def slit_block():
+    """Block of 12 mm with a slanted slit far thinner than a cell, and a slanted needle hole."""
+    slit = Manifold.cube((0.004, 9.0, 8.0)).rotate((0.0, 20.0, 10.0)).translate((5.0, 1.0, 5.0))
+    hole = Manifold.cylinder(7.0, 0.3, 0.01, 8).rotate((0.0, 35.0, 0.0)).translate((1.0, 6.0, 0.0))
+    return surface(Manifold.cube((12.0, 12.0, 12.0)) - slit - hole)

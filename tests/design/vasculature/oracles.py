@@ -81,3 +81,19 @@ def _way(keys, i, j):
                     best[other] = further
                     heapq.heappush(heap, (further, other))
     return np.inf
+
+
+def parting(tree, radius, clearance_mm=0.0, ratio=0.0):
+    """Least room, mm, between a vessel's far end and a vessel it shares its near node with."""
+    least = np.inf
+    for i, pair in enumerate(tree.children):
+        if pair[0] < 0:
+            continue
+        one, two = pair
+        for tip, other in ((one, two), (two, one), (one, i), (two, i)):
+            begin, way = tree.proximal[other], tree.distal[other] - tree.proximal[other]
+            along = np.clip((tree.distal[tip] - begin) @ way / (way @ way), 0, 1)
+            away = np.linalg.norm(tree.distal[tip] - begin - along * way)
+            kept = max(clearance_mm, ratio * min(radius[tip], radius[other]))
+            least = min(least, away - radius[tip] - radius[other] - kept)
+    return least

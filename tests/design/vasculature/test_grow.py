@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
 from design.errors import GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.tissue import annulus, block, folded_cortex, load_tissue, tissue_from_surface
@@ -37,6 +38,12 @@ def tissues():
     }
 
 
+@pytest.fixture(scope="module")
+def slit():
+    shape = surfaces.slit_block()
+    return tissue_from_surface(shape.vertices, shape.faces, spacing_mm=0.3)
+
+
 def slack_outside(tree, tissue, clearance_mm=0.0):
     """Least room between any lumen and the surface, by exact distances; the root apart."""
     exact = build_triangle_tree(tissue.vertices, tissue.faces)
@@ -48,6 +55,15 @@ def slack_outside(tree, tissue, clearance_mm=0.0):
     return np.where(inside, away - radius[1:] - clearance_mm, -np.inf).min()
 
 
+def outside_exactly(tree, tissue):
+    """Segments whose lumen isn't in the tissue by an independent checker; the root apart."""
+    corners = tissue.vertices[tissue.faces]
+    exact = surface_tree(corners)
+    start, end, radius = tree.proximal[1:], tree.distal[1:], tree_radii(tree)[1:] - 1e-9
+    away = to_surface(start, end, radius, exact, corners[exact.order])
+    return ((away < radius) | (winding_numbers(end, corners, exact) <= 0)).sum()
+
+
 def check(tree, tissue, options):
     terminals = (tree.children[:, 0] < 0).sum()
     assert terminals == options.terminals
@@ -57,7 +73,11 @@ def check(tree, tissue, options):
     assert flows.sum() == pytest.approx(options.flow_ul_s(tissue.volume_mm3))
     found = collisions(tree_to_network(tree), options.clearance_mm, options.clearance_ratio)
     assert found.count == 0
-    assert slack_outside(tree, tissue, options.clearance_mm) > -1e-3
+    assert slack_outside(tree, tissue, options.clearance_mm) > -1e-9
+    radius = tree_radii(tree)
+    assert oracles.parting(tree, radius, options.clearance_mm, options.clearance_ratio) > -1e-9
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    assert (length >= options.length_to_radius * radius * (1 - 1e-9)).all()
 
 
 SHAPES = (
@@ -94,6 +114,61 @@ def test_printable_tree_fits_the_real_gyrus():
     tree = grow_tree(tissue, options)
     check(tree, tissue, options)
     np.testing.assert_array_equal(tree.proximal[0], tissue.top_vertex()[0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("smallest", [None, 0.01])
+def test_trees_stay_out_of_a_slit_thinner_than_a_cell(slit, seed, smallest):
+    options = GrowthOptions(
+        terminals=8000,
+        seed=seed,
+        smallest_radius_mm=smallest,
+        root_point_mm=(9.5, 6.0, 12.0),
+        root_direction=(0.0, 0.0, -1.0),
+    )
+    assert outside_exactly(grow_tree(slit, options), slit) == 0
+
+
+def test_large_tree_stays_in_the_real_heart():
+    path = SHARED / "biventricle_svv.stl"
+    if not path.is_file():
+        pytest.skip("no shared data beside the repository")
+    tissue = load_tissue(path, "mm")
+    tree = grow_tree(tissue, GrowthOptions(terminals=30_000))
+    assert outside_exactly(tree, tissue) == 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_stem_is_as_long_as_asked_with_its_final_radius(tissues, seed):
+    options = GrowthOptions(terminals=100, seed=seed, murray_exponent=2.3, clearance_mm=0.02)
+    tree = grow_tree(tissues["folded cortex"], options)
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    assert (length >= options.length_to_radius * tree_radii(tree)).all()
+
+
+def test_stem_that_turned_out_too_short_is_lengthened(tissues, monkeypatch):
+    monkeypatch.setattr("design.vasculature.root._STEM_LENGTH", 0.0)
+    options = GrowthOptions(terminals=100, murray_exponent=2.3, clearance_mm=0.02)
+    tree = grow_tree(tissues["folded cortex"], options)
+    assert 1.0 <= np.linalg.norm(tree.distal[0] - tree.proximal[0]) / tree_radii(tree)[0] < 1.03
+    check(tree, tissues["folded cortex"], options)
+
+
+def test_stem_without_room_for_its_length_is_refused(tissues):
+    with pytest.raises(GrowthError, match=r"no room for a stem 100 times as long as its radius"):
+        grow_tree(tissues["block"], GrowthOptions(terminals=20, length_to_radius=100.0))
+
+
+def test_refusal_says_what_was_reserved_and_fewer_terminals_do_fit():
+    cube = tissue_of(block((10.0, 10.0, 10.0)))
+    asked = {"smallest_radius_mm": 0.1, "clearance_mm": 0.1}
+    with pytest.raises(GrowthError, match=r"reserved because 3000 terminals need it"):
+        grow_tree(cube, GrowthOptions(terminals=3000, terminal_spread=1.7, **asked))
+    check(
+        grow_tree(cube, GrowthOptions(terminals=100, **asked)),
+        cube,
+        GrowthOptions(terminals=100, **asked),
+    )
 
 
 def test_same_seed_gives_the_same_bytes_and_another_seed_another_tree(tissues):

@@ -1,0 +1,159 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
+from design.geometry import build_triangle_tree
+from design.geometry.segment_surface import segment_distance, segment_triangle
+from design.tissue import load_tissue, tissue_from_surface
+from design.tissue.depth import depth_bounds, winding_number
+from tests.design.tissue import surfaces
+
+SHARED = Path(__file__).parents[4] / "shared" / "data"
+
+
+@pytest.fixture(scope="module")
+def slit():
+    shape = surfaces.slit_block()
+    # The slit is open space, not a thin wall: no finer grid is asked for.
+    return tissue_from_surface(shape.vertices, shape.faces, spacing_mm=0.3)
+
+
+def capsules_near(tissue, count, seed=0):
+    """Short capsules around points scattered about the surface."""
+    rng = np.random.default_rng(seed)
+    corners = tissue.vertices[tissue.faces]
+    size = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    face = rng.choice(len(corners), count, p=size / size.sum())
+    weight = rng.dirichlet(np.ones(3), count)
+    middle = np.einsum("ij,ijk->ik", weight, corners[face])
+    h = tissue.grid.spacing_mm
+    start = middle + rng.normal(0, h, middle.shape)
+    end = start + rng.normal(0, h, middle.shape)
+    return start, end, rng.uniform(0.01, 0.5, count) * h
+
+
+def judged(tissue, start, end, radius):
+    """Whether each capsule is inside by an independent checker."""
+    corners = tissue.vertices[tissue.faces]
+    tree = surface_tree(corners)
+    away = to_surface(start, end, radius, tree, corners[tree.order])
+    return (away >= radius) & (winding_numbers(end, corners, tree) > 0)
+
+
+def test_capsules_are_judged_exactly_where_a_slit_is_thinner_than_a_cell(slit):
+    assert slit.grid.spacing_mm > 0.05
+    start, end, radius = capsules_near(slit, 20_000)
+    expected = judged(slit, start, end, radius)
+    assert expected.any()
+    assert not expected.all()
+    np.testing.assert_array_equal(slit.grid.capsule_inside(start, end, radius), expected)
+
+
+@pytest.mark.parametrize("name", ["biventricle_svv.stl", "gyrus_patch_fsaverage5.stl"])
+def test_capsules_are_judged_exactly_in_real_tissue(name):
+    if not (SHARED / name).is_file():
+        pytest.skip("no shared data beside the repository")
+    tissue = load_tissue(SHARED / name, "mm")
+    start, end, radius = capsules_near(tissue, 50_000)
+    expected = judged(tissue, start, end, radius)
+    np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
+
+
+def test_the_capsule_that_a_read_once_let_out_is_outside():
+    path = SHARED / "biventricle_svv.stl"
+    if not path.is_file():
+        pytest.skip("no shared data beside the repository")
+    grid = load_tissue(path, "mm").grid
+    start = np.array([[48.795814, 9.72107644, 33.12117283]])
+    end = np.array([[49.02402659, 9.97229899, 32.96081312]])
+    assert not grid.capsule_inside(start, end, np.array([0.01307])).any()
+
+
+def test_bounds_of_depth_hold_everywhere(slit):
+    rng = np.random.default_rng(3)
+    near = capsules_near(slit, 5_000)[0]
+    points = np.concatenate([near, rng.uniform(-2, 14, (5_000, 3))])
+    corners = slit.vertices[slit.faces]
+    tree = surface_tree(corners)
+    away = to_surface(points, points, np.full(len(points), 30.0), tree, corners[tree.order])
+    depth = np.where(winding_numbers(points, corners, tree) > 0, away, -away)
+    bounds = np.array([depth_bounds(slit.grid.arrays, *p) for p in points])
+    assert (bounds[:, 0] <= depth).all()
+    assert (depth <= bounds[:, 1]).all()
+    # And they say something: no wider than a cell's diagonal allows.
+    width = np.ptp(bounds[: len(near)], axis=1)
+    assert (width[np.isfinite(width)] < 2 * slit.grid.spacing_mm).all()
+
+
+def test_winding_number_agrees_with_a_checker(slit):
+    points = np.concatenate(list(capsules_near(slit, 3_000)[:2]))
+    tree = build_triangle_tree(slit.vertices, slit.faces)
+    mine = [winding_number(tree, *p) for p in points]
+    np.testing.assert_array_equal(mine, winding_numbers(points, slit.vertices[slit.faces]))
+
+
+def test_winding_number_counts_overlapping_solids_and_no_cavity():
+    shapes = [surfaces.surface(surfaces.sphere(r)) for r in (6.0, 4.0)]
+    vertices = np.concatenate([s.vertices for s in shapes])
+    faces = np.concatenate([shapes[0].faces, shapes[1].faces + len(shapes[0].vertices)])
+    tree = build_triangle_tree(vertices, faces)
+    assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 5.0, 7.0, -5.0)] == [2, 1, 0, 1]
+    hollow = surfaces.hollow_sphere()
+    tree = build_triangle_tree(hollow.vertices, hollow.faces)
+    assert [winding_number(tree, x, 0.0, 0.0) for x in (0.0, 8.0, 11.0)] == [0, 1, 0]
+
+
+def sampled_distance(a, b, tri):
+    """Least distance between points of a segment and of a triangle."""
+    s = np.linspace(0, 1, 33)
+    u, v = np.meshgrid(s, s)
+    keep = u + v <= 1 + 1e-12
+    corners = tri.reshape(3, 3)
+    on = corners[0] + np.outer(u[keep], corners[1] - corners[0])
+    on = on + np.outer(v[keep], corners[2] - corners[0])
+    along = a + np.outer(s, b - a)
+    return np.linalg.norm(along[:, None] - on[None], axis=2).min()
+
+
+@given(st.lists(st.floats(-1, 1, width=32), min_size=15, max_size=15))
+def test_segment_triangle_distance_is_the_least_over_their_points(numbers):
+    a, b, tri = np.array(numbers[:3]), np.array(numbers[3:6]), np.array(numbers[6:])
+    found = segment_triangle(*a, *b, tri)
+    sampled = sampled_distance(a, b, tri)
+    # Samples are at most an eighth apart on each.
+    assert sampled - 0.2 <= found <= sampled + 1e-6
+
+
+def test_segment_through_a_triangle_has_distance_zero():
+    tri = np.array([0.0, 0, 0, 1, 0, 0, 0, 1, 0])
+    assert segment_triangle(0.2, 0.2, -1.0, 0.3, 0.3, 2.0, tri) == 0.0
+    assert segment_triangle(0.8, 0.8, -1.0, 0.8, 0.8, 2.0, tri) > 0.1
+
+
+def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
+    tree = build_triangle_tree(slit.vertices, slit.faces)
+    start, end, _ = capsules_near(slit, 200, seed=4)
+    for a, b in zip(start, end, strict=True):
+        each = [segment_triangle(*a, *b, t) for t in tree.triangles]
+        assert segment_distance(tree, *a, *b, np.inf) == min(each)
+        assert segment_distance(tree, *a, *b, 1e-3) == min(*each, 1e-3)
+
+
+def test_depth_of_a_long_segment_is_that_of_its_shallowest_place(slit):
+    rng = np.random.default_rng(9)
+    start, end = rng.uniform(0.5, 11.5, (2, 300, 3))
+    corners = slit.vertices[slit.faces]
+    tree = surface_tree(corners)
+    away = to_surface(start, end, np.full(300, 30.0), tree, corners[tree.order])
+    inside = (away > 0) & (winding_numbers(end, corners, tree) > 0)
+    found = slit.grid.least_depth(start, end)
+    np.testing.assert_allclose(found[inside], away[inside], rtol=1e-9)
+    assert (found[~inside] < 0).all()
+    assert inside.any()
+    assert not inside.all()
