@@ -4,7 +4,9 @@ from design.vasculature.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network
 from design.vasculature.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.grow import grow_tree
-from design.vasculature.loops import LoopOptions, close_loops
+from design.vasculature.loop_options import LoopOptions
+from design.vasculature.loops import ClosedLoops, close_loops
+from design.vasculature.mixing import mix_trees
 from design.vasculature.named import (
     PLANAR_BLOCK_MM,
     PLANAR_DIMPLES,
@@ -18,6 +20,7 @@ from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_top
 __all__ = [
     "PLANAR_BLOCK_MM",
     "PLANAR_DIMPLES",
+    "ClosedLoops",
     "Collisions",
     "Dimple",
     "GrowthOptions",
@@ -30,6 +33,7 @@ __all__ = [
     "forest_to_network",
     "grow_forest",
     "grow_tree",
+    "mix_trees",
     "planar_four_vessel",
     "scaled_to_smallest_radius",
     "tree_from_topology",

@@ -1,4 +1,4 @@
-"""Lay curves between matched terminals one after another, and mend what found no way."""
+"""Lay curves between matched ends one after another, and mend what found no way."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.curves import CAPSULE, PIECES, Ends, Rule, best_curve
+from design.vasculature.curve_fit import CAPSULE, Ends, Rule, radius_for, weigh
+from design.vasculature.curves import PIECES, best_curve
 from design.vasculature.index import CellIndex, empty_index, insert
+from design.vasculature.routes import Crowd, find_route
+from design.vasculature.tips import Tips
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -30,48 +33,25 @@ ROUNDS = 4
 DRAWN_BACK = (0.2, 0.4, 0.6)
 """Parts of a terminal's length by which it is shortened where nothing else makes way."""
 
-FEW, FEW_PART = 4, 0.01
-"""Failures, or part of all connections, up to which terminals are shortened: where more fail,
-the trees don't suit each other."""
+FEW, FEW_PART = 4, 0.02
+"""Failures, or part of all connections, up to which ways round are searched and terminals
+shortened: where more fail, the trees don't suit each other."""
 
 STUB = 4.0
 """Room kept in front of a terminal until it is joined, over a connection's radius."""
 
+_SKETCH = 5
+"""Points of each curve by which near ones are found."""
+
 
 @dataclass(frozen=True)
-class Tips:
-    """The terminals of one side.
+class Laid:
+    """A connection as it was, so that it can be put back."""
 
-    Attributes
-    ----------
-    point, direction : (n, 3) float64
-        mm, and unit vectors.
-    kin : (n, KIN) int64
-        See `Ends`.
-    way : (n, KIN) float64, mm
-    length, radius : (n,) float64, mm
-        Of the terminal's vessel as grown.
-    drawn_back : (n,) float64, mm
-        By how much it was shortened since.
-    """
-
-    point: FloatArray
-    direction: FloatArray
-    kin: IntArray
-    way: FloatArray
-    length: FloatArray
-    radius: FloatArray
-    drawn_back: FloatArray
-
-    def draw_back(self, tip: int, by: float) -> None:
-        """Shorten a terminal's vessel by ``by`` (mm; negative gives back)."""
-        self.point[tip] -= by * self.direction[tip]
-        self.way[tip, 1:] -= by
-        self.drawn_back[tip] += by
-
-    def lost(self, tip: int) -> float:
-        """Length over r⁴ that a terminal has lost, mm⁻³."""
-        return float(self.drawn_back[tip] / self.radius[tip] ** 4)
+    partner: int
+    curve: FloatArray
+    radius: float
+    routed: bool
 
 
 @dataclass
@@ -84,37 +64,56 @@ class Web:
     partner : (n,) int64
         Which of ``other`` each of ``one`` is to be joined to.
     rule : Rule
-    capsules : (k + 2 n + n PIECES,) CAPSULE
-        The trees' vessels, a stub in front of each terminal not yet joined (those of ``one``,
-        then those of ``other``), then a place for each connection's pieces.
-    trees : int
+    bounds : (2, 3) float64, mm
+        Of the tissue.
+    capsules : (k + 2 n + ...,) CAPSULE
+        The vessels there are, a stub in front of each end not yet joined (those of ``one``, then
+        those of ``other``), then places for the connections' pieces.
+    fixed : int
         k.
     shapes : (SHAPES, 8) float64
     index : CellIndex
-    curve : (n, PIECES + 1, 3) float64, mm
+    curve : list of n (m, 3) float64, mm
+        Polylines; none where no curve was laid.
     radius : (n,) float64, mm
         0 where no curve was laid.
+    routed : (n,) bool
+        Not a single cubic.
     """
 
     one: Tips
     other: Tips
     partner: IntArray
     rule: Rule
+    bounds: FloatArray
     capsules: NDArray[np.void]
-    trees: int
+    fixed: int
     shapes: FloatArray
     index: CellIndex
-    curve: FloatArray = field(init=False)
+    curve: list[FloatArray] = field(init=False)
     radius: FloatArray = field(init=False)
+    routed: NDArray[np.bool_] = field(init=False)
+    sketch: FloatArray = field(init=False)
+    place: IntArray = field(init=False)
+    room: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.curve = np.zeros((len(self.partner), PIECES + 1, 3))
-        self.radius = np.zeros(len(self.partner))
+        count = len(self.partner)
+        self.curve = [np.empty((0, 3))] * count
+        self.radius, self.routed = np.zeros(count), np.zeros(count, dtype=bool)
+        self.sketch = np.zeros((count, _SKETCH, 3))
+        self.place = self.fixed + 2 * count + PIECES * np.arange(count, dtype=np.int64)
+        self.room = np.full(count, PIECES)
 
     @property
     def failed(self) -> IntArray:
         """Connections without a curve."""
         return np.flatnonzero(self.radius == 0)
+
+    @property
+    def shortened(self) -> int:
+        """Terminals that were drawn back."""
+        return int((self.one.drawn_back > 0).sum() + (self.other.drawn_back > 0).sum())
 
     def lay_all(self) -> None:
         """Lay every connection, the shortest first; then mend until nothing gets better."""
@@ -128,84 +127,147 @@ class Web:
                     self._mend(int(number))
             if len(self.failed) in (0, before):
                 break
-        if len(self.failed) > max(FEW, FEW_PART * len(self.partner)):
-            return
-        for number in self.failed:
-            if self.radius[number] == 0:
-                self._draw_back(int(number))
+        for way in (self._route, self._draw_back):
+            if len(self.failed) > max(FEW, FEW_PART * len(self.partner)):
+                return
+            for number in self.failed:
+                if self.radius[number] == 0:
+                    way(int(number))
 
     def lay(self, number: int) -> bool:
-        """Lay one connection; False when no shape fits."""
+        """Lay one connection as a single cubic; False when no shape fits."""
         self._stubs(number, 0)
-        radius = best_curve(
-            self._ends(number),
-            self.shapes,
-            FIRST,
-            self.rule,
-            self.index,
-            self.capsules,
-            self.curve[number],
-        )
-        self.radius[number] = radius
+        points = np.empty((PIECES + 1, 3))
+        radius, pieces = self._best(number, len(self.capsules), points)
         if radius > 0:
-            self._stand(number)
+            self._stand(number, points[: pieces + 1], radius, routed=False)
         else:
             self._stubs(number, 1)
         return bool(radius > 0)
 
+    def _best(self, number: int, until: int, points: FloatArray) -> tuple[float, int]:
+        for ends in self._ends(number):
+            found: tuple[float, int] = best_curve(
+                ends, self.shapes, FIRST, self.rule, self.index, self.capsules, until, points
+            )
+            if found[0] > 0:
+                break
+        return found
+
+    def _route(self, number: int) -> bool:
+        """Lay one connection by a way round; False when there is none."""
+        self._stubs(number, 0)
+        crowd = Crowd(self.rule, self.index, self.capsules, self.bounds)
+        for ends in self._ends(number):
+            route = find_route(ends, crowd)
+            if route is not None:
+                self._stand(number, route.points, route.radius, routed=True)
+                return True
+        self._stubs(number, 1)
+        return False
+
     def _stubs(self, number: int, there: int) -> None:
-        """Keep room in front of a connection's terminals, or don't."""
-        first = self.trees + np.array([number, len(self.partner) + self.partner[number]])
-        self.capsules["there"][first] = there
+        """Keep room in front of a connection's ends, or don't."""
+        self.capsules["there"][self.fixed + number] = there
+        if not self.other.mixing:
+            second = self.fixed + len(self.partner) + self.partner[number]
+            self.capsules["there"][second] = there
 
-    def _ends(self, number: int) -> Ends:
-        one, other, b = self.one, self.other, self.partner[number]
-        return Ends(
-            np.stack([one.point[number], other.point[b]]),
-            np.stack([one.direction[number], other.direction[b]]),
-            np.stack([one.kin[number], other.kin[b]]),
-            np.stack([one.way[number], other.way[b]]),
-            one.lost(number) + other.lost(b),
+    def _ends(self, number: int) -> list[Ends]:
+        """What a connection begins and ends at; several where its direction is free."""
+        one, other, b = self.one, self.other, int(self.partner[number])
+        here, there = one.point[number], other.point[b]
+        return [
+            Ends(
+                np.stack([here, there]),
+                np.stack([one.direction[number], ahead]),
+                np.array([one.radius[number], other.radius[b]]),
+                np.stack([one.kin[number], other.kin[b]]),
+                np.stack([one.way[number], other.way[b]]),
+                one.lost(number) + other.lost(b),
+            )
+            for ahead in other.towards(b, here)
+        ]
+
+    def may_be(self, number: int, points: FloatArray) -> bool:
+        """Whether a laid connection fits as another polyline too."""
+        self.capsules["there"][self._pieces(number)] = 0
+        cost, _ = weigh(
+            self._ends(number)[0],
+            points,
+            np.inf,
+            self.rule,
+            self.index,
+            self.capsules,
+            len(self.capsules),
+            np.inf,
         )
+        self.capsules["there"][self._pieces(number)] = 1
+        return bool(cost < np.inf)
 
-    def _places(self, number: int) -> slice:
-        first = self.trees + 2 * len(self.partner) + number * PIECES
-        return slice(first, first + PIECES)
+    def alter(self, number: int, points: FloatArray) -> None:
+        """Give a laid connection another polyline, and the radius that goes with its length."""
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        radius = radius_for(length, self._ends(number)[0], self.rule)
+        routed = bool(self.routed[number])
+        self._fell(number)
+        self._stand(number, points, radius, routed=routed)
 
-    def _stand(self, number: int) -> None:
+    def _pieces(self, number: int) -> slice:
+        """Where a connection's pieces are among the capsules, as many as it has."""
+        first = int(self.place[number])
+        return slice(first, first + max(len(self.curve[number]) - 1, 0))
+
+    def _stand(self, number: int, points: FloatArray, radius: float, *, routed: bool) -> None:
         """Put a connection's pieces among the vessels."""
-        where = self._places(number)
-        points, radius = self.curve[number], np.full(PIECES, self.radius[number])
-        fill_capsules(self.capsules[where], points[:-1], points[1:], radius)
+        pieces = len(points) - 1
+        if pieces > self.room[number]:
+            self._find_room(number, pieces)
+        self.curve[number] = points.copy()
+        self.radius[number], self.routed[number] = radius, routed
+        at = np.linspace(0, pieces, _SKETCH).astype(np.int64)
+        self.sketch[number] = points[at]
+        where = self._pieces(number)
+        fill_capsules(self.capsules[where], points[:-1], points[1:], np.full(pieces, radius))
         self._stubs(number, 0)
         if not list_some(self.capsules, where.start, where.stop, self.index):
             self.reindex()
 
+    def _find_room(self, number: int, pieces: int) -> None:
+        """Give a connection places behind all others."""
+        self.place[number], self.room[number] = len(self.capsules), pieces
+        self.capsules = np.concatenate([self.capsules, empty_capsules(pieces)])
+        self.reindex()
+
     def _fell(self, number: int) -> None:
-        self.capsules["there"][self._places(number)] = 0
-        self.radius[number] = 0.0
+        self.capsules["there"][self._pieces(number)] = 0
+        self.curve[number], self.radius[number] = np.empty((0, 3)), 0.0
+        self.routed[number] = False
         self._stubs(number, 1)
 
     def reindex(self) -> None:
-        """List everything anew, with twice the room."""
-        room = 2 * len(self.index.item)
+        """List everything anew, with twice the room where it is short."""
+        room = max(len(self.index.item), 2 * int(self.index.used[0]))
         low = self.index.origin
         bounds = np.array([low, low + self.index.shape * self.index.cell])
-        self.index = empty_index(bounds, self.index.cell, room, len(self.capsules))
-        if not list_some(self.capsules, 0, len(self.capsules), self.index):
-            self.reindex()
+        while True:
+            self.index = empty_index(bounds, self.index.cell, room, len(self.capsules))
+            if list_some(self.capsules, 0, len(self.capsules), self.index):
+                return
+            room *= 2
 
     def _draw_back(self, number: int) -> None:
         """Make room in front of a connection's terminals by shortening them."""
+        choices = ((0,),) if self.other.mixing else ((0,), (1,), (0, 1))
         for part in DRAWN_BACK:
-            for sides in ((0,), (1,), (0, 1)):
+            for sides in choices:
                 ends = [
                     (self.one, number) if side == 0 else (self.other, int(self.partner[number]))
                     for side in sides
                 ]
                 for tips, tip in ends:
                     self._shorten(tips, tip, part * tips.length[tip] - tips.drawn_back[tip])
-                if self.lay(number) or self._mend(number):
+                if self.lay(number) or self._route(number) or self._mend(number):
                     return
                 for tips, tip in ends:
                     self._shorten(tips, tip, -tips.drawn_back[tip])
@@ -220,33 +282,45 @@ class Web:
         """Make way for a connection: lay a neighbour anew after it, or exchange partners."""
         tips = (self.one.point[number], self.other.point[self.partner[number]])
         ends = np.stack([self.one.point, self.other.point[self.partner]], axis=1)
-        places = np.where((self.radius > 0)[:, None, None], self.curve, ends[:, :1])
+        places = np.where((self.radius > 0)[:, None, None], self.sketch, ends[:, :1])
         away = np.min([((places - tip) ** 2).sum(axis=2).min(axis=1) for tip in tips], axis=0)
         away[number] = np.inf
-        for other in np.argsort(away, kind="stable")[:NEAR]:
-            for exchange in (False, True):
+        # Where the vessels that stay are in the way, laying neighbours anew is no help.
+        self._stubs(number, 0)
+        alone = self._best(number, self.fixed, np.empty((PIECES + 1, 3)))[0] > 0
+        self._stubs(number, 1)
+        for other in np.argsort(away, kind="stable")[: min(NEAR, len(away) - 1)]:
+            for exchange in (False, True) if alone else (True,):
                 if self._both(number, int(other), exchange):
                     return True
         return False
 
     def _both(self, number: int, other: int, exchange: bool) -> bool:
         """Lay two connections anew, or leave both as they were and return False."""
-        pair = [number, other]
-        curve, radius = self.curve[pair].copy(), self.radius[pair].copy()
-        before = self.partner[pair].copy()
-        self._fell(number)
-        self._fell(other)
+        pair = (number, other)
+        before = [self._laid(n) for n in pair]
+        for n in pair:
+            self._fell(n)
         if exchange:
-            self.partner[pair] = before[::-1]
-        if self.lay(number) and (self.lay(other) or radius[1] == 0):
+            self.partner[[number, other]] = self.partner[[other, number]]
+        if self.lay(number) and (self.lay(other) or before[1].radius == 0):
             return True
-        self._fell(number)
-        self._fell(other)
-        self.partner[pair], self.curve[pair], self.radius[pair] = before, curve, radius
-        for one in pair:
-            if self.radius[one] > 0:
-                self._stand(one)
+        for n in pair:
+            self._fell(n)
+        for n, was in zip(pair, before, strict=True):
+            self.partner[n] = was.partner
+        for n, was in zip(pair, before, strict=True):
+            if was.radius > 0:
+                self._stand(n, was.curve, was.radius, routed=was.routed)
         return False
+
+    def _laid(self, number: int) -> Laid:
+        return Laid(
+            int(self.partner[number]),
+            self.curve[number],
+            float(self.radius[number]),
+            bool(self.routed[number]),
+        )
 
 
 def curve_shapes(seed: int, kink: float) -> FloatArray:

@@ -1,105 +1,27 @@
-"""Smooth curves between two terminals: candidates, whether they fit, and what they cost."""
+"""Cubic Bézier curves between two terminals: candidates, of which the cheapest that fits."""
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry import segment_segment
-from design.tissue.arrays import GridArrays
-from design.tissue.depth import depth_along
-from design.vasculature.index import CellIndex, cell_range
+from design.vasculature.curve_fit import Ends, Rule, away, radius_for, stations, weigh
+from design.vasculature.index import CellIndex
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
 
 PIECES = 10
-"""Straight pieces of a curve."""
+"""Straight pieces of a Bézier curve at most."""
 
 _BENDS = 24
 """Places at which a curve's bend is measured."""
 
-KIN = 5
-"""Vessels behind a terminal that may be near without colliding: itself, parent, sibling,
-grandparent, aunt."""
-
-CAPSULE = np.dtype(
-    [
-        ("px", "f8"),
-        ("py", "f8"),
-        ("pz", "f8"),
-        ("dx", "f8"),
-        ("dy", "f8"),
-        ("dz", "f8"),
-        ("radius", "f8"),
-        ("there", "i8"),
-    ]
-)
-"""A straight piece of a vessel: ends p and d, radius (mm), and whether it is there (1) or was
-taken away (0)."""
-
-
-class Rule(NamedTuple):
-    """What curves are held to and weighed by, as kernels take it.
-
-    Attributes
-    ----------
-    grid : GridArrays
-    wall : float, mm
-        Kept between lumen and the tissue's surface.
-    clearance, ratio : float
-        Kept between vessels: the larger of mm and a part of the thinner radius.
-    radius, length : float, mm
-        A curve of this length has this radius; others the same resistance, r⁴ ~ length.
-    bend : float
-        Least bend radius over lumen radius.
-    straight : float
-        Cosine of the largest angle between a terminal and the curve that continues it.
-    comfort : float
-        Gap, over the radius, beyond which more is worth nothing.
-    by_length, by_tortuosity, by_clearance, by_volume : float
-        Weights of the cost.
-    """
-
-    grid: GridArrays
-    wall: float
-    clearance: float
-    ratio: float
-    radius: float
-    length: float
-    bend: float
-    straight: float
-    comfort: float
-    by_length: float
-    by_tortuosity: float
-    by_clearance: float
-    by_volume: float
-
-
-class Ends(NamedTuple):
-    """Two terminals that a curve joins.
-
-    Attributes
-    ----------
-    point, direction : (2, 3) float64
-        Tips, mm, and unit vectors in which their vessels point there.
-    kin : (2, KIN) int64
-        Capsules behind each tip, -1 for none.
-    way : (2, KIN) float64, mm
-        Along the vessels from the tip to each.
-    lost : float, mm⁻³
-        Length over r⁴ that the terminals lost when they were drawn back; the curve makes up for
-        it, so that the way through all three resists as before.
-    """
-
-    point: FloatArray
-    direction: FloatArray
-    kin: NDArray[np.int64]
-    way: FloatArray
-    lost: float
+_DENSE = 20
+"""Steps by which lengths along a curve are measured."""
 
 
 @jit
@@ -144,10 +66,7 @@ def handle(ends: Ends, side: int, shape: Any, control: Any) -> float:
     """
     here, there = ends.point[side], ends.point[1 - side]
     u = ends.direction[side]
-    chord = 0.0
-    for x in range(3):
-        chord += (there[x] - here[x]) ** 2
-    chord = max(sqrt(chord), 1e-9)
+    chord = max(away(here, there), 1e-9)
     # Two directions across u, from the axis least along it.
     axis = 0
     for x in range(1, 3):
@@ -178,152 +97,44 @@ def curve_cost(
     rule: Rule,
     index: CellIndex,
     capsules: Any,
+    until: int,
     best: float,
     points: Any,
-) -> tuple[float, float]:
-    """Cost and radius (mm) of a candidate; inf where it doesn't fit or costs ``best`` or more.
+) -> tuple[float, float, int]:
+    """Cost, radius (mm) and pieces of a candidate; inf where it doesn't fit or costs too much.
 
     ``shape`` (8,) has `handle`'s four numbers for either end; ``points`` (PIECES + 1, 3)
-    receives the polyline.
+    receives the polyline. ``until`` and ``best`` as in `weigh`.
     """
     control = np.empty((4, 3))
     control[0], control[3] = ends.point[0], ends.point[1]
     for side in range(2):
         if handle(ends, side, shape[4 * side : 4 * side + 4], control) < rule.straight:
-            return np.inf, 0.0
-    arc = np.zeros(PIECES + 1)
-    chord = 0.0
-    for n in range(PIECES + 1):
-        bezier(control, n / PIECES, points[n])
-        if n > 0:
-            step = 0.0
-            for x in range(3):
-                step += (points[n, x] - points[n - 1, x]) ** 2
-            arc[n] = arc[n - 1] + sqrt(step)
-    for x in range(3):
-        points[0, x], points[PIECES, x] = ends.point[0, x], ends.point[1, x]
-        chord += (ends.point[1, x] - ends.point[0, x]) ** 2
-    chord = max(sqrt(chord), 1e-9)
-    length = arc[PIECES]
-    radius = sqrt(sqrt(length / (rule.length / rule.radius**4 + ends.lost)))
-    volume = length * radius**2 / (rule.length * rule.radius**2)
-    cost = rule.by_length * length / rule.length + rule.by_tortuosity * (length / chord - 1.0)
-    cost += rule.by_volume * volume
-    if cost >= best or tightest_bend(control) < rule.bend * radius:
-        return np.inf, 0.0
-    if kink(ends, points) < rule.straight:
-        return np.inf, 0.0
-    need = radius + rule.wall
-    for n in range(PIECES):
-        p, q = points[n], points[n + 1]
-        if depth_along(rule.grid, p[0], p[1], p[2], q[0], q[1], q[2], need) < need:
-            return np.inf, 0.0
-    if meets_itself(points, arc, radius, rule):
-        return np.inf, 0.0
-    gap = least_gap(ends, points, arc, radius, rule, index, capsules)
-    if gap < 0.0:
-        return np.inf, 0.0
-    cost += rule.by_clearance * max(0.0, 1.0 - gap / (rule.comfort * radius))
-    return (cost if cost < best else np.inf), radius
-
-
-@jit
-def kink(ends: Ends, points: Any) -> float:
-    """Cosine of the larger angle between a terminal and the polyline's first piece there."""
-    least = 1.0
-    for side in range(2):
-        here, step = (0, 1) if side == 0 else (PIECES, -1)
-        size, dot = 0.0, 0.0
-        for x in range(3):
-            move = points[here + step, x] - points[here, x]
-            size += move * move
-            dot += move * ends.direction[side, x]
-        least = min(least, dot / max(sqrt(size), 1e-12))
-    return least
-
-
-@jit
-def meets_itself(points: Any, arc: Any, radius: float, rule: Rule) -> bool:
-    """Whether two pieces of a curve come near that are far along it."""
-    kept = max(rule.clearance, rule.ratio * radius)
-    for i in range(PIECES):
-        a, b = points[i], points[i + 1]
-        for j in range(i + 2, PIECES):
-            if arc[j] - arc[i + 1] <= 4.0 * radius + kept:
-                continue
-            p, q = points[j], points[j + 1]
-            d, _, _ = segment_segment(
-                a[0], a[1], a[2], b[0], b[1], b[2], p[0], p[1], p[2], q[0], q[1], q[2]
-            )
-            if d < 2.0 * radius + kept:
-                return True
-    return False
-
-
-@jit
-def least_gap(
-    ends: Ends,
-    points: Any,
-    arc: Any,
-    radius: float,
-    rule: Rule,
-    index: CellIndex,
-    capsules: Any,
-) -> float:
-    """Least gap between a curve's wall and any other vessel's, mm; -1 where they collide.
-
-    What is near along the vessels belongs to the joint, by the rule of
-    `design.vasculature.collide.collisions`. Gaps above the comfort aren't told apart.
-    """
-    least = rule.comfort * radius
-    reach = radius + max(rule.clearance, least)
-    for n in range(PIECES):
-        a, b = points[n], points[n + 1]
-        index.query[0] += 1
-        query = index.query[0]
-        i0, i1 = cell_range(index, 0, min(a[0], b[0]) - reach, max(a[0], b[0]) + reach)
-        j0, j1 = cell_range(index, 1, min(a[1], b[1]) - reach, max(a[1], b[1]) + reach)
-        k0, k1 = cell_range(index, 2, min(a[2], b[2]) - reach, max(a[2], b[2]) + reach)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                for k in range(k0, k1 + 1):
-                    entry = index.head[(i * index.shape[1] + j) * index.shape[2] + k]
-                    while entry >= 0:
-                        item = index.item[entry]
-                        entry = index.following[entry]
-                        if index.stamp[item] == query:
-                            continue
-                        index.stamp[item] = query
-                        s = capsules[item]
-                        if s.there == 0:
-                            continue
-                        d, _, _ = segment_segment(
-                            a[0], a[1], a[2], b[0], b[1], b[2],
-                            s.px, s.py, s.pz, s.dx, s.dy, s.dz,
-                        )  # fmt: skip
-                        gap = d - radius - s.radius
-                        if gap >= least:
-                            continue
-                        kept = max(rule.clearance, rule.ratio * min(radius, s.radius))
-                        limit = 2.0 * (radius + s.radius) + kept
-                        if along(ends, item, arc[n], arc[PIECES] - arc[n + 1]) <= limit:
-                            continue
-                        if gap < kept:
-                            return -1.0
-                        least = gap
-    return least
-
-
-@jit
-def along(ends: Ends, item: int, to_first: float, to_second: float) -> float:
-    """Way along the vessels from a piece to a capsule behind either terminal, mm; else inf."""
-    way = np.inf
-    for n in range(KIN):
-        if ends.kin[0, n] == item:
-            way = min(way, ends.way[0, n] + to_first)
-        if ends.kin[1, n] == item:
-            way = min(way, ends.way[1, n] + to_second)
-    return way
+            return np.inf, 0.0, 0
+    arc = np.zeros(_DENSE + 1)
+    here, there = np.empty(3), np.empty(3)
+    here[:] = control[0]
+    for n in range(1, _DENSE + 1):
+        bezier(control, n / _DENSE, there)
+        arc[n] = arc[n - 1] + away(here, there)
+        here[:] = there
+    bend = tightest_bend(control)
+    if rule.by_length * arc[_DENSE] / rule.length >= best or bend < 0.99 * rule.bend * radius_for(
+        arc[_DENSE], ends, rule
+    ):
+        return np.inf, 0.0, 0
+    at = np.empty(PIECES + 1)
+    count = stations(arc[_DENSE], ends, rule, PIECES, at)
+    m = 0
+    for n in range(1, count):
+        while arc[m + 1] < at[n]:
+            m += 1
+        t = (m + (at[n] - arc[m]) / (arc[m + 1] - arc[m])) / _DENSE
+        bezier(control, t, points[n])
+    # The ends exactly: pieces that share a node meet there to the last bit.
+    points[0], points[count] = ends.point[0], ends.point[1]
+    cost, radius = weigh(ends, points[: count + 1], bend, rule, index, capsules, until, best)
+    return cost, radius, count
 
 
 @jit
@@ -334,20 +145,21 @@ def best_curve(
     rule: Rule,
     index: CellIndex,
     capsules: Any,
+    until: int,
     points: Any,
-) -> float:
-    """Radius of the cheapest curve of ``shapes`` (m, 8), mm, or 0 where none fits.
+) -> tuple[float, int]:
+    """Radius (mm) and pieces of the cheapest curve of ``shapes`` (m, 8), or 0 where none fits.
 
     All of the ``first`` shapes are weighed; where none fits, the others as far as the first
     that does. ``points`` (PIECES + 1, 3) receives its polyline.
     """
-    best, found = np.inf, 0.0
+    best, found, pieces = np.inf, 0.0, 0
     trial = np.empty((PIECES + 1, 3))
     for n in range(len(shapes)):
         if n >= first and found > 0.0:
             break
-        cost, radius = curve_cost(ends, shapes[n], rule, index, capsules, best, trial)
+        cost, radius, count = curve_cost(ends, shapes[n], rule, index, capsules, until, best, trial)
         if cost < best:
-            best, found = cost, radius
+            best, found, pieces = cost, radius, count
             points[:] = trial
-    return found
+    return found, pieces

@@ -76,7 +76,7 @@ def _still_parted(segments: Any, room: Room, fork: Fork, p: Any, b: Any, d: Any)
 
 
 @jit
-def limit_children(segments: Any, room: Room, left: int, right: int, parent: Any) -> None:
+def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any) -> None:
     """Lower the ``allowed`` radii of a segment's children to where they still part.
 
     Each must end clear of its sibling and its parent, and be long enough for its radius. Where

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,87 +14,55 @@ from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.connect import (
     STUB,
-    Tips,
     Web,
     curve_shapes,
     empty_capsules,
     fill_capsules,
     list_some,
 )
-from design.vasculature.curves import KIN, PIECES, Rule
+from design.vasculature.curve_fit import Rule
+from design.vasculature.curves import PIECES
 from design.vasculature.forest import forest_to_network, joined_networks
 from design.vasculature.index import empty_index
+from design.vasculature.loop_options import LoopOptions
 from design.vasculature.matching import match_terminals
+from design.vasculature.tips import Tips, together, tree_tips
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-
-@dataclass(frozen=True)
-class LoopOptions:
-    """How terminals are joined.
-
-    All connections get the same hydraulic resistance, r⁴ ~ length: with trees of equal terminal
-    pressures every loop then carries the same flow.
-
-    Attributes
-    ----------
-    seed : int
-        Of the shapes tried beyond the first.
-    clearance_mm, clearance_ratio : float
-        As in `GrowthOptions`, between connections and everything, each other included. Trees
-        grown with a little more leave room at their tips.
-    bend_to_radius : float
-        Least bend radius of a connection's axis over its lumen radius; at least 1.
-    kink_degrees : float
-        Largest angle between a terminal's vessel and the connection that continues it.
-    radius_ratio : float
-        Radius of a connection of typical length over the terminals' median radius.
-    smallest_radius_mm : float, optional
-        Instead: no connection is thinner.
-    weight_length, weight_tortuosity, weight_clearance, weight_volume : float
-        Of a candidate's length over the typical one, its length over its chord less 1, its lack
-        of room (1 at none, 0 at four radii), and its volume over the typical one.
-    """
-
-    seed: int = 1
-    clearance_mm: float = 0.0
-    clearance_ratio: float = 0.1
-    bend_to_radius: float = 2.0
-    kink_degrees: float = 75.0
-    radius_ratio: float = 0.75
-    smallest_radius_mm: float | None = None
-    weight_length: float = 1.0
-    weight_tortuosity: float = 0.5
-    weight_clearance: float = 0.5
-    weight_volume: float = 0.5
-
-    def __post_init__(self) -> None:
-        for name, low, high in _LIMITS:
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise GrowthError(f"{name} is {value:g}; give a value from {low:g} to {high:g}")
-
-
-_LIMITS = (
-    ("seed", 0, 2**63),
-    ("clearance_mm", 0.0, 10.0),
-    ("clearance_ratio", 0.0, 10.0),
-    ("bend_to_radius", 1.0, 100.0),
-    ("kink_degrees", 1.0, 85.0),
-    ("radius_ratio", 0.1, 10.0),
-    ("smallest_radius_mm", 1e-4, 10.0),
-    ("weight_length", 0.0, 1e3),
-    ("weight_tortuosity", 0.0, 1e3),
-    ("weight_clearance", 0.0, 1e3),
-    ("weight_volume", 0.0, 1e3),
-)
-
 _COMFORT = 4.0
 _LONGER = 1.15
 """Length of a typical curve over its chord."""
+
+
+@dataclass(frozen=True)
+class ClosedLoops:
+    """A closed network, and what it took.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+        Arteries, veins (flow towards their roots) and connections (each a polyline; tree numbers
+        go on after the trees').
+    connections : int
+        Terminals of a side that are joined.
+    routed : int
+        Connections that go round something, as splines: no single cubic fitted.
+    shortened : int
+        Terminals drawn back to make room.
+    pruned : int
+        Terminals of a side that nothing joined; they were taken away, and the other side's they
+        were matched to. Flows are no longer equal then: `design.hemodynamics.balance` mends it.
+    """
+
+    network: VesselNetwork
+    connections: int
+    routed: int = 0
+    shortened: int = 0
+    pruned: int = 0
 
 
 def close_loops(
@@ -102,13 +70,14 @@ def close_loops(
     arterial: VesselTree | Sequence[VesselTree],
     venous: VesselTree | Sequence[VesselTree],
     options: LoopOptions | None = None,
-) -> VesselNetwork:
+) -> ClosedLoops:
     """Join every arterial terminal to a venous one by a smooth curve in the tissue.
 
-    Terminals are matched with the least sum of distances. Each connection takes the cheapest of
-    several cubic Bézier curves that fit; where none does, neighbours are laid anew, partners
-    exchanged, and at last terminals shortened (the connection makes up for the resistance lost).
-    All pairs of the result, curves included, are audited.
+    Terminals are matched with the least sum of squared distances. Each connection takes the
+    cheapest of several cubic Bézier curves that fit; where none does, neighbours are laid anew
+    and partners exchanged, then ways round are searched on a lattice and smoothed to splines, at
+    last terminals are shortened (the connection makes up for the resistance lost), and a few are
+    pruned. All pairs of the result, curves included, are audited.
 
     Parameters
     ----------
@@ -120,14 +89,13 @@ def close_loops(
 
     Returns
     -------
-    VesselNetwork
-        Arteries, veins (flow towards their roots) and connections (each a polyline; tree numbers
-        go on after the trees').
+    ClosedLoops
 
     Raises
     ------
     GrowthError
-        When the sides' terminals differ in number, or connections find no way (with the count).
+        When the sides' terminals differ in number, or more connections find no way than may be
+        pruned (with the count).
     NetworkError
         When the audit finds collisions (with the count), between the trees given or else.
     """
@@ -135,57 +103,54 @@ def close_loops(
     sides = [_as_list(arterial), _as_list(venous)]
     kinds = [VesselKind.ARTERY] * len(sides[0]) + [VesselKind.VEIN] * len(sides[1])
     trees = [*sides[0], *sides[1]]
-    network = forest_to_network(trees, kinds)
-    web = _web(tissue, trees, len(sides[0]), options)
+    ends, vessels = tree_ends(trees)
+    tips = [together(ends[: len(sides[0])]), together(ends[len(sides[0]) :])]
+    partner = match_terminals(tissue, tips[0].point, tips[1].point)
+    web = open_web(tissue, tips, partner, vessels, options)
     web.lay_all()
-    if len(web.failed):
-        place = web.one.point[web.failed[0]]
-        raise GrowthError(
-            f"{len(web.failed)} of {len(web.radius)} connections found no way with clearance "
-            f"{options.clearance_mm:g} mm and bends of {options.bend_to_radius:g} radii, one of "
-            "them at ({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
-            + "grow the trees with more clearance, or ask for thinner connections, tighter bends "
-            "or less clearance"
-        )
-    closed = joined_networks([network, _connections(web, len(trees))])
-    closed = _merged(closed, len(network.nodes), web, trees, len(sides[0]))
-    found = collisions(closed, options.clearance_mm, options.clearance_ratio)
-    if found.count:
-        raise NetworkError(
-            f"the audit found {found.count} colliding pairs, first vessels "
-            f"{found.vessels[0, 0]} and {found.vessels[0, 1]} with a gap of "
-            f"{found.gap_mm[0]:.3g} mm; grow the trees as one forest with at least the loops' "
-            "clearance"
-        )
-    return closed
+    refuse_too_many(web, int(options.prune_part * len(partner)), options)
+    closed = _closed(web, trees, kinds)
+    refuse_collisions(closed, options)
+    left = len(web.failed)
+    return ClosedLoops(closed, len(web.radius) - left, int(web.routed.sum()), web.shortened, left)
 
 
 def _as_list(trees: VesselTree | Sequence[VesselTree]) -> list[VesselTree]:
     return [trees] if isinstance(trees, VesselTree) else list(trees)
 
 
-def _web(tissue: Tissue, trees: list[VesselTree], arterial: int, options: LoopOptions) -> Web:
+def tree_ends(trees: Sequence[VesselTree]) -> tuple[list[Tips], NDArray[np.void]]:
+    """Each tree's terminals, and all their vessels as capsules."""
     first = np.cumsum([0] + [len(tree.parent) for tree in trees])
     tips = [tree_tips(tree, int(at)) for tree, at in zip(trees, first, strict=False)]
-    one, other = _together(tips[:arterial]), _together(tips[arterial:])
-    partner = match_terminals(tissue, one.point, other.point)
-    count = int(first[-1])
-    capsules = empty_capsules(count + (2 + PIECES) * len(partner))
+    capsules = empty_capsules(int(first[-1]))
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
-    radii = np.concatenate([tree_radii(tree) for tree in trees])
-    fill_capsules(capsules[:count], start, end, radii)
-    is_tip = np.concatenate([tree.children[:, 0] < 0 for tree in trees])
+    fill_capsules(capsules, start, end, np.concatenate([tree_radii(tree) for tree in trees]))
+    return tips, capsules
+
+
+def open_web(
+    tissue: Tissue,
+    tips: Sequence[Tips],
+    partner: IntArray,
+    vessels: NDArray[np.void],
+    options: LoopOptions,
+) -> Web:
+    """A web with nothing laid yet between two sides' ends, among vessels that stay."""
+    one, other = tips
+    count, fixed = len(partner), len(vessels)
+    capsules = np.concatenate([vessels, empty_capsules((2 + PIECES) * count)])
     chord = np.linalg.norm(one.point - other.point[partner], axis=1)
-    rule = _rule(tissue, options, float(np.median(radii[is_tip])), chord)
-    tip = np.concatenate([one.point, other.point])
-    ahead = np.concatenate([one.direction, other.direction])
-    stubs = capsules[count : count + len(tip)]
-    fill_capsules(stubs, tip, tip + STUB * rule.radius * ahead, np.full(len(tip), rule.radius))
-    cell = max(1.2 * float(np.cbrt(tissue.volume_mm3 / (2 * len(partner)))), 1e-6)
+    typical = one if other.mixing else together([one, other])
+    rule = _rule(tissue, options, float(np.median(typical.radius)), chord)
+    stubs = capsules[fixed : fixed + len(typical.point)]
+    ahead = typical.point + STUB * rule.radius * typical.direction
+    fill_capsules(stubs, typical.point, ahead, np.full(len(stubs), rule.radius))
+    cell = max(1.2 * float(np.cbrt(tissue.volume_mm3 / (2 * count))), 1e-6)
     index = empty_index(tissue.bounds, cell, 16 * len(capsules) + 4096, len(capsules))
     shapes = curve_shapes(options.seed, float(np.radians(options.kink_degrees)))
-    web = Web(one, other, partner, rule, capsules, count, shapes, index)
+    web = Web(one, other, partner, rule, tissue.bounds, capsules, fixed, shapes, index)
     if not list_some(capsules, 0, len(capsules), index):
         web.reindex()
     return web
@@ -213,76 +178,124 @@ def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArra
     )
 
 
-def tree_tips(tree: VesselTree, first: int) -> Tips:
-    """The terminals of a tree whose segments are numbered from ``first`` on."""
-    tip = np.flatnonzero(tree.children[:, 0] < 0)
-    span = tree.distal[tip] - tree.proximal[tip]
-    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    parent = tree.parent[tip].astype(np.int64)
-    above = np.where(parent >= 0, tree.parent[parent], -1).astype(np.int64)
-    kin = np.full((len(tip), KIN), -1, dtype=np.int64)
-    way = np.zeros((len(tip), KIN))
-    kin[:, 0] = tip
-    kin[:, 1], kin[:, 2] = parent, _sibling(tree, tip, parent)
-    kin[:, 3] = above
-    kin[:, 4] = np.where(parent >= 0, _sibling(tree, parent, above), -1)
-    way[:, 1:3] = length[tip, None]
-    way[:, 3:] = (length[tip] + length[parent])[:, None]
-    return Tips(
-        tree.distal[tip],
-        span / length[tip, None],
-        np.where(kin >= 0, kin + first, -1),
-        way,
-        length[tip],
-        tree_radii(tree)[tip],
-        np.zeros(len(tip)),
+def refuse_too_many(web: Web, allowed: int, options: LoopOptions) -> None:
+    """Raise `GrowthError` when more connections found no way than ``allowed``."""
+    left = web.failed
+    if len(left) <= allowed:
+        return
+    place = web.one.point[left[0]]
+    raise GrowthError(
+        f"{len(left)} of {len(web.radius)} connections found no way with clearance "
+        f"{options.clearance_mm:g} mm and bends of {options.bend_to_radius:g} radii "
+        f"({allowed} may be pruned), one of them at "
+        "({:.4g}, {:.4g}, {:.4g}) mm; ".format(*place)
+        + "grow the trees with more clearance, or ask for thinner connections, tighter bends, "
+        "less clearance or a larger prune_part"
     )
 
 
-def _sibling(tree: VesselTree, segment: IntArray, parent: IntArray) -> IntArray:
-    """The other child of each parent, -1 where there is no parent."""
-    other = tree.children[parent].sum(axis=1) - segment
-    return np.where(parent >= 0, other, -1).astype(np.int64)
+def refuse_collisions(network: VesselNetwork, options: LoopOptions) -> None:
+    """Raise `NetworkError` when vessels of a finished network collide."""
+    found = collisions(network, options.clearance_mm, options.clearance_ratio)
+    if found.count:
+        raise NetworkError(
+            f"the audit found {found.count} colliding pairs, first vessels "
+            f"{found.vessels[0, 0]} and {found.vessels[0, 1]} with a gap of "
+            f"{found.gap_mm[0]:.3g} mm; grow the trees as one forest with at least the loops' "
+            "clearance"
+        )
 
 
-def _together(tips: list[Tips]) -> Tips:
-    columns = ([getattr(t, f.name) for t in tips] for f in fields(Tips))
-    return Tips(*(np.concatenate(column) for column in columns))
+def _closed(web: Web, trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> VesselNetwork:
+    """Trees and connections as one network, pruned of what wasn't joined."""
+    grown = forest_to_network(trees, kinds)
+    nodes = tip_nodes(trees)
+    drains = np.array([kind != VesselKind.ARTERY for kind in kinds])
+    one = np.concatenate([n for n, drain in zip(nodes, drains, strict=True) if not drain])
+    other = np.concatenate([n for n, drain in zip(nodes, drains, strict=True) if drain])
+    grown = moved_tips(grown, np.append(one, other), [web.one, web.other])
+    laid = np.flatnonzero(web.radius > 0)
+    ends = np.column_stack([one, other[web.partner]])[laid]
+    lines = polylines([web.curve[n] for n in laid], web.radius[laid], ends, grown.nodes, len(trees))
+    return pruned(joined_at(grown, lines))
 
 
-def _connections(web: Web, tree: int) -> VesselNetwork:
-    """The curves as a network of their own, two nodes each."""
-    count = len(web.radius)
-    return VesselNetwork(
-        nodes=web.curve[:, [0, -1]].reshape(-1, 3),
-        vessel_nodes=np.arange(2 * count, dtype=np.int64).reshape(count, 2),
-        kind=np.full(count, int(VesselKind.CONNECTION), dtype=np.int64),
-        tree=np.full(count, tree, dtype=np.int64),
-        offset=(PIECES + 1) * np.arange(count + 1, dtype=np.int64),
-        points=web.curve.reshape(-1, 3),
-        radius=np.repeat(web.radius, PIECES + 1),
-    )
-
-
-def _merged(
-    network: VesselNetwork, nodes: int, web: Web, trees: list[VesselTree], arterial: int
-) -> VesselNetwork:
-    """Put the terminals' nodes in the place of the connections' own, from node ``nodes`` on."""
+def tip_nodes(trees: Sequence[VesselTree]) -> list[IntArray]:
+    """Node of each terminal of each tree in `forest_to_network`'s numbering."""
     # A tree's node 0 is its inlet, node i + 1 the end of its segment i.
     first = np.cumsum([0] + [len(tree.parent) + 1 for tree in trees])
-    tips = [
+    return [
         np.flatnonzero(tree.children[:, 0] < 0) + 1 + at
         for tree, at in zip(trees, first, strict=False)
     ]
-    one, other = np.concatenate(tips[:arterial]), np.concatenate(tips[arterial:])
-    ends = network.vessel_nodes.copy()
-    ends[-len(one) :] = np.column_stack([one, other[web.partner]])
-    at, points = network.nodes[:nodes].copy(), network.points.copy()
-    at[one], at[other] = web.one.point, web.other.point
-    # Straight vessels: two points each, at their nodes.
-    straight = np.flatnonzero(np.diff(network.offset) == 2)
-    for side in range(2):
-        points[network.offset[straight] + side] = at[ends[straight, side]]
+
+
+def moved_tips(network: VesselNetwork, node: IntArray, tips: Sequence[Tips]) -> VesselNetwork:
+    """A network of straight vessels with its terminals where they were drawn back to."""
+    at = network.nodes.copy()
+    at[node] = np.concatenate([side.point for side in tips])
+    return VesselNetwork.from_segments(
+        at, network.vessel_nodes, network.radius[::2], network.kind, network.tree
+    )
+
+
+def polylines(
+    curves: Sequence[FloatArray],
+    radius: FloatArray,
+    ends: IntArray,
+    nodes: FloatArray,
+    tree: int,
+) -> VesselNetwork | None:
+    """Connections between ``nodes`` as a network; None where there are none."""
+    if len(curves) == 0:
+        return None
+    size = np.array([len(curve) for curve in curves])
     return VesselNetwork(
-        at, ends, network.kind, network.tree, network.offset, points, network.radius
+        nodes=nodes,
+        vessel_nodes=ends,
+        kind=np.full(len(curves), int(VesselKind.CONNECTION), dtype=np.int64),
+        tree=np.full(len(curves), tree, dtype=np.int64),
+        offset=np.concatenate([[0], np.cumsum(size)]),
+        points=np.concatenate(list(curves)),
+        radius=np.repeat(radius, size),
+    )
+
+
+def joined_at(network: VesselNetwork, more: VesselNetwork | None) -> VesselNetwork:
+    """A network and vessels between its own nodes (``more`` lists the same or further nodes)."""
+    if more is None:
+        return network
+    both = joined_networks([network, more])
+    ends = both.vessel_nodes.copy()
+    ends[network.vessel_count :] -= len(network.nodes)
+    return VesselNetwork(
+        more.nodes, ends, both.kind, both.tree, both.offset, both.points, both.radius
+    )
+
+
+def pruned(network: VesselNetwork) -> VesselNetwork:
+    """The network without vessels of trees that lead nowhere, nodes numbered anew."""
+    keep = np.ones(network.vessel_count, dtype=bool)
+    ends = network.vessel_nodes
+    inward = np.isin(network.kind, (VesselKind.VEIN, VesselKind.LYMPH))
+    outward = network.kind == VesselKind.ARTERY
+    while True:
+        begins = np.bincount(ends[keep, 0], minlength=len(network.nodes))
+        stops = np.bincount(ends[keep, 1], minlength=len(network.nodes))
+        blind = keep & ((outward & (begins[ends[:, 1]] == 0)) | (inward & (stops[ends[:, 0]] == 0)))
+        if not blind.any():
+            break
+        keep &= ~blind
+    if keep.all():
+        return network
+    point = np.repeat(keep, np.diff(network.offset))
+    used, number = np.unique(ends[keep], return_inverse=True)
+    return VesselNetwork(
+        network.nodes[used],
+        number.reshape(-1, 2).astype(np.int64),
+        network.kind[keep],
+        network.tree[keep],
+        np.concatenate([[0], np.cumsum(np.diff(network.offset)[keep])]),
+        network.points[point],
+        network.radius[point],
     )

@@ -76,7 +76,7 @@ def _candidates(tissue: Tissue, one: FloatArray, other: FloatArray, nearest: int
     pairs = np.unique(pairs, axis=0)
     start, end = one[pairs[:, 0]], other[pairs[:, 1]]
     apart = np.linalg.norm(end - start, axis=1)
-    leaves = tissue.grid.least_depth(start, end) < 0
+    leaves = ~tissue.grid.capsule_inside(start, end, np.zeros(len(start)))
     # Explicit zeros would read as missing candidates.
     cost = np.maximum(apart * np.where(leaves, ACROSS, 1.0), 1e-9) ** 2
     return csr_array((cost, (pairs[:, 0], pairs[:, 1])), shape=(count, count))

@@ -61,6 +61,9 @@ class Scale(NamedTuple):
     goal : int
         Terminals of the finished tree.
     volume : float, mm³
+    patience : int
+        Points tried without success before nearer ones to the tree are let in: what is far is
+        reached by wide vessels only once these have come near.
     """
 
     flow_over_drop: float
@@ -68,6 +71,7 @@ class Scale(NamedTuple):
     spread: float
     goal: int
     volume: float
+    patience: int
 
 
 DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
@@ -82,7 +86,7 @@ GROWTH_POWER = 0.02
 THIN_MARGIN = 1.08
 """A new terminal must be this much wider than the limit: later ones make it thinner."""
 
-_RELAX, _TIGHTEN, _PATIENCE = 0.93, 1.01, 6
+_RELAX, _TIGHTEN = 0.93, 1.01
 _APART = 0.9
 
 
@@ -303,7 +307,7 @@ def grow(
         t = points[n]
         s.tried += 1
         s.since += 1
-        if s.since % _PATIENCE == 0:
+        if s.since % scale.patience == 0:
             s.apart *= _RELAX
         spacing = (scale.volume / (s.terminals + 1)) ** (1.0 / 3.0)
         size = nearest_segments(index, segments, t[0], t[1], t[2], found, away)

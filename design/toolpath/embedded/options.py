@@ -89,3 +89,15 @@ class EmbeddedOptions:
     def shaft_mm(self) -> float:
         """Radius that must stay free around the shaft, mm."""
         return self.needle_outer_mm / 2 + self.clearance_mm
+
+    @property
+    def smallest_lumen_mm(self) -> float:
+        """Thinnest filament, mm: ``thinnest`` times the needle's bore."""
+        return self.thinnest * self.needle_inner_mm
+
+    def smallest_wall_mm(self, thinnest_radius_mm: float) -> float:
+        """Thinnest wall between two filaments, mm, of which none is thinner than a radius.
+
+        The needle's tip, wider than what it writes, mustn't touch the filament beside it.
+        """
+        return max(self.clearance_mm, self.shaft_mm - thinnest_radius_mm)

@@ -78,3 +78,8 @@ class FreshOptions:
         lines beside it.
         """
         return max(2 * self.layer_height_mm, self.line_width_mm)
+
+    @property
+    def smallest_wall_mm(self) -> float:
+        """Thinnest wall between two lumens, mm: one line of its own along either."""
+        return 2 * self.line_width_mm

@@ -1,0 +1,129 @@
+"""Trees as large as can be printed: grown to what is asked, or as far as it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from design.errors import DesignError, GrowthError
+from design.tissue import Tissue
+from design.vasculature.deep_roots import deep_roots
+from design.vasculature.grow import grow_tree
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+
+ROOTS = 4
+"""Deep roots tried where the user gave none and the default root doesn't do."""
+
+ATTEMPTS = 5
+"""Growths from each root: one for each terminal spread."""
+
+CLOSE = 1.1
+"""The largest number of terminals is searched for to within this factor."""
+
+
+@dataclass(frozen=True)
+class PrintableTree:
+    """A tree that keeps its smallest lumen and its walls.
+
+    Attributes
+    ----------
+    tree : VesselTree
+    asked, reached : int
+        Terminals.
+    options : GrowthOptions
+        With which it grew, its root among them.
+    stopped : str
+        Why it isn't larger; empty where all that was asked for was reached.
+    """
+
+    tree: VesselTree
+    asked: int
+    reached: int
+    options: GrowthOptions
+    stopped: str
+
+    @property
+    def note(self) -> str:
+        """One sentence for the report; empty where nothing stopped growth."""
+        if not self.stopped:
+            return ""
+        return (
+            f"grew {self.reached} of {self.asked} terminals before printability stopped it "
+            f"({CLOSE - 1:.0%} more don't fit): {self.stopped}"
+        )
+
+
+def grow_printable(tissue: Tissue, options: GrowthOptions) -> PrintableTree:
+    """Grow a tree to the terminals asked for, or to as many as its limits leave room for.
+
+    The radius of the root follows from the smallest radius and the number of terminals (Murray's
+    law), so that a larger tree isn't a smaller one continued: each size is grown anew. Without a
+    root of the user's, the default one is tried first, and then others where the tissue is deep.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    options : GrowthOptions
+        With ``smallest_radius_mm``; ``clearance_mm`` is the smallest wall.
+
+    Raises
+    ------
+    GrowthError
+        When ``smallest_radius_mm`` isn't given, or not even one terminal fits.
+    TissueError
+        When the tissue is too thin for even one vessel.
+    """
+    if options.smallest_radius_mm is None:
+        raise GrowthError("a printable tree needs smallest_radius_mm; give the smallest lumen's")
+    starts = list(_roots(tissue, options))
+    found, stopped = _grown(tissue, starts, options.terminals)
+    if found is not None:
+        return PrintableTree(found[0], options.terminals, options.terminals, found[1], "")
+    few, many = 0, options.terminals
+    best = None
+    while many > max(few + 1, CLOSE * few):
+        size = max(1, many // 2) if few == 0 else round((few * many) ** 0.5)
+        found, why = _grown(tissue, starts, size)
+        if found is None:
+            many, stopped = size, why
+            if size == 1:
+                break
+        else:
+            few, best = size, found
+            del starts[1:]  # the root that has shown itself, first since then
+    if best is None:
+        raise stopped
+    return PrintableTree(best[0], options.terminals, few, best[1], str(stopped))
+
+
+def _roots(tissue: Tissue, options: GrowthOptions) -> Iterator[GrowthOptions]:
+    yield options
+    if options.root_point_mm is not None:
+        return
+    for point, way in zip(*deep_roots(tissue, ROOTS, options.seed), strict=True):
+        yield replace(
+            options,
+            root_point_mm=(float(point[0]), float(point[1]), float(point[2])),
+            root_direction=(float(way[0]), float(way[1]), float(way[2])),
+        )
+
+
+def _grown(
+    tissue: Tissue, starts: list[GrowthOptions], terminals: int
+) -> tuple[tuple[VesselTree, GrowthOptions] | None, DesignError]:
+    """A tree of so many terminals from the first root that has room for it, or why none has.
+
+    That root comes first from then on.
+    """
+    why: DesignError = GrowthError("not tried")
+    for n, start in enumerate(starts):
+        options = replace(start, terminals=terminals)
+        try:
+            tree = grow_tree(tissue, options, attempts=ATTEMPTS)
+        except DesignError as error:
+            why = error
+        else:
+            starts.insert(0, starts.pop(n))
+            return (tree, options), why
+    return None, why

@@ -1,0 +1,76 @@
+"""Trees that keep what can be printed, as large as they can be."""
+
+import numpy as np
+import pytest
+
+from design.errors import GrowthError
+from design.measures import MeasureOptions, measure_network
+from design.solids import read_solid
+from design.tissue import block, folded_cortex, tissue_from_surface
+from design.vasculature import GrowthOptions, tree_radii, tree_to_network
+from design.vasculature.deep_roots import deep_roots
+from design.vasculature.printable import grow_printable
+from tests.design.vasculature.test_grow import SHARED, check
+
+
+@pytest.fixture(scope="module")
+def slab():
+    shape = folded_cortex()
+    return tissue_from_surface(shape.vertices, shape.faces)
+
+
+@pytest.fixture(scope="module")
+def brick():
+    shape = block((6.0, 6.0, 4.0))
+    return tissue_from_surface(shape.vertices, shape.faces)
+
+
+def test_grows_what_is_asked_for_where_it_fits(slab):
+    options = GrowthOptions(terminals=60, smallest_radius_mm=0.1, clearance_mm=0.1)
+    done = grow_printable(slab, options)
+    assert (done.reached, done.stopped, done.note) == (60, "", "")
+    check(done.tree, slab, options)
+
+
+def test_says_how_far_it_grew(brick):
+    options = GrowthOptions(terminals=60, smallest_radius_mm=0.2, clearance_mm=0.3)
+    done = grow_printable(brick, options)
+    assert 1 <= done.reached < 60
+    assert f"grew {done.reached} of 60 terminals" in done.note
+    check(done.tree, brick, done.options)
+    assert tree_radii(done.tree).min() == pytest.approx(0.2)
+    with pytest.raises(GrowthError):
+        grow_printable(brick, GrowthOptions(terminals=5))
+
+
+def test_takes_a_deep_root_where_the_default_one_is_too_shallow():
+    """Both ventricles, scaled to 60 mm: at the highest vertex the wall is too thin for a trunk."""
+    path = SHARED / "biventricle_svv.stl"
+    if not path.is_file():
+        pytest.skip("no shared data beside the repository")
+    mesh = read_solid(path, unit="mm")
+    vertices = mesh.vertices * (60.0 / np.ptp(mesh.vertices, axis=0).max())
+    tissue = tissue_from_surface(vertices, mesh.faces)
+    options = GrowthOptions(terminals=300, smallest_radius_mm=0.2, clearance_mm=0.3)
+    done = grow_printable(tissue, options)
+    assert done.reached == 300
+    assert done.options.root_point_mm is not None
+    check(done.tree, tissue, done.options)
+
+
+def test_deep_roots_are_deepest_first_apart_and_look_inward(brick):
+    points, ways = deep_roots(brick, 5, 1)
+    assert len(points) == 5
+    np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 1.0)
+    assert brick.contains(points + 0.1 * ways).all()
+    away = np.linalg.norm(points[:, None] - points[None], axis=2)
+    assert away[np.triu_indices(5, 1)].min() >= 0.1 * np.linalg.norm(np.ptp(brick.bounds, axis=0))
+    assert -brick.grid.distance(points[:1] + 2.0 * ways[:1])[0] > 1.5
+
+
+def test_a_printable_tree_reaches_the_whole_slab(slab):
+    """Wide vessels reach what is far only if nearer places are held back until they have."""
+    options = GrowthOptions(terminals=200, smallest_radius_mm=0.1, clearance_mm=0.1)
+    network = tree_to_network(grow_printable(slab, options).tree)
+    reach = measure_network(network, slab, MeasureOptions(seed=3))
+    assert reach.supply.distance_p95_mm < 2.5
