@@ -12,7 +12,7 @@ from design.vasculature.grow import grow_tree
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
-ROOTS = 4
+ROOTS = 3
 """Deep roots tried where the user gave none and the default root doesn't do."""
 
 ATTEMPTS = 5

@@ -33,7 +33,13 @@ def test_grows_what_is_asked_for_where_it_fits(slab):
 
 
 def test_says_how_far_it_grew(brick):
-    options = GrowthOptions(terminals=60, smallest_radius_mm=0.2, clearance_mm=0.3)
+    options = GrowthOptions(
+        terminals=60,
+        smallest_radius_mm=0.2,
+        clearance_mm=0.3,
+        root_point_mm=tuple(brick.bounds.mean(axis=0) + [0.0, 0.0, 2.0]),
+        root_direction=(0.0, 0.0, -1.0),
+    )
     done = grow_printable(brick, options)
     assert 1 <= done.reached < 60
     assert f"grew {done.reached} of 60 terminals" in done.note
