@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test lint bench bench-vasculature clean
+.PHONY: demo test lint bench bench-vasculature bench-tissue clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -25,6 +25,10 @@ bench: $(VENV)/.ready
 # Minutes; with svv beside it where it installs. BENCH="--large" adds a million terminals.
 bench-vasculature: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.vasculature $(BENCH)
+
+# Minutes: how exact and fast tissues answer, and a battery of them.
+bench-tissue: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.tissue
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

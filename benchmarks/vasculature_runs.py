@@ -46,18 +46,29 @@ def grow(case: Case, out: Path | None = None) -> dict[str, Any]:
     GrowthFailedError
         When the process fails or the product refuses.
     """
-    command = [sys.executable, "-m", "benchmarks.vasculature_grow", "--stl", str(case.stl)]
-    command += ["--terminals", str(case.terminals), "--seed", str(case.seed)]
-    command += ["--root", *map(str, case.root)] if case.root else []
-    command += ["--out", str(out)] if out else []
-    print(f"{case.name} ...", file=sys.stderr, flush=True)
+    words = ["--stl", str(case.stl), "--terminals", str(case.terminals), "--seed", str(case.seed)]
+    words += ["--root", *map(str, case.root)] if case.root else []
+    words += ["--out", str(out)] if out else []
+    return run_module(case.name, "benchmarks.vasculature_grow", words)
+
+
+def run_module(name: str, module: str, words: list[str]) -> dict[str, Any]:
+    """Run a module in a process of its own; the JSON object it prints last.
+
+    Raises
+    ------
+    GrowthFailedError
+        When the process fails or the product refuses.
+    """
+    print(f"{name} ...", file=sys.stderr, flush=True)
+    command = [sys.executable, "-m", module, *words]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        raise GrowthFailedError(f"{case.name}: {said[-1]}")
+        raise GrowthFailedError(f"{name}: {said[-1]}")
     found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
     if "error" in found:
-        raise GrowthFailedError(f"{case.name}: {found['error']}")
+        raise GrowthFailedError(f"{name}: {found['error']}")
     return found
 
 

@@ -1,4 +1,4 @@
-"""Write a network as VTK XML PolyData (`.vtp`), as ParaView and PyVista read it."""
+"""Networks as VTK XML PolyData (`.vtp`), as ParaView and PyVista read and write it."""
 
 from __future__ import annotations
 

@@ -68,3 +68,7 @@ class StageBars:
                 self._bars.update(task.id, note=note)
         if not self._console.is_terminal:
             self._console.print(f"{name:<14} {note}", highlight=False)
+
+    def remark(self, name: str, text: str) -> None:
+        """Something that the user should know about a stage; it stays on the screen."""
+        self._console.print(f"{name:<14} note: {text}", highlight=False, markup=False)

@@ -9,7 +9,7 @@ from benchmarks.checkers.murray import (
     murray_ratios,
     murray_residual,
 )
-from benchmarks.checkers.poiseuille import outlet_flows, spread
+from benchmarks.checkers.poiseuille import loop_flows, outlet_flows, spread
 from benchmarks.checkers.read_network import Pieces, pieces_of, read_network
 from benchmarks.checkers.read_stl import box_triangles, enclosed_volume, read_stl, write_stl
 from benchmarks.checkers.volume import total_volume
@@ -24,6 +24,7 @@ __all__ = [
     "consistent_radii",
     "coverage",
     "enclosed_volume",
+    "loop_flows",
     "murray_ratios",
     "murray_residual",
     "near_pairs",

@@ -41,6 +41,23 @@ def outlet_flows(net: Pieces, drop_pa: float, viscosity_pa_s: float) -> FloatArr
     return found
 
 
+def loop_flows(net: Pieces, drop_pa: float, viscosity_pa_s: float) -> FloatArray:
+    """Flow through each vessel of kind connection, (c,), µL/s: inlets at ``drop_pa``, outlets at 0.
+
+    Raises
+    ------
+    ValueError
+        When there is no connection.
+    """
+    flow = graph_flows(net, resistances(net, viscosity_pa_s), drop_pa)
+    connection = np.flatnonzero(net.kind == "connection")
+    if len(connection) == 0:
+        raise ValueError("the network has no vessel of kind connection")
+    # The pieces of a vessel lie in a row: what flows through the first flows through all.
+    _, first = np.unique(net.vessel[connection], return_index=True)
+    return flow[connection[first]]
+
+
 def spread(flows: FloatArray) -> float:
     """(max - min) / mean of the terminal flows."""
     return float((flows.max() - flows.min()) / flows.mean())

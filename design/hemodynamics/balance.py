@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import lsmr
 
 from design.errors import FlowError
 from design.hemodynamics.boundary import Boundary, place_conditions
@@ -68,6 +69,7 @@ def balance(
     *,
     spread: float = SPREAD,
     smallest_radius_mm: float = 0.0,
+    widen: bool = True,
 ) -> VesselNetwork:
     """Scale each connection's radius so that it carries its share.
 
@@ -89,6 +91,9 @@ def balance(
         Allowed `flow_spread` of the result.
     smallest_radius_mm : float
         Below which no radius of a connection may fall.
+    widen : bool
+        Without it connections are only narrowed, so that none loses clearance: the pressure
+        rises at a given inflow, the flow falls at a given pressure.
 
     Returns
     -------
@@ -108,10 +113,11 @@ def balance(
     # Connections may be drawn against the flow; what they carry keeps its direction.
     sign = np.where(flow[loops] < 0, -1.0, 1.0)
     target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
+    least = WIDEST if widen else 1.0
     for _ in range(_HALVINGS):
-        drop = _drops(network, conditions, loops, target, resistance)
+        drop = _drops(network, conditions, loops, target, resistance, least)
         needed = drop / target
-        if conditions.inlet_pressure_pa is None or (needed > WIDEST * resistance[loops]).all():
+        if conditions.inlet_pressure_pa is None or (needed > least * resistance[loops]).all():
             break
         # Less flow leaves more of the given pressure to the connections.
         target *= 0.5
@@ -121,6 +127,13 @@ def balance(
             f"{len(bad)} of {len(loops)} connections would need flow against the pressure, first "
             f"vessel {loops[bad[0]]}; the trees take more pressure than there is: ask for shares "
             "nearer to equal, or widen the trees"
+        )
+    wider = np.flatnonzero(needed < (1.0 - 1e-9) * resistance[loops])
+    if len(wider) and not widen:
+        raise FlowError(
+            f"{len(wider)} of {len(loops)} connections would have to be widened, first vessel "
+            f"{loops[wider[0]]}; allow it (widen) and check the clearance, or lower the inlet's "
+            "pressure"
         )
     adjusted = _scaled(network, loops, (resistance[loops] / needed) ** 0.25)
     thin = np.array([adjusted.polyline(int(v))[1].min() for v in loops]) < smallest_radius_mm
@@ -156,8 +169,12 @@ def _drops(
     loops: IntArray,
     target: FloatArray,
     resistance: FloatArray,
+    least: float,
 ) -> FloatArray:
-    """Pressure drop left to each connection when all carry their target, (k,), Pa."""
+    """Pressure drop left to each connection when all carry their target, (k,), Pa.
+
+    Where a single level is free, it leaves each ``least`` times its resistance now.
+    """
     boundary = place_conditions(network, conditions)
     ends = boundary.slot[network.vessel_nodes]
     rest = np.ones(network.vessel_count, dtype=bool)
@@ -176,14 +193,28 @@ def _drops(
     if len(floating) == 0:
         return np.asarray(drop)
     # Levels c of the floating parts: least squares of (drop + A c) / (R Q) - 1.
-    levels = (part[ends[loops, 0], None] == floating).astype(np.float64)
-    levels -= part[ends[loops, 1], None] == floating
     now = resistance[loops] * target
-    c, *_ = np.linalg.lstsq(levels / now[:, None], 1.0 - drop / now, rcond=None)
-    along = (levels * np.sign(target)[:, None]).min(axis=1)
-    if len(floating) == 1 and (along > 0).all():
-        c = np.maximum(c, (np.abs(WIDEST * now) - np.sign(target) * drop).max())
+    levels = _levels(part[ends[loops]], floating)
+    # To the relative: the levels are free, so that no digits are lost with a rough solution.
+    weighted = diags_array(1.0 / now) @ levels
+    c = lsmr(weighted, 1.0 - drop / now, atol=1e-10, btol=1e-10)[0]
+    along = levels.toarray()[:, 0] * np.sign(target) if len(floating) == 1 else np.zeros(1)
+    if (along > 0).all():
+        c = np.maximum(c, (np.abs(least * now) - np.sign(target) * drop).max())
     return np.asarray(drop + levels @ c)
+
+
+def _levels(ends: IntArray, floating: IntArray) -> csr_array:
+    """Whose drop (k rows) each floating part's level raises (1) or lowers (-1)."""
+    rows, columns, values = [], [], []
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        at = np.searchsorted(floating, ends[:, side]).clip(max=len(floating) - 1)
+        row = np.flatnonzero(floating[at] == ends[:, side])
+        rows.append(row)
+        columns.append(at[row])
+        values.append(np.full(len(row), sign))
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return csr_array((np.concatenate(values), where), shape=(len(ends), len(floating)))
 
 
 def _parts(ends: IntArray, boundary: Boundary) -> IntArray:

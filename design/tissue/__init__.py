@@ -1,26 +1,63 @@
 """Tissues: a closed shape and its signed distance, from files, surfaces or parameters."""
 
 from design.tissue.arrays import GridArrays
+from design.tissue.demand import (
+    Demand,
+    DepthDemand,
+    FunctionDemand,
+    ImageDemand,
+    UniformDemand,
+    depth_demand,
+    function_demand,
+    image_demand,
+)
 from design.tissue.grid import SignedDistanceGrid
 from design.tissue.heart import biventricle
-from design.tissue.load import load_tissue
+from design.tissue.images import VolumeImage, read_image
+from design.tissue.labels import label_surface, load_label_surface
+from design.tissue.load import load_surface, load_tissue
+from design.tissue.points import load_point_surface, point_surface
+from design.tissue.repair import repair_surface
 from design.tissue.shapes import Surface, annulus, block, cylinder, folded_cortex
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue
+from design.tissue.zones import BlockZone, CylinderZone, MeshZone, SphereZone, Zone, carve
 
 __all__ = [
+    "BlockZone",
+    "CylinderZone",
+    "Demand",
+    "DepthDemand",
+    "FunctionDemand",
     "GridArrays",
+    "ImageDemand",
+    "MeshZone",
     "SignedDistanceGrid",
     "SizeLimits",
     "SpacingRule",
+    "SphereZone",
     "Surface",
     "Tissue",
+    "UniformDemand",
+    "VolumeImage",
+    "Zone",
     "annulus",
     "biventricle",
     "block",
+    "carve",
     "cylinder",
+    "depth_demand",
     "folded_cortex",
+    "function_demand",
+    "image_demand",
+    "label_surface",
+    "load_label_surface",
+    "load_point_surface",
+    "load_surface",
     "load_tissue",
+    "point_surface",
+    "read_image",
+    "repair_surface",
     "tissue_from_surface",
 ]

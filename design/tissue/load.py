@@ -9,8 +9,10 @@ import numpy as np
 import trimesh
 
 from design.errors import TissueError
+from design.tissue.repair import repair_surface
+from design.tissue.shapes import Surface
 from design.tissue.spacing import SpacingRule
-from design.tissue.surface import SizeLimits, tissue_from_surface
+from design.tissue.surface import SizeLimits, check_size, tissue_from_surface
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
 
@@ -38,7 +40,7 @@ def load_tissue(
     spacing_mm: float | None = None,
     rule: SpacingRule | None = None,
 ) -> Tissue:
-    """Read a closed mesh from an STL, OBJ, PLY or 3MF file.
+    """Read a tissue from an STL, OBJ, PLY or 3MF file; a mesh that can be mended is.
 
     Parameters
     ----------
@@ -48,35 +50,67 @@ def load_tissue(
     limits, spacing_mm, rule
         As in `tissue_from_surface`.
 
+    Returns
+    -------
+    Tissue
+        Its notes say what was mended.
+
     Raises
     ------
     TissueError
         When the file is missing, unreadable, declares another unit, or its mesh can't be used.
     """
-    path = Path(path)
-    if unit not in MM_PER:
-        raise TissueError(f"unit {unit!r} of {path} isn't one of {', '.join(MM_PER)}")
-    if path.suffix.lower() not in SUFFIXES:
-        raise TissueError(
-            f"{path}: {path.suffix or 'no suffix'} isn't one of {', '.join(SUFFIXES)}"
+    surface, notes = load_surface(path, unit, limits=limits)
+    try:
+        return tissue_from_surface(
+            surface.vertices,
+            surface.faces,
+            limits=limits,
+            spacing_mm=spacing_mm,
+            rule=rule,
+            notes=notes,
         )
-    if not path.is_file():
-        raise TissueError(f"{path}: there is no such file")
+    except TissueError as error:
+        raise TissueError(f"{path}: {error}") from error
+
+
+def load_surface(
+    path: Path, unit: LengthUnit, *, limits: SizeLimits | None = None
+) -> tuple[Surface, tuple[str, ...]]:
+    """Read a closed surface, in mm, and what was mended on it.
+
+    Raises
+    ------
+    TissueError
+        As `load_tissue`.
+    """
+    path = Path(path)
+    check_file(path, unit, SUFFIXES)
     mesh = _read(path)
     declared = _DECLARED.get(str(mesh.units)) if mesh.units else None
     if declared is not None and declared != unit:
         raise TissueError(f"{path} declares its unit as {declared}, not {unit}; state that unit")
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     try:
-        return tissue_from_surface(
-            np.asarray(mesh.vertices, dtype=np.float64),
-            np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3),
-            unit=unit,
-            limits=limits,
-            spacing_mm=spacing_mm,
-            rule=rule,
-        )
+        check_size(vertices[np.unique(faces)], unit, limits or SizeLimits())
+        found, notes = repair_surface(vertices, faces, unit)
     except TissueError as error:
         raise TissueError(f"{path}: {error}") from error
+    surface = Surface(found.vertices * MM_PER[unit], found.faces)
+    return surface, tuple(f"{path.name}: {note}" for note in notes)
+
+
+def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
+    """Raise `TissueError` for an unknown unit or suffix, or a file that isn't there."""
+    if unit not in MM_PER:
+        raise TissueError(f"unit {unit!r} of {path} isn't one of {', '.join(MM_PER)}")
+    if not path.name.lower().endswith(suffixes):
+        raise TissueError(
+            f"{path}: {path.suffix or 'no suffix'} isn't one of {', '.join(suffixes)}"
+        )
+    if not path.is_file():
+        raise TissueError(f"{path}: there is no such file")
 
 
 def _read(path: Path) -> trimesh.Trimesh:

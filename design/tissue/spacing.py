@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,13 +44,28 @@ class SpacingRule:
     cells_along: float = 300.0
 
 
-def wall_thickness(corners: FloatArray) -> float:
-    """Thickness of the thinnest walls of a closed surface, mm.
+class Walls(NamedTuple):
+    """Thickness of a tissue's walls, mm; inf where no two faces are opposite.
+
+    Attributes
+    ----------
+    thinnest : float
+        First percentile.
+    thin : float
+        Fifth percentile: what is thinner is the rim of a wedge rather than a wall.
+    """
+
+    thinnest: float
+    thin: float
+
+
+def wall_thickness(corners: FloatArray) -> Walls:
+    """Thickness of the walls of a closed surface.
 
     Lines along the three axes enter and leave through pairs of faces. Where both faces look
     along the line and away from each other, the wall between them is as thick as the chord times
-    the cosine of their slope. The first percentile is taken: a line through the very rim of a
-    rounded edge says nothing of walls.
+    the cosine of their slope. Percentiles are taken: a line through the very rim of a rounded
+    edge says nothing of walls.
 
     Parameters
     ----------
@@ -63,7 +79,10 @@ def wall_thickness(corners: FloatArray) -> float:
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     walls = [_walls_along(corners, axis, low, high, spacing, normal) for axis in range(3)]
     every = np.concatenate(walls)
-    return float(np.percentile(every, 1.0)) if len(every) else float("inf")
+    if len(every) == 0:
+        return Walls(float("inf"), float("inf"))
+    thinnest, thin = np.percentile(every, [1.0, 5.0]).tolist()
+    return Walls(thinnest, thin)
 
 
 def _walls_along(
@@ -85,40 +104,67 @@ def _walls_along(
 
 
 def choose_spacing(
-    corners: FloatArray, wall_mm: float, asked_mm: float | None, rule: SpacingRule
-) -> float:
-    """Spacing of the fine samples, mm.
+    corners: FloatArray, walls: Walls, asked_mm: float | None, rule: SpacingRule
+) -> tuple[float, tuple[str, ...]]:
+    """Spacing of the fine samples, mm, and what it doesn't resolve.
 
-    As fine as ``rule.bricks`` allow, finer where a thin wall needs it.
+    As fine as ``rule.bricks`` allow, finer where a thin wall needs it. Where the thinnest walls
+    need more than ``rule.bricks_at_most`` but are few (the rims of wedges), the grid resolves the
+    others, and that is noted: whether a vessel fits is decided by exact distances, so that it
+    keeps clear of what the grid doesn't resolve.
 
     Raises
     ------
     TissueError
-        When the wall needs more than ``rule.bricks_at_most``, or ``asked_mm`` is too coarse
-        for it.
+        When the walls need more than ``rule.bricks_at_most``, or ``asked_mm`` is too coarse for
+        them.
     """
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    needed = wall_mm / rule.cells_per_wall
+    wall_mm, needed = walls.thinnest, walls.thinnest / rule.cells_per_wall
     if asked_mm is not None:
-        if not asked_mm > 0:
-            raise TissueError(f"grid spacing {asked_mm:g} mm isn't above 0; give a positive one")
-        spacing = asked_mm
-        if spacing > 2.0 * needed:
-            raise TissueError(
-                f"grid spacing {spacing:g} mm is too coarse for walls of {wall_mm:.3g} mm; "
-                f"give spacing_mm of at most {2.0 * needed:.3g}"
-            )
-    else:
-        affordable = np.sqrt(BRICKS_PER_FACE_AREA * area / rule.bricks) / BRICK
-        spacing = float(min(max(affordable, extent / rule.cells_along), needed))
-    bricks = BRICKS_PER_FACE_AREA * area / (BRICK * spacing) ** 2
-    if bricks > rule.bricks_at_most:
+        return _asked(asked_mm, wall_mm, needed, area, rule), ()
+    affordable = np.sqrt(BRICKS_PER_FACE_AREA * area / rule.bricks) / BRICK
+    easy = max(float(affordable), extent / rule.cells_along)
+    spacing = min(easy, needed)
+    if _bricks(area, spacing) <= rule.bricks_at_most:
+        return spacing, ()
+    coarser = min(easy, walls.thin / rule.cells_per_wall)
+    _require_affordable(wall_mm, spacing, area, coarser, rule)
+    return coarser, (
+        f"few walls, the thinnest {wall_mm:.3g} mm, are thinner than the grid of {coarser:.3g} mm "
+        f"resolves; walls of {walls.thin:.3g} mm and more are resolved, and no vessel leaves the "
+        "thinner ones either",
+    )
+
+
+def _asked(asked_mm: float, wall_mm: float, needed: float, area: float, rule: SpacingRule) -> float:
+    if not asked_mm > 0:
+        raise TissueError(f"grid spacing {asked_mm:g} mm isn't above 0; give a positive one")
+    if asked_mm > 2.0 * needed:
         raise TissueError(
-            f"walls of {wall_mm:.3g} mm need a grid spacing of {spacing:.3g} mm, about "
-            f"{bricks * _MB_PER_BRICK:.0f} MB, above the limit of "
-            f"{rule.bricks_at_most * _MB_PER_BRICK:.0f} MB (SpacingRule.bricks_at_most); thicken "
-            "the thin walls, cut the tissue into parts, or raise the limit"
+            f"grid spacing {asked_mm:g} mm is too coarse for walls of {wall_mm:.3g} mm; "
+            f"give spacing_mm of at most {2.0 * needed:.3g}"
         )
-    return spacing
+    _require_affordable(wall_mm, asked_mm, area, asked_mm, rule)
+    return asked_mm
+
+
+def _require_affordable(
+    wall_mm: float, wanted_mm: float, area: float, spacing_mm: float, rule: SpacingRule
+) -> None:
+    """Raise with the figure wanted unless ``spacing_mm`` can be afforded."""
+    if _bricks(area, spacing_mm) <= rule.bricks_at_most:
+        return
+    raise TissueError(
+        f"walls of {wall_mm:.3g} mm need a grid spacing of {wanted_mm:.3g} mm, about "
+        f"{_bricks(area, wanted_mm) * _MB_PER_BRICK:.0f} MB, above the limit of "
+        f"{rule.bricks_at_most * _MB_PER_BRICK:.0f} MB (SpacingRule.bricks_at_most); thicken "
+        "the thin walls, cut the tissue into parts, or raise the limit"
+    )
+
+
+def _bricks(area: float, spacing_mm: float) -> float:
+    """Bricks along a surface of this area, mm²."""
+    return BRICKS_PER_FACE_AREA * area / (BRICK * spacing_mm) ** 2

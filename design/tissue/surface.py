@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.tissue.build import build_grid
+from design.tissue.closed import check_closed, enclosed_volume, merged
 from design.tissue.columns import Columns
 from design.tissue.spacing import SpacingRule, choose_spacing, wall_thickness
 from design.tissue.tissue import Tissue
@@ -33,6 +35,7 @@ def tissue_from_surface(
     limits: SizeLimits | None = None,
     spacing_mm: float | None = None,
     rule: SpacingRule | None = None,
+    notes: Sequence[str] = (),
 ) -> Tissue:
     """Build a tissue from a closed triangle surface.
 
@@ -48,6 +51,8 @@ def tissue_from_surface(
         otherwise.
     rule : SpacingRule, optional
         How it is chosen.
+    notes : sequence of str, optional
+        What the surface's maker has to say to the user; the tissue carries it on.
 
     Raises
     ------
@@ -55,19 +60,19 @@ def tissue_from_surface(
         When the mesh is empty, open, inconsistently oriented, holds NaN, has an absurd size,
         or a wall too thin for the grid.
     """
-    points, corners = _merged(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
+    points, corners = merged(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
     check_size(points, unit, limits or SizeLimits())
-    _check_closed(corners)
+    check_closed(points, corners)
     points = points * MM_PER[unit]
-    volume = _volume(points, corners)
+    volume = enclosed_volume(points, corners)
     if volume < 0:
         corners, volume = np.ascontiguousarray(corners[:, ::-1]), -volume
-    wall = wall_thickness(points[corners])
-    spacing = choose_spacing(points[corners], wall, spacing_mm, rule or SpacingRule())
+    walls = wall_thickness(points[corners])
+    spacing, more = choose_spacing(points[corners], walls, spacing_mm, rule or SpacingRule())
     grid, columns = build_grid(points, corners, spacing)
     if _overlaps(columns):
         volume = _covered(columns, spacing)
-    return Tissue(grid, points, corners, volume, wall)
+    return Tissue(grid, points, corners, volume, walls.thinnest, (*notes, *more))
 
 
 def check_size(vertices: FloatArray, unit: LengthUnit, limits: SizeLimits) -> None:
@@ -91,46 +96,6 @@ def check_size(vertices: FloatArray, unit: LengthUnit, limits: SizeLimits) -> No
         f"mesh is {size:.4g} mm long (read as {unit}), outside {limits.smallest_mm:g} to "
         f"{limits.largest_mm:g} mm; {hint}. State the file's unit, or widen the size limits"
     )
-
-
-def _merged(
-    vertices: FloatArray, faces: NDArray[np.integer]
-) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices used by faces, each once, and faces without repeated corners."""
-    if len(faces) == 0 or len(vertices) == 0:
-        raise TissueError("mesh is empty: it has no faces; give a closed surface")
-    points, number = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
-    corners = number.reshape(-1, 3).astype(np.int32)
-    repeated = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
-    return np.ascontiguousarray(points), np.ascontiguousarray(corners[~repeated])
-
-
-def _check_closed(faces: NDArray[np.int32]) -> None:
-    one_way = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
-    size = int(faces.max()) + 1
-    forth = one_way[:, 0] * size + one_way[:, 1]
-    back = one_way[:, 1] * size + one_way[:, 0]
-    keys, uses = np.unique(np.minimum(forth, back), return_counts=True)
-    odd = int((uses % 2 == 1).sum())
-    if odd:
-        raise TissueError(
-            f"mesh is open: {odd} of {len(keys)} edges aren't shared by two faces; close the "
-            "holes (for example with a mesh repair tool) and try again"
-        )
-    signed = np.bincount(
-        np.searchsorted(keys, np.minimum(forth, back)), weights=np.where(forth < back, 1, -1)
-    )
-    turned = int((signed != 0).sum())
-    if turned:
-        raise TissueError(
-            f"mesh isn't consistently oriented: at {turned} of {len(keys)} edges two faces look "
-            "opposite ways; make the normals consistent and try again"
-        )
-
-
-def _volume(points: FloatArray, faces: NDArray[np.int32]) -> float:
-    a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def _overlaps(columns: Columns) -> bool:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.tissue.demand import UNIFORM, Demand
 from design.tissue.grid import SignedDistanceGrid
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A closed shape with its signed distance; demand for perfusion is uniform.
+    """A closed shape with its signed distance, and where in it perfusion is asked for.
 
     Closed cavities, thin walls and shells within shells follow the winding number of the
     surface: a cavity's surface looks into the cavity, which is outside.
@@ -29,6 +30,11 @@ class Tissue:
     thinnest_wall_mm : float
         First percentile of the wall's thickness over its surface; inf where no two faces are
         opposite.
+    notes : tuple of str
+        What was done to the surface on its way here that the user should know: repairs, zones
+        that miss, choices made.
+    demand : Demand
+        Where perfusion is asked for, relative to the greatest; uniform by default.
     """
 
     grid: SignedDistanceGrid
@@ -36,6 +42,8 @@ class Tissue:
     faces: NDArray[np.int32]
     volume_mm3: float
     thinnest_wall_mm: float
+    notes: tuple[str, ...] = ()
+    demand: Demand = UNIFORM
 
     @property
     def bounds(self) -> NDArray[np.float64]:

@@ -77,6 +77,15 @@ def mix_trees(
         terminals differ, or limbs find no way (with the count).
     NetworkError
         When the audit finds collisions (with the count).
+
+    Examples
+    --------
+    Two arteries that both pervade the tissue, and a vein that drains what they mix::
+
+        kinds = [VesselKind.ARTERY, VesselKind.ARTERY, VesselKind.VEIN]
+        wish = GrowthOptions(terminals=40)
+        trees = grow_forest(tissue, [wish, wish, RootSpec(wish, VesselKind.VEIN)])
+        network = mix_trees(tissue, trees, kinds).network
     """
     options = options or LoopOptions()
     order = _order(trees, kinds)

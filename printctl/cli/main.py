@@ -13,9 +13,11 @@ from rich.console import Console
 
 from design.errors import DesignError
 from firmware_profiles import ProfileError
+from printctl.cli.convert import convert
 from printctl.cli.design import design
 from printctl.cli.doctor import doctor
 from printctl.cli.init import init
+from printctl.cli.measure import measure
 from printctl.cli.ports import ports
 from printctl.cli.print_job import print_job
 from printctl.cli.profiles import profiles
@@ -24,6 +26,7 @@ from printctl.cli.run import run
 from printctl.cli.sim_printer import sim_printer
 from printctl.cli.simulate import simulate
 from printctl.cli.toolpath import toolpath
+from printctl.cli.view import view
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError
 from registration.errors import RegistrationError
@@ -45,6 +48,9 @@ app.command(
     "sim-printer", context_settings={"allow_extra_args": True, "ignore_unknown_options": True}
 )(sim_printer)
 app.command("register")(register)
+app.command("view")(view)
+app.command("convert")(convert)
+app.command("measure")(measure)
 app.command("ports")(ports)
 app.command("profiles")(profiles)
 app.command("doctor")(doctor)

@@ -27,7 +27,7 @@ from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import PrintOutcome, Status
 
-START_LIMIT_S: Final = 20.0
+START_LIMIT_S: Final = 60.0
 _ANSWER_LIMIT_S: Final = 5.0
 _ANY_LENGTH: Final = 10_000
 _PATIENCE_S: Final = 60.0

@@ -17,7 +17,7 @@ def input_digests(context: RunContext) -> dict[str, str]:
     """SHA-256 of each file that the recipe names."""
     recipe = context.recipe
     named = [
-        getattr(recipe.tissue, "mesh", None),
+        *recipe.tissue.files(),
         getattr(recipe.vasculature, "network", None),
         getattr(recipe.scan, "file", None),
     ]

@@ -2,44 +2,120 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from design.tissue import (
+    BlockZone,
+    CylinderZone,
+    Demand,
+    MeshZone,
     SizeLimits,
+    SphereZone,
+    Surface,
     Tissue,
+    Zone,
     annulus,
     biventricle,
     block,
+    carve,
     cylinder,
+    depth_demand,
     folded_cortex,
-    load_tissue,
+    image_demand,
+    load_label_surface,
+    load_point_surface,
+    load_surface,
+    read_image,
     tissue_from_surface,
 )
-from printctl.recipe.parts import (
+from printctl.recipe.tissue import (
     Annulus,
     Biventricle,
     Block,
+    BlockPart,
     Cylinder,
+    CylinderPart,
+    DemandPart,
+    DepthDemandPart,
+    FileSection,
     FoldedCortex,
+    LabelTissue,
+    MeshPart,
     MeshTissue,
+    PointTissue,
+    SpherePart,
     TissuePart,
+    ZonePart,
 )
+
+ANY_SIZE = SizeLimits(0.0, float("inf"))
 
 
 def make_tissue(part: TissuePart, recipe_folder: Path) -> Tissue:
     """Build the tissue that the recipe names; paths are relative to the recipe."""
+    surface, notes = _surface(part, recipe_folder)
+    out, out_notes = _zones(part.keep_out, recipe_folder)
+    within, within_notes = _zones(part.keep_within, recipe_folder)
+    carved, cut_notes = carve(surface, out, within)
+    notes = (*notes, *out_notes, *within_notes, *cut_notes)
+    # A file's size was judged before its zones were cut.
+    limits = ANY_SIZE if out or within else _limits(part)
+    tissue = tissue_from_surface(carved.vertices, carved.faces, limits=limits, notes=notes)
+    if part.demand is None:
+        return tissue
+    return replace(tissue, demand=_demand(part.demand, tissue, recipe_folder))
+
+
+def _limits(part: TissuePart) -> SizeLimits:
+    return SizeLimits(*part.size_limits_mm) if isinstance(part, FileSection) else SizeLimits()
+
+
+def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
+    """The shape in mm before zones, and what was done to it."""
     match part:
         case MeshTissue():
-            limits = SizeLimits(*part.size_limits_mm)
-            return load_tissue(recipe_folder / part.mesh, part.unit, limits=limits)
+            return load_surface(folder / part.mesh, part.unit, limits=_limits(part))
+        case PointTissue():
+            return load_point_surface(folder / part.points, part.unit, limits=_limits(part))
+        case LabelTissue():
+            path = folder / part.labels
+            return load_label_surface(path, part.value, voxel_mm=part.voxel_mm, unit=part.unit)
         case Block():
-            surface = block(part.size_mm)
+            return block(part.size_mm), ()
         case Cylinder():
-            surface = cylinder(part.diameter_mm, part.height_mm)
+            return cylinder(part.diameter_mm, part.height_mm), ()
         case Annulus():
-            surface = annulus(part.outer_diameter_mm, part.inner_diameter_mm, part.height_mm)
+            return annulus(part.outer_diameter_mm, part.inner_diameter_mm, part.height_mm), ()
         case Biventricle():
-            surface = biventricle(part.length_mm)
+            return biventricle(part.length_mm), ()
         case FoldedCortex():
-            surface = folded_cortex(part.thickness_mm)
-    return tissue_from_surface(surface.vertices, surface.faces)
+            return folded_cortex(part.thickness_mm), ()
+
+
+def _zones(parts: Sequence[ZonePart], folder: Path) -> tuple[list[Zone], tuple[str, ...]]:
+    """The zones, and what was mended on their meshes."""
+    zones: list[Zone] = []
+    notes: list[str] = []
+    for part in parts:
+        match part:
+            case CylinderPart():
+                zones.append(CylinderZone(part.from_mm, part.to_mm, part.radius_mm))
+            case SpherePart():
+                zones.append(SphereZone(part.centre_mm, part.radius_mm))
+            case BlockPart():
+                zones.append(BlockZone(part.from_mm, part.to_mm))
+            case MeshPart():
+                # A fixture or port may be of any size.
+                surface, mended = load_surface(folder / part.mesh, part.unit, limits=ANY_SIZE)
+                zones.append(MeshZone(surface, part.mesh))
+                notes += mended
+    return zones, tuple(notes)
+
+
+def _demand(part: DemandPart, tissue: Tissue, folder: Path) -> Demand:
+    if isinstance(part, DepthDemandPart):
+        return depth_demand(tissue, part.depth_mm, part.relative)
+    image = read_image(folder / part.image, voxel_mm=part.voxel_mm, unit=part.unit)
+    return image_demand(tissue, image)

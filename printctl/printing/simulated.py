@@ -13,7 +13,8 @@ from printctl.errors import PrinterFailedError
 SIMULATED: Final = "simulated"
 """The port's name in a recipe and on the command line."""
 
-_COMES_UP_S: Final = 30.0
+_COMES_UP_S: Final = 120.0
+"""It takes one or two; a machine under heavy load needs far longer to import and compile."""
 
 
 def simulated_printer(
@@ -60,6 +61,10 @@ def simulated_printer(
         if complete:
             return found.strip()
         time.sleep(0.02)
+    ended = process.poll() is not None
     process.kill()
     tail = errors.read_text(errors="replace").strip()[-500:]
-    raise PrinterFailedError(f"the simulated printer didn't come up: {tail or 'no message'}")
+    raise PrinterFailedError(
+        "the simulated printer didn't come up"
+        f"{'' if ended else f' within {_COMES_UP_S:g} s'}: {tail or 'no message'}"
+    )

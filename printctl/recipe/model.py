@@ -14,7 +14,8 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
-from printctl.recipe.parts import Block, FlowPart, NamedNetwork, NetworkPart, Part, Seed, TissuePart
+from printctl.recipe.parts import FlowPart, NamedNetwork, NetworkPart, Part, Seed
+from printctl.recipe.tissue import Block, TissuePart
 
 
 class Recipe(Part):

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
+from printctl.recipe.lattice import LatticeNetwork
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Point = Annotated[
@@ -26,81 +27,9 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class MeshTissue(Part):
-    """Tissue from a surface file (STL, OBJ, PLY, 3MF)."""
-
-    mesh: str = Field(min_length=1, description="Path, relative to the recipe.")
-    unit: LengthUnit = Field(description="Unit of the file; never guessed.")
-    size_limits_mm: tuple[Length, Length] = Field(
-        default=(5.0, 400.0), description="Refused when the largest extent lies outside."
-    )
-
-
-class Block(Part):
-    """A box with one corner at the origin."""
-
-    shape: Literal["block"]
-    size_mm: tuple[Length, Length, Length]
-
-
-class Cylinder(Part):
-    """An upright cylinder."""
-
-    shape: Literal["cylinder"]
-    diameter_mm: Length
-    height_mm: Length
-
-
-class Annulus(Part):
-    """An upright ring."""
-
-    shape: Literal["annulus"]
-    inner_diameter_mm: Length
-    outer_diameter_mm: Length
-    height_mm: Length
-
-    @model_validator(mode="after")
-    def _has_a_wall(self) -> Annulus:
-        if not self.inner_diameter_mm < self.outer_diameter_mm:
-            raise ValueError(
-                f"inner_diameter_mm {self.inner_diameter_mm:g} isn't below "
-                f"outer_diameter_mm {self.outer_diameter_mm:g}"
-            )
-        return self
-
-
-class Biventricle(Part):
-    """A phantom of both ventricles."""
-
-    shape: Literal["biventricle"]
-    length_mm: Length = 60.0
-
-
-class FoldedCortex(Part):
-    """A folded slab of grey matter."""
-
-    shape: Literal["folded_cortex"]
-    thickness_mm: Length = 3.0
-
-
 def given(value: Any, key: str) -> Any:
     """What a section, as a dict or as a model, says under ``key``; None when it doesn't."""
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
-
-
-def _tissue_kind(value: Any) -> str:
-    return "mesh" if given(value, "mesh") is not None else str(given(value, "shape"))
-
-
-TissuePart = Annotated[
-    Annotated[MeshTissue, Tag("mesh")]
-    | Annotated[Block, Tag("block")]
-    | Annotated[Cylinder, Tag("cylinder")]
-    | Annotated[Annulus, Tag("annulus")]
-    | Annotated[Biventricle, Tag("biventricle")]
-    | Annotated[FoldedCortex, Tag("folded_cortex")],
-    Discriminator(_tissue_kind),
-]
 
 
 class NamedNetwork(Part):
@@ -165,12 +94,15 @@ def _network_kind(value: Any) -> str:
     grown = given(value, "grow")
     if grown is not None:
         return f"grow: {grown}"
-    return next((key for key in ("design", "network") if given(value, key) is not None), "none")
+    return next(
+        (key for key in ("design", "network", "lattice") if given(value, key) is not None), "none"
+    )
 
 
 NetworkPart = Annotated[
     Annotated[NamedNetwork, Tag("design")]
     | Annotated[GivenNetwork, Tag("network")]
+    | Annotated[LatticeNetwork, Tag("lattice")]
     | Annotated[GrownNetwork, Tag("grow: tree")]
     | Annotated[ClosedLoop, Tag("grow: closed_loop")],
     Discriminator(_network_kind),

@@ -7,15 +7,18 @@ from registration.report.figures import (
     layer_figure,
     network_figure,
 )
+from registration.report.network_page import NetworkPage, write_network_html
 from registration.report.page import write_report_html
 from registration.report.surface import ReportSurface
 
 __all__ = [
+    "NetworkPage",
     "ReportError",
     "ReportSurface",
     "diameter_figure",
     "histogram_figure",
     "layer_figure",
     "network_figure",
+    "write_network_html",
     "write_report_html",
 ]

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from registration.report.colours import DIVERGING, NO_DATA, SEQUENTIAL
+from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.scaled_lines import (
     aspect,

@@ -3,45 +3,143 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import VesselKind, VesselNetwork
-from registration.report.colours import KIND_COLOURS
-from registration.report.packing import pack
+from design.network import FloatArray, IntArray, VesselNetwork
+from registration.picture import Known, Quantity, quantities
+from registration.report.packing import pack, pack_positions
 from registration.report.sections import mapping, records
-from registration.report.surface import robust_limits
 from registration.report.tables import Record, vessel_index
 from registration.report.wording import is_number
 
+MAX_PIECES: Final = 60_000
+"""Straight pieces that a page shows at most: what an office computer still turns fluently."""
+
 _FLOW: Final = (
-    ("flow_ml_min", "Flow", "mL/min"),
-    ("velocity_mm_s", "Velocity", "mm/s"),
-    ("wall_shear_pa", "Wall shear", "Pa"),
-    ("pressure_in_mmhg", "Inlet pressure", "mmHg"),
+    "flow_ml_min",
+    "velocity_mm_s",
+    "wall_shear_pa",
+    "pressure_in_mmhg",
+    "pressure_out_mmhg",
 )
-_GAUGED: Final = (
-    ("error_percent", "Diameter error", "%"),
-    ("rms_um", "RMS deviation", "µm"),
-    ("offset_um", "Axis offset", "µm"),
-)
+_GAUGED: Final = ("error_percent", "rms_um", "offset_um")
 
 
-def network_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Polylines and colourings as JSON values; positions to float32 precision."""
+@dataclass(frozen=True, eq=False)
+class Thinned:
+    """Which vessels a page shows.
+
+    Attributes
+    ----------
+    vessels : (k,) int64
+        Ascending.
+    least_diameter_mm : float, mm
+        All vessels wider than this are shown; 0 when all are.
+    """
+
+    vessels: IntArray
+    least_diameter_mm: float
+
+
+def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, Any]:
+    """`network_view` of what report.json says of each vessel."""
     gauged = records(mapping(data, "registration"), "vessels")
     flow = records(mapping(data, "flow"), "vessels")
     names = {**vessel_names(flow), **vessel_names(gauged)}
+    known = Known(
+        flow=columns(flow, _FLOW, network.vessel_count),
+        gauged=columns(gauged, _GAUGED, network.vessel_count),
+    )
+    return network_view(network, quantities(network, known), names)
+
+
+def network_view(
+    network: VesselNetwork,
+    colourings: Sequence[Quantity],
+    names: Mapping[int, str],
+    first: str = "radius",
+    most_pieces: int = MAX_PIECES,
+) -> dict[str, Any]:
+    """Polylines and quantities as JSON values.
+
+    Positions are off by less than 1e-5 of the network's extent; numbers are float32.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    colourings : sequence of Quantity
+    names : mapping of vessel to str
+        Of vessels that aren't called by their number.
+    first : str
+        Key of the quantity that is shown first.
+    most_pieces : int
+        Beyond it the thinnest vessels are left out (see `thin_out`).
+    """
+    shown = thin_out(network, most_pieces)
+    points = _points_of(network, shown.vessels)
+    sizes = np.diff(network.offset)[shown.vessels]
     return {
-        "points": pack(network.points.astype(np.float32).ravel()),
-        "radius": pack(network.radius.astype(np.float32)),
-        "offset": pack(network.offset.astype(np.int32)),
-        "names": [names.get(v, str(v)) for v in range(network.vessel_count)],
-        "kinds": [VesselKind(int(k)).name.lower() for k in network.kind],
-        "kind_colours": KIND_COLOURS,
-        "colourings": colourings(network, gauged, flow),
+        "points": pack_positions(network.points[points]),
+        "radius": pack(network.radius[points].astype(np.float32)),
+        "offset": pack(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)),
+        "number": pack(shown.vessels.astype(np.int32)),
+        # To a tenth of a µm.
+        "lengths": np.round(network.lengths()[shown.vessels], 4).tolist(),
+        "names": {str(vessel): name for vessel, name in names.items()},
+        "first": first,
+        "colourings": [_colouring(network, each, shown.vessels, points) for each in colourings],
+        "vessel_count": network.vessel_count,
+        "shown_count": len(shown.vessels),
+        "least_diameter_mm": shown.least_diameter_mm,
+    }
+
+
+def thin_out(network: VesselNetwork, most_pieces: int) -> Thinned:
+    """Leave out the thinnest vessels until at most ``most_pieces`` straight pieces are left.
+
+    A vessel counts by its widest point; of vessels as wide as the first that doesn't fit none is
+    shown, so that what is missing can be told in one number.
+    """
+    sizes = np.diff(network.offset) - 1
+    if sizes.sum() <= most_pieces:
+        return Thinned(np.arange(network.vessel_count), 0.0)
+    width = np.maximum.reduceat(network.radius, network.offset[:-1])
+    order = np.argsort(-width, kind="stable")
+    fits = int(np.searchsorted(np.cumsum(sizes[order]), most_pieces, side="right"))
+    limit = float(width[order[fits]])
+    shown = np.flatnonzero(width > limit)
+    if len(shown) == 0:
+        # All alike: then as many as fit.
+        shown = np.sort(order[: max(fits, 1)])
+    return Thinned(shown, 2.0 * limit)
+
+
+def _points_of(network: VesselNetwork, vessels: IntArray) -> IntArray:
+    """Places of the vessels' points in the network's arrays."""
+    kept = np.zeros(network.vessel_count, dtype=bool)
+    kept[vessels] = True
+    return np.flatnonzero(np.repeat(kept, np.diff(network.offset)))
+
+
+def _colouring(
+    network: VesselNetwork, quantity: Quantity, vessels: IntArray, points: IntArray
+) -> dict[str, Any]:
+    at_points = quantity.at_points(network)
+    values = quantity.values[points if at_points else vessels]
+    return {
+        "key": quantity.key,
+        "name": quantity.name,
+        "unit": quantity.unit,
+        "scale": quantity.scale,
+        "limits": list(quantity.limits),
+        "labels": list(quantity.labels),
+        "colours": list(quantity.colours),
+        "at": "point" if at_points else "vessel",
+        "values": pack(values.astype(np.float32)),
     }
 
 
@@ -51,17 +149,10 @@ def vessel_names(rows: Sequence[Record]) -> dict[int, str]:
     return {index: str(name) for index, name in named if index is not None and name}
 
 
-def colourings(
-    network: VesselNetwork, gauged: Sequence[Record], flow: Sequence[Record]
-) -> list[dict[str, Any]]:
-    """Quantities known for at least one vessel, each with a value (or None) per vessel."""
-    made = [_colouring("Designed diameter", "mm", 2.0 * network.mean_radius())]
-    for rows, wanted in ((gauged, _GAUGED), (flow, _FLOW)):
-        for key, name, unit in wanted:
-            values = per_vessel(rows, key, network.vessel_count)
-            if np.isfinite(values).any():
-                made.append(_colouring(name, unit, values))
-    return made
+def columns(rows: Sequence[Record], keys: Sequence[str], count: int) -> dict[str, FloatArray]:
+    """The records' values by key and number of vessel; only keys with any value."""
+    found = {key: per_vessel(rows, key, count) for key in keys}
+    return {key: values for key, values in found.items() if np.isfinite(values).any()}
 
 
 def per_vessel(rows: Sequence[Record], key: str, count: int) -> NDArray[np.float64]:
@@ -72,32 +163,3 @@ def per_vessel(rows: Sequence[Record], key: str, count: int) -> NDArray[np.float
         if index is not None and 0 <= index < count and is_number(value):
             values[index] = float(value)
     return values
-
-
-def _colouring(name: str, unit: str, values: NDArray[np.float64]) -> dict[str, Any]:
-    listed = [float(v) if np.isfinite(v) else None for v in values]
-    low, high = robust_limits(values)
-    return {"name": name, "unit": unit, "limits": [low, high], "values": listed}
-
-
-def point_pressure(network: VesselNetwork, flow: Sequence[Record]) -> NDArray[np.float64] | None:
-    """Pressure at each point of the polylines from that at the vessels' ends, (p,), mmHg.
-
-    It falls evenly along a vessel of even diameter; a taper's curve is drawn straight.
-
-    Returns
-    -------
-    (p,) float64 or None
-        None when no vessel has both pressures.
-    """
-    count = network.vessel_count
-    first = per_vessel(flow, "pressure_in_mmhg", count)
-    last = per_vessel(flow, "pressure_out_mmhg", count)
-    if not np.isfinite(first + last).any():
-        return None
-    steps = np.linalg.norm(np.diff(network.points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    vessel = np.repeat(np.arange(count), np.diff(network.offset))
-    begin, end = along[network.offset[:-1]], along[network.offset[1:] - 1]
-    part = (along - begin[vessel]) / (end - begin)[vessel]
-    return np.asarray(first[vessel] + part * (last - first)[vessel], dtype=np.float64)

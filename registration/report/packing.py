@@ -51,6 +51,13 @@ def quantise(values: NDArray[np.float64]) -> tuple[NDArray[np.uint16], list[floa
     return levels, low, step
 
 
+def pack_positions(points: NDArray[np.floating[Any]]) -> dict[str, Any]:
+    """Points (n, 3) as differences from point to point of levels, wrapped to 16 bits."""
+    levels, low, step = quantise(np.asarray(points, dtype=np.float64))
+    steps = np.diff(levels, axis=0, prepend=np.zeros((1, 3), np.uint16))
+    return {"positions": pack(steps), "low": low, "step": step}
+
+
 def pack_faces(faces: NDArray[np.int64]) -> str:
     """Vertex numbers as differences to the number before, which deflate well."""
     flat = faces.ravel().astype(np.int32)
@@ -60,7 +67,6 @@ def pack_faces(faces: NDArray[np.int64]) -> str:
 def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
     """All that the page needs to draw one surface, as JSON values."""
     shown = simplify(surface, max_faces)
-    levels, low, step = quantise(shown.vertices)
     result: dict[str, Any] = {
         "name": surface.name,
         "unit": surface.unit,
@@ -69,10 +75,7 @@ def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
         "face_count": len(shown.faces),
         "full_face_count": len(surface.faces),
         "cell_mm": shown.cell_mm,
-        # Differences from vertex to vertex, wrapped to 16 bits.
-        "positions": pack(np.diff(levels, axis=0, prepend=np.zeros((1, 3), np.uint16))),
-        "low": low,
-        "step": step,
+        **pack_positions(shown.vertices),
         "faces": pack_faces(shown.faces),
         "scalar": None,
     }

@@ -13,11 +13,12 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
+from registration.picture.colours import NO_DATA, samples
+from registration.picture.quantities import point_pressure
 from registration.report import sections
-from registration.report.colours import NO_DATA, samples
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.key_figures import key_figures
-from registration.report.network_view import network_view, point_pressure
+from registration.report.network_view import columns, report_view
 from registration.report.packing import pack_surfaces
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.sections import mapping, records
@@ -73,18 +74,18 @@ def report_html(
     figures: Mapping[str, bytes],
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
-    modules = import_map()
+    modules, view = import_map(), view_data(data, surfaces, network)
     context = {
         "data": data,
-        "style": Markup((_HERE / "static" / "report.css").read_text(encoding="utf-8")),
+        "style": style(),
         "policy": content_policy([modules, ENTRY]),
         "modules": modules,
         "entry": Markup(ENTRY),
-        "view": view_data(data, surfaces, network),
+        "view": view,
         "figures": placed_figures({**drawn_figures(data, network), **figures}),
         **section_context(data),
     }
-    return _environment().get_template("report.html").render(context)
+    return environment().get_template("report.html").render(context)
 
 
 def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,10 +108,18 @@ def view_data(
     """What the 3D view draws, as JSON values; None when there is nothing to draw."""
     if not surfaces and network is None:
         return None
-    shown = pack_surfaces(list(surfaces))
+    shown = None if network is None else report_view(network, data)
+    return scene("Deviation map" if surfaces else "Network", surfaces, shown)
+
+
+def scene(
+    title: str, surfaces: Sequence[ReportSurface], network: dict[str, Any] | None
+) -> dict[str, Any]:
+    """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
     return {
-        "surfaces": shown,
-        "network": None if network is None else network_view(network, data),
+        "title": title,
+        "surfaces": pack_surfaces(list(surfaces)),
+        "network": network,
         "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
     }
 
@@ -129,7 +138,11 @@ def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dic
         made["diameters/Measured against designed diameter"] = _diameters(gauged)
     if network is not None:
         made["design/Network, coloured by diameter"] = network_figure(network)
-        pressure = point_pressure(network, records(mapping(data, "flow"), "vessels"))
+        rows = records(mapping(data, "flow"), "vessels")
+        ends = columns(rows, ("pressure_in_mmhg", "pressure_out_mmhg"), network.vessel_count)
+        pressure = point_pressure(
+            network, ends.get("pressure_in_mmhg"), ends.get("pressure_out_mmhg")
+        )
         if pressure is not None:
             name = "flow/Pressure along the network, as designed"
             made[name] = network_figure(network, pressure, "pressure / mmHg")
@@ -156,8 +169,14 @@ def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Ma
     return placed
 
 
+def style() -> Markup:
+    """The pages' style sheet."""
+    return Markup((_HERE / "static" / "report.css").read_text(encoding="utf-8"))
+
+
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
+    """Templates and filters of the pages."""
     environment = Environment(
         loader=FileSystemLoader(_HERE / "templates"),
         autoescape=True,

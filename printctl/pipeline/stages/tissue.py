@@ -10,31 +10,33 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-from printctl.recipe.parts import MeshTissue
 
 SURFACE = "tissue.stl"
 
 
 def depends(context: RunContext) -> Any:
-    """The section, and the user's file where it names one."""
+    """The section, and the user's files where it names some."""
     part = context.recipe.tissue
     found = part.model_dump(mode="json")
-    if isinstance(part, MeshTissue) and (context.recipe_folder / part.mesh).is_file():
-        found["digest"] = digest_file(context.recipe_folder / part.mesh)
+    files = {name: context.recipe_folder / name for name in part.files()}
+    found["digests"] = {name: digest_file(path) for name, path in files.items() if path.is_file()}
     return found
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
-    """Prepare the tissue and keep its surface."""
+    """Prepare the tissue, keep its surface, and say what was done to it on the way."""
     tissue = context.tissue
     write_stl(context.folder / SURFACE, Solid(tissue.vertices, tissue.faces))
-    part = context.recipe.tissue
+    for note in tissue.notes:
+        context.bars.remark("tissue", note)
     extent = tissue.bounds[1] - tissue.bounds[0]
     summary = {
-        "name": part.mesh if isinstance(part, MeshTissue) else part.shape,
+        "name": context.recipe.tissue.label,
         "volume_mm3": tissue.volume_mm3,
         "extent_mm": extent.tolist(),
         "faces": len(tissue.faces),
+        "notes": list(tissue.notes),
+        "mean_demand": tissue.demand.mean_weight,
     }
     return summary, [SURFACE]
 

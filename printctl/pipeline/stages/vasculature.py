@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from design.hemodynamics import FlowConditions, balance
+from design.lattices import LatticeOptions, build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import read_network_csv, write_network_csv
 from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import (
+    ClosedLoops,
     GrowthOptions,
     LoopOptions,
     RootSpec,
@@ -29,6 +32,7 @@ from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
+from printctl.recipe.lattice import LatticeNetwork
 from printctl.recipe.parts import ClosedLoop, GivenNetwork, GrownNetwork, Growth, NamedNetwork
 
 
@@ -43,13 +47,19 @@ def depends(context: RunContext) -> Any:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Make the network and write it; later stages read the file."""
-    network = make_network(context)
+    part = context.recipe.vasculature
+    loops: dict[str, Any] = {}
+    if isinstance(part, ClosedLoop):
+        closed = closed_loop(context.tissue, part, context.recipe.seed)
+        network, loops = closed.network, {"loops": said_of(closed)}
+    else:
+        network = make_network(context)
     write_network_csv(context.folder / NETWORK, network)
-    return summarise(network), [NETWORK]
+    return summarise(network) | loops, [NETWORK]
 
 
 def make_network(context: RunContext) -> VesselNetwork:
-    """The network that the recipe asks for, in the tissue's frame."""
+    """The network that the recipe asks for, closed loops apart, in the tissue's frame."""
     part = context.recipe.vasculature
     match part:
         case NamedNetwork():
@@ -57,26 +67,61 @@ def make_network(context: RunContext) -> VesselNetwork:
         case GivenNetwork():
             network = read_network_csv(context.recipe_folder / part.network, unit=part.unit)
             clearance = part.clearance_mm
+        case LatticeNetwork():
+            network, clearance = build_lattice(context.tissue, lattice_options(part)), 0.0
         case GrownNetwork():
             tree = grow_tree(context.tissue, growth_options(part, context.recipe.seed))
             if part.polish:
                 tree = polish(context.tissue, tree, polish_options(part, context.recipe.seed)).tree
             return tree_to_network(tree, VesselKind.ARTERY)
         case ClosedLoop():
-            return closed_loop(context.tissue, part, context.recipe.seed)
+            return closed_loop(context.tissue, part, context.recipe.seed).network
     check_network(network, clearance)
     return network
 
 
-def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> VesselNetwork:
-    """Artery and vein, grown in turn, and every terminal of the one joined to one of the other."""
+def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
+    """Artery and vein, grown in turn, and every terminal of the one joined to one of the other.
+
+    Where a few had to be pruned, the others are balanced anew, by narrowing alone.
+    """
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
     thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
     joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
-    return close_loops(tissue, arterial, venous, joined)
+    closed = close_loops(tissue, arterial, venous, joined)
+    if not closed.pruned:
+        return closed
+    conditions = FlowConditions(
+        artery.viscosity_pa_s, inlet_flow_ul_s=artery.flow_ul_s(tissue.volume_mm3)
+    )
+    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest or 0.0)
+    return replace(closed, network=narrowed)
+
+
+def said_of(closed: ClosedLoops) -> dict[str, int]:
+    """What the report says of how the loops were closed."""
+    return {
+        "connections": closed.connections,
+        "routed": closed.routed,
+        "shortened_terminals": closed.shortened,
+        "pruned_pairs": closed.pruned,
+    }
+
+
+def lattice_options(part: LatticeNetwork) -> LatticeOptions:
+    """The recipe's words in the design's, which speak of radii."""
+    wide = part.manifold_diameter_mm
+    return LatticeOptions(
+        kind=part.lattice,
+        cell_mm=part.cell_mm,
+        radius_mm=part.diameter_mm / 2,
+        manifold_radius_mm=None if wide is None else wide / 2,
+        axis=part.axis,
+        clearance_mm=part.clearance_mm,
+    )
 
 
 def growth_options(part: Growth, seed: int) -> GrowthOptions:

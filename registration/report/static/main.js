@@ -11,9 +11,9 @@ if (block) {
   const viewer = document.getElementById("viewer");
   try {
     const data = JSON.parse(block.textContent);
-    await startViewer(data);
+    const view = await startViewer(data);
     viewer.dataset.state = "ready";
-    if (data.network) startSelection();
+    if (view.network) startSelection(view.network);
   } catch (error) {
     // Without WebGL the tables and drawings still stand; the message in the page says so.
     viewer.dataset.state = "failed";

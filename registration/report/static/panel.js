@@ -38,17 +38,16 @@ function startLayers(view, update) {
     label.append(input, layer.name);
     box.append(label);
   }
-  const anyNumbers = view.surfaces.some((surface) => surface.values);
-  document.getElementById("opacity").closest("fieldset").hidden = !anyNumbers;
+  document.getElementById("opacity").closest("fieldset").hidden = view.surfaces.length === 0;
 }
 
 function startColouring(view, update) {
   const select = document.getElementById("colouring");
   select.closest("fieldset").hidden = !view.network;
   if (!view.network) return;
-  select.append(new Option("Kind", "-1"));
-  view.network.data.colourings.forEach(({ name, unit }, i) => {
-    select.append(new Option(`${name} / ${unit}`, String(i)));
+  view.network.colourings.forEach(({ key, name, unit }, i) => {
+    const first = key === view.network.data.first;
+    select.append(new Option(unit ? `${name} / ${unit}` : name, String(i), first, first));
   });
   const recolour = () => {
     view.networkLegend = colourNetwork(view.network, Number(select.value));
@@ -61,7 +60,7 @@ function startColouring(view, update) {
 function showLegends(view) {
   const shown = view.surfaces
     .filter((surface) => surface.scale && surface.group.visible)
-    .map(({ data, scale }) => scale.legend(data.unit ? `${data.name} / ${data.unit}` : data.name));
+    .map(({ scale }) => scale.legend());
   if (view.network?.mesh.visible && view.networkLegend) shown.push(view.networkLegend);
   document.getElementById("legends").replaceChildren(...shown);
 }

@@ -1,6 +1,9 @@
 // What the pointer is over: a vessel, a value of a surface, or nothing.
 import * as THREE from "three";
 import { set, state } from "report/bus";
+import { pieceUnder } from "report/capsules";
+import { isKept } from "report/clip";
+import { facts, vesselName } from "report/network";
 import { shortNumber } from "report/scale";
 import { valueAt } from "report/surfaces";
 
@@ -40,27 +43,29 @@ function point(stage, view, event) {
   );
   const ray = new THREE.Raycaster();
   ray.setFromCamera(place, stage.camera);
-  const vessel = vesselUnder(ray, view);
+  const vessel = vesselUnder(stage, ray.ray, view);
   set("hovered", vessel);
-  showProbe([vesselName(view, vessel), reading(ray, view)].filter(Boolean).join(" · "));
+  showProbe([...described(view, vessel), reading(stage, ray, view)].filter(Boolean).join(" · "));
   return { vessel };
 }
 
 // The network answers even while it is hidden inside a surface.
-function vesselUnder(ray, view) {
+function vesselUnder(stage, ray, view) {
   if (!view.network) return null;
-  const hit = ray.intersectObject(view.network.mesh, false)[0];
-  return hit ? view.network.mesh.geometry.userData.vessel[hit.face.a] : null;
+  const hit = pieceUnder(view.network, ray, (at) => isKept(stage, at));
+  return hit ? view.network.number[view.network.vessel[hit.piece]] : null;
 }
 
-function vesselName(view, vessel) {
-  return vessel === null ? "" : `vessel ${view.network.data.names[vessel]}`;
+function described(view, vessel) {
+  if (vessel === null) return [];
+  const brief = facts(view.network, vessel, true).map(([name, text]) => `${name} ${text}`);
+  return [`vessel ${vesselName(view.network, vessel)}`, ...brief];
 }
 
-function reading(ray, view) {
+function reading(stage, ray, view) {
   const hits = view.surfaces
     .filter((surface) => surface.values && surface.group.visible)
-    .map((surface) => ({ surface, hit: ray.intersectObject(surface.mesh, false)[0] }))
+    .map((surface) => ({ surface, hit: firstKept(stage, ray, surface.mesh) }))
     .filter(({ hit }) => hit)
     .sort((a, b) => a.hit.distance - b.hit.distance);
   if (!hits.length) return "";
@@ -68,6 +73,10 @@ function reading(ray, view) {
   const value = valueAt(surface, hit);
   if (Number.isNaN(value)) return "no data here";
   return `${shortNumber(value, surface.scale.diverging)} ${surface.data.unit}`;
+}
+
+function firstKept(stage, ray, mesh) {
+  return ray.intersectObject(mesh, false).find(({ point: at }) => isKept(stage, at));
 }
 
 function showProbe(text) {

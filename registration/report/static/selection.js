@@ -1,7 +1,8 @@
 // Rows of vessels: pointing at one marks it in 3D, and the other way round.
 import { listen, set, state } from "report/bus";
+import { facts, vesselName } from "report/network";
 
-export function startSelection() {
+export function startSelection(network) {
   const rows = new Map();
   for (const row of document.querySelectorAll("tr[data-vessel]")) {
     const vessel = Number(row.dataset.vessel);
@@ -14,7 +15,7 @@ export function startSelection() {
       for (const row of rows.get(vessel) ?? []) row.classList.add(mark);
     });
   }
-  listen("selected", (vessel) => describe(vessel, rows.get(vessel) ?? []));
+  listen("selected", (vessel) => describe(network, vessel, rows.get(vessel) ?? []));
 }
 
 function prepare(row, vessel) {
@@ -34,16 +35,17 @@ function prepare(row, vessel) {
   });
 }
 
-// The panel beside the view repeats the chosen vessel's rows.
-function describe(vessel, rows) {
+// The panel beside the view repeats the chosen vessel's rows, and what else is known of it.
+function describe(network, vessel, rows) {
   const panel = document.getElementById("selection");
   panel.replaceChildren();
   if (vessel === null) return;
   const title = document.createElement("h3");
-  title.textContent = `Vessel ${rows.length ? rows[0].cells[0].textContent : vessel}`;
+  title.textContent = `Vessel ${vesselName(network, vessel)}`;
   const list = document.createElement("dl");
   const shown = new Set();
   for (const row of rows) appendCells(list, row, shown);
+  for (const [name, text] of rows.length ? [] : facts(network, vessel)) append(list, name, text);
   panel.append(title, list);
   if (rows.length) panel.append(backLink(rows[0]));
 }
@@ -54,11 +56,14 @@ function appendCells(list, row, shown) {
     const heading = headings[cell.cellIndex].querySelector("button")?.textContent;
     if (!heading || shown.has(heading)) continue;
     shown.add(heading);
-    const [term, value] = [document.createElement("dt"), document.createElement("dd")];
-    term.textContent = heading;
-    value.textContent = cell.textContent;
-    list.append(term, value);
+    append(list, heading, cell.textContent);
   }
+}
+
+function append(list, name, text) {
+  const [term, value] = [document.createElement("dt"), document.createElement("dd")];
+  [term.textContent, value.textContent] = [name, text];
+  list.append(term, value);
 }
 
 function backLink(row) {

@@ -5,6 +5,7 @@ import { OrbitControls } from "three/orbit";
 
 const DIRECTIONS = {
   Oblique: [-0.55, -1, 0.85], Top: [0, -1e-4, 1], Front: [0, -1, 0], Side: [1, 0, 0],
+  Back: [0, 1, 0], Below: [0, -1e-4, -1],
 };
 
 export class Stage {
@@ -40,8 +41,10 @@ export class Stage {
     this.renderer.domElement.style.touchAction = held ? "none" : "pan-y";
   }
 
-  frame(box) {
+  // The box of all there is, and points (flat x, y, z) whose outline is to fill the view.
+  frame(box, outline) {
     this.box = box;
+    this.outline = outline;
     this.radius = box.getSize(new THREE.Vector3()).length() / 2 || 1;
     this.look("Oblique");
   }
@@ -49,29 +52,44 @@ export class Stage {
   look(name) {
     const centre = this.box.getCenter(new THREE.Vector3());
     const way = new THREE.Vector3(...DIRECTIONS[name]).normalize();
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(way, 4 * this.radius);
     this.camera.near = 0;
     this.camera.far = 8 * this.radius;
     this.camera.zoom = 1;
-    this.camera.lookAt(centre);
-    this.camera.updateMatrixWorld();
-    this.fitted = this.extent();
+    this.aim(centre, way);
+    const seen = this.extent();
+    centre.add(seen.getCenter(new THREE.Vector3()).setZ(0).applyQuaternion(this.camera.quaternion));
+    this.aim(centre, way);
+    this.fitted = seen.getSize(new THREE.Vector3()).multiplyScalar(0.5 * 1.12);
     this.resize();
     this.controls.update();
   }
 
-  // Half width and half height of the box as the camera sees it, with a margin.
+  aim(centre, way) {
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(way, 4 * this.radius);
+    this.camera.lookAt(centre);
+    this.camera.updateMatrixWorld();
+  }
+
+  // The outline's box as the camera sees it, in the camera's frame.
   extent() {
-    const [half, corner] = [new THREE.Vector2(), new THREE.Vector3()];
+    const [seen, point] = [new THREE.Box3(), new THREE.Vector3()];
     const turned = this.camera.matrixWorldInverse.copy(this.camera.matrixWorld).invert();
-    for (let i = 0; i < 8; i++) {
-      const { min, max } = this.box;
-      corner.set(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z);
-      corner.applyMatrix4(turned);
-      half.set(Math.max(half.x, Math.abs(corner.x)), Math.max(half.y, Math.abs(corner.y)));
+    for (let i = 0; i < this.outline.length; i += 3) {
+      seen.expandByPoint(point.fromArray(this.outline, i).applyMatrix4(turned));
     }
-    return half.multiplyScalar(1.12);
+    return seen;
+  }
+
+  // Corner i of the box, 0 to 7.
+  corner(i) {
+    const { min, max } = this.box;
+    return new THREE.Vector3(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z);
+  }
+
+  // Towards the eye.
+  eyeWay() {
+    return this.camera.position.clone().sub(this.controls.target).normalize();
   }
 
   resize() {

@@ -1,9 +1,13 @@
-// Surfaces: coloured where they carry a number, translucent with drawn edges where they don't.
+// Surfaces: coloured where they carry a number, a translucent shell where they don't.
 import * as THREE from "three";
 import { Scale } from "report/scale";
 import { unpackSurface } from "report/unpack";
 
 const MOST_FACES_WITH_EDGES = 60000;
+const MOST_FACES_WITH_CREASES = 150000;
+const CREASE = 0.8;
+const FACE_ON = 0.07;
+const GRAZING = 0.38;
 
 export async function makeSurface(data, colours) {
   const { positions, faces, values } = await unpackSurface(data);
@@ -17,7 +21,9 @@ export async function makeSurface(data, colours) {
 }
 
 function coloured(geometry, surface, colours) {
-  surface.scale = new Scale(surface.data.limits, colours);
+  const [low, high] = surface.data.limits;
+  const scale = low < 0 && high > 0 ? "diverging" : "linear";
+  surface.scale = new Scale({ ...surface.data, scale }, colours);
   geometry.setAttribute("color", vertexColours(surface.values, surface.scale));
   geometry.computeVertexNormals();
   const material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
@@ -26,16 +32,60 @@ function coloured(geometry, surface, colours) {
 
 function setting(geometry, surface) {
   const material = new THREE.MeshLambertMaterial({
-    color: 0x8b949c, transparent: true, opacity: 0.1, depthWrite: false,
-    side: THREE.DoubleSide, flatShading: true,
+    color: 0x8b949c, transparent: true, depthWrite: false, side: THREE.DoubleSide,
   });
+  // A shell seen edge-on holds back more light than one seen face-on.
+  surface.strength = { value: 1 };
+  material.onBeforeCompile = (shader) => {
+    shader.uniforms.strength = surface.strength;
+    shader.fragmentShader = shader.fragmentShader
+      .replace("#include <common>", "#include <common>\nuniform float strength;")
+      .replace("#include <opaque_fragment>", `
+        float slant = 1.0 - abs(normal.z);
+        diffuseColor.a = strength * (${FACE_ON} + ${GRAZING} * slant * slant * slant);
+        #include <opaque_fragment>`);
+  };
   if (surface.data.face_count <= MOST_FACES_WITH_EDGES) {
-    const line = new THREE.LineBasicMaterial({ color: 0x8b949c, transparent: true, opacity: 0.55 });
-    surface.group.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 35), line));
+    const line = new THREE.LineBasicMaterial({ color: 0x8b949c, transparent: true, opacity: 0.45 });
+    surface.edges = line;
+    surface.group.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 40), line));
   }
-  const mesh = new THREE.Mesh(geometry, material);
+  const mesh = new THREE.Mesh(withNormals(geometry, surface.data.face_count), material);
   mesh.renderOrder = 2;
   return mesh;
+}
+
+function withNormals(geometry, faceCount) {
+  if (faceCount <= MOST_FACES_WITH_CREASES) return creased(geometry);
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+// A copy whose corners have normals of their own: smooth, but across creases. The sum over the
+// faces around the vertex that are turned little from the corner's own, by area.
+function creased(geometry) {
+  const flat = geometry.toNonIndexed();
+  const [place, index] = [flat.attributes.position.array, geometry.index.array];
+  const across = new Float32Array(place.length / 3);
+  const around = Array.from({ length: geometry.attributes.position.count }, () => []);
+  const [a, b, c] = [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()];
+  for (let f = 0; f < index.length / 3; f++) {
+    [a, b, c].forEach((corner, k) => corner.fromArray(place, 9 * f + 3 * k));
+    b.sub(a).cross(c.sub(a)).toArray(across, 3 * f);
+    for (let k = 0; k < 3; k++) around[index[3 * f + k]].push(f);
+  }
+  const normals = new Float32Array(place.length);
+  for (let i = 0; i < index.length; i++) {
+    a.fromArray(across, 3 * Math.floor(i / 3));
+    c.set(0, 0, 0);
+    for (const f of around[index[i]]) {
+      b.fromArray(across, 3 * f);
+      if (a.dot(b) > CREASE * a.length() * b.length()) c.add(b);
+    }
+    (c.lengthSq() > 0 ? c : c.copy(a)).normalize().toArray(normals, 3 * i);
+  }
+  flat.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+  return flat;
 }
 
 function vertexColours(values, scale) {
@@ -46,7 +96,11 @@ function vertexColours(values, scale) {
 }
 
 export function setOpacity(surface, opacity) {
-  if (!surface.values) return;
+  if (!surface.values) {
+    surface.strength.value = opacity;
+    if (surface.edges) surface.edges.opacity = 0.45 * opacity;
+    return;
+  }
   surface.mesh.material.transparent = opacity < 1;
   surface.mesh.material.opacity = opacity;
   surface.mesh.material.depthWrite = opacity === 1;

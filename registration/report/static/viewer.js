@@ -1,12 +1,15 @@
 // The 3D view: surfaces, network, markers, and what listens to them.
 import * as THREE from "three";
 import { listen } from "report/bus";
+import { startClip } from "report/clip";
 import { makeMarker, makeNetwork, markVessel } from "report/network";
 import { startOverlays } from "report/overlays";
 import { startPanel } from "report/panel";
 import { startPointer } from "report/pointer";
 import { Stage } from "report/stage";
 import { makeSurface } from "report/surfaces";
+
+const OUTLINE_POINTS = 20000;
 
 export async function startViewer(data) {
   const stage = new Stage(document.getElementById("stage"));
@@ -20,10 +23,24 @@ export async function startViewer(data) {
   document.getElementById("viewer").dataset.state = "ready";
   startPanel(stage, view);
   startOverlays(stage);
-  stage.frame(bounds);
+  stage.frame(bounds, outline(view, bounds));
+  startClip(stage);
   startMarkers(stage, view);
   startPointer(stage, view);
   startPrinting(stage);
+  return view;
+}
+
+// Every vertex of the surfaces and every end of the network's pieces, or of so many that it is quick.
+function outline(view, bounds) {
+  const arrays = view.surfaces.map(({ mesh }) => mesh.geometry.attributes.position.array);
+  if (view.network) arrays.push(view.network.from, view.network.to);
+  const found = [...bounds.min.toArray().map((low, k) => (low + bounds.max.toArray()[k]) / 2)];
+  for (const array of arrays) {
+    const stride = 3 * Math.max(1, Math.floor(array.length / 3 / OUTLINE_POINTS));
+    for (let i = 0; i < array.length; i += stride) found.push(array[i], array[i + 1], array[i + 2]);
+  }
+  return found;
 }
 
 async function makeView(data) {

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.checkers import Perfusion, consistent_radii, outlet_flows, spread
+from benchmarks.checkers import Perfusion, consistent_radii, loop_flows, outlet_flows, spread
 from benchmarks.checkers.poiseuille import graph_flows, resistances, tree_flows
 from tests.benchmarks.checkers.nets import fork, net_of, random_tree
 
@@ -67,3 +69,17 @@ def test_consistent_radii_feed_all_outlets_alike(terminals):
             )
             > 0.1
         )
+
+
+def test_flow_of_each_connection_is_that_of_its_pieces():
+    """Two ways of two pieces each between an artery and a vein, one twice as wide."""
+    points = [[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0], [3, 0, 0], [4, 0, 0]]
+    edges = [[0, 1], [1, 2], [2, 4], [1, 3], [3, 4], [4, 5]]
+    net = net_of(points, edges, [0.3, 0.1, 0.1, 0.2, 0.2, 0.3])
+    kind = np.array(["artery", *["connection"] * 4, "vein"])
+    net = replace(net, kind=kind, vessel=np.array([0, 1, 1, 2, 2, 3]))
+    flows = loop_flows(net, 100.0, 1e-3)
+    assert flows[1] / flows[0] == pytest.approx(16.0, rel=1e-12)
+    assert flows.sum() == pytest.approx(outlet_flows(net, 100.0, 1e-3).sum(), rel=1e-12)
+    with pytest.raises(ValueError, match="no vessel of kind connection"):
+        loop_flows(fork(), 100.0, 1e-3)

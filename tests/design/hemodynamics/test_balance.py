@@ -93,3 +93,23 @@ def test_network_without_connections_is_refused():
     )
     with pytest.raises(FlowError, match="no vessel of kind connection"):
         balance(network, FLOW)
+
+
+@pytest.mark.parametrize("conditions", [FLOW, PRESSURE], ids=["flow", "pressure"])
+def test_narrowing_alone_widens_nothing(conditions):
+    network = ladder(7)
+    balanced = balance(network, conditions, widen=False)
+    assert (balanced.radius <= network.radius * (1 + 1e-12)).all()
+    assert flow_spread(balanced, conditions) < 1e-9
+
+
+def test_narrowing_alone_refuses_what_needs_widening():
+    """Two connections side by side, then a third: both levels between them are free."""
+    nodes = np.column_stack([np.arange(6.0), np.zeros(6), np.zeros(6)])
+    ends = [[0, 1], [1, 2], [1, 2], [2, 3], [3, 4], [4, 5]]
+    radius = np.array([0.3, 0.1, 0.08, 0.3, 0.1, 0.3])
+    kind = np.array([A, C, C, A, C, V])
+    chain = VesselNetwork.from_segments(nodes, ends, radius, kind, 0 * kind)
+    assert flow_spread(balance(chain, FLOW, [1.0, 1.0, 2.0]), FLOW, [1.0, 1.0, 2.0]) < 1e-9
+    with pytest.raises(FlowError, match=r"\d of 3 connections would have to be widened"):
+        balance(chain, FLOW, [1.0, 1.0, 2.0], widen=False)

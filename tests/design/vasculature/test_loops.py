@@ -40,7 +40,7 @@ def pair(tissue, seed=1, count=COUNT):
 
 @pytest.fixture(scope="module")
 def closed(tissue):
-    return close_loops(tissue, *pair(tissue))
+    return close_loops(tissue, *pair(tissue)).network
 
 
 def test_every_terminal_is_joined_once(closed):
@@ -59,7 +59,7 @@ def test_every_terminal_is_joined_once(closed):
 @pytest.mark.parametrize("seed", [2, 3])
 def test_loops_in_a_torus_keep_clear_and_inside(seed):
     tissue = tissue_of(surfaces.torus())
-    network = close_loops(tissue, *pair(tissue, seed))
+    network = close_loops(tissue, *pair(tissue, seed)).network
     check(network, tissue)
 
 
@@ -80,7 +80,7 @@ def check(network, tissue):
 
 
 def test_oracle_finds_no_collision_either(tissue):
-    network = close_loops(tissue, *pair(tissue, count=12))
+    network = close_loops(tissue, *pair(tissue, count=12)).network
     assert oracles.colliding_pairs(network, 0.0, 0.1)[0] == set()
 
 
@@ -127,7 +127,7 @@ def test_several_trees_of_a_side_mix(tissue):
         RootSpec(GrowthOptions(terminals=30), VesselKind.VEIN),
     ]
     left, right, vein = grow_forest(tissue, wishes)
-    network = close_loops(tissue, [left, right], vein)
+    network = close_loops(tissue, [left, right], vein).network
     assert len(network.inlets()) == 2
     assert len(network.outlets()) == 1
     assert collisions(network, 0.0, 0.1).count == 0
@@ -135,13 +135,13 @@ def test_several_trees_of_a_side_mix(tissue):
 
 def test_no_connection_is_thinner_than_asked(tissue):
     trees = pair(tissue, count=20)
-    network = close_loops(tissue, *trees, LoopOptions(smallest_radius_mm=0.03))
+    network = close_loops(tissue, *trees, LoopOptions(smallest_radius_mm=0.03)).network
     radius = network.mean_radius()[network.kind == VesselKind.CONNECTION]
     assert radius.min() >= 0.03
 
 
 def test_same_options_give_the_same_bytes(tissue, closed):
-    again = close_loops(tissue, *pair(tissue))
+    again = close_loops(tissue, *pair(tissue)).network
     assert again.points.tobytes() == closed.points.tobytes()
     assert again.radius.tobytes() == closed.radius.tobytes()
 

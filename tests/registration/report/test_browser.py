@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from registration.report import layer_figure, write_report_html
+from registration.picture import Known, quantities
+from registration.report import (
+    NetworkPage,
+    layer_figure,
+    write_network_html,
+    write_report_html,
+)
 
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
@@ -79,3 +85,84 @@ def test_without_webgl_the_rest_of_the_page_still_works(tmp_path: Path) -> None:
     dom, _, _ = opened(path, "--disable-3d-apis")
     assert state(dom, 'div class="viewer"') == "failed"
     assert state(dom, "html") == "ready"
+
+
+def acted(path: Path, script: str) -> str:
+    """The DOM after ``script`` ran beside the page's own, whose policy would forbid it."""
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+    act = (
+        "const wait = (ms) => new Promise((done) => setTimeout(done, ms));"
+        "while (document.documentElement.dataset.state !== 'ready') await wait(50);"
+        "const box = document.querySelector('#stage canvas').getBoundingClientRect();"
+        "const point = (name, x, y, more = {}) => document.querySelector('#stage canvas')"
+        ".dispatchEvent(new PointerEvent(name, { clientX: box.left + x * box.width,"
+        " clientY: box.top + y * box.height, bubbles: true, pointerId: 1, ...more }));"
+        "const change = (id, value, name = 'change') => { const e = document.getElementById(id);"
+        " e.value = value; e.dispatchEvent(new Event(name)); };"
+    )
+    path.write_text(text.replace("</body>", f'<script type="module">{act}{script}</script></body>'))
+    return opened(path)[0]
+
+
+def write_network(path: Path, first: str = "radius") -> None:
+    network = planar_network()
+    known = Known(flow={"flow_ml_min": np.linspace(0.01, 0.25, network.vessel_count)})
+    page = NetworkPage("planar", first, ("A note.",))
+    write_network_html(path, network, quantities(network, known), [block_surface()], page)
+
+
+def inner(dom: str, element: str) -> str:
+    found = re.search(rf'<\w+[^>]*id="{element}"[^>]*>(.*?)</(?:div|select)>', dom, re.S)
+    return re.sub(r"<[^>]+>", " ", found.group(1)) if found else ""
+
+
+def test_network_page_starts_without_errors_and_asks_for_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "network.html"
+    write_network(path, "flow")
+    dom, console, urls = opened(path)
+    assert console == []
+    assert urls == []
+    assert state(dom, 'div class="viewer"') == "ready"
+    assert "Flow / mL/min" in inner(dom, "legends")
+    assert "A note." in dom
+
+
+def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "network.html"
+    write_network(path)
+    # From above the block's middle lies between the second and third channel; the third (y = 5.0,
+    # diameter 0.6 mm) is vessel 7.
+    look = (
+        "[...document.querySelectorAll('#directions button')].find((b) => b.textContent === 'Top')"
+        ".click(); await wait(300);"
+        "const scale = box.width / 16 / 1.12; const y = 0.5 - (1.0 * scale) / box.height;"
+    )
+    pick = "point('pointermove', 0.5, y); await wait(300);"
+    click = "point('pointerdown', 0.5, y); point('pointerup', 0.5, y); await wait(300);"
+    dom = acted(path, look + pick + click)
+    assert "vessel 7" in inner(dom, "probe")
+    assert "Diameter 0.6 mm" in inner(dom, "probe")
+    assert "Length 10 mm" in inner(dom, "probe")
+    selection = inner(dom, "selection")
+    assert "Vessel 7" in dom
+    assert "Kind of vessel" in dom
+    assert selection
+    write_network(path)
+    dom = acted(path, look + "change('clip-axis', 'z'); change('clip', 100, 'input');" + pick)
+    assert inner(dom, "probe").strip() == ""
+
+
+def test_the_colour_switch_changes_the_legend(tmp_path: Path) -> None:
+    path = tmp_path / "network.html"
+    write_network(path)
+    choose = (
+        "const select = document.getElementById('colouring');"
+        "const option = [...select.options].find((o) => o.text === 'Kind of vessel');"
+        "change('colouring', option.value);"
+    )
+    legends = inner(acted(path, choose), "legends")
+    assert "Kind of vessel" in legends
+    assert "Radius" not in legends

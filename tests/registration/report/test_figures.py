@@ -5,6 +5,7 @@ import pytest
 from lxml import etree, html
 
 from design.network import VesselNetwork
+from registration.picture.colours import samples
 from registration.report import (
     ReportError,
     diameter_figure,
@@ -12,7 +13,6 @@ from registration.report import (
     layer_figure,
     network_figure,
 )
-from registration.report.colours import samples
 from registration.report.figures import flush_ends, piece_values
 from registration.report.svg import inline_figure, inline_svg
 

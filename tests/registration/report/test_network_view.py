@@ -1,23 +1,89 @@
+import base64
+import zlib
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from registration.report.network_view import network_view, per_vessel, point_pressure
+from design.network import VesselKind, VesselNetwork
+from registration.picture import quantities
+from registration.report.network_view import (
+    columns,
+    network_view,
+    per_vessel,
+    report_view,
+    thin_out,
+)
 from registration.report.sections import vessel_summary
 from registration.report.tables import MAX_ROWS, Column, make_table, vessel_index
 
 from .sample import planar_network, sample_data
 
 
-def test_colourings_hold_a_value_for_each_vessel() -> None:
+def unpacked(text: str, dtype: str) -> NDArray[Any]:
+    return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype)
+
+
+def positions(packed: dict[str, Any]) -> NDArray[np.float64]:
+    """As the page undoes them: wrapped differences of levels."""
+    steps = unpacked(packed["positions"], "<u2").reshape(-1, 3)
+    levels = np.cumsum(steps, axis=0, dtype=np.uint16)
+    return np.array(packed["low"]) + np.array(packed["step"]) * levels
+
+
+def test_colourings_hold_a_value_for_each_vessel_or_point() -> None:
     network, data = planar_network(), sample_data()
     data["registration"]["vessels"].pop(3)
-    made = {c["name"]: c for c in network_view(network, data)["colourings"]}
-    assert made["Designed diameter"]["values"][5] == pytest.approx(0.4)
-    error = made["Diameter error"]["values"]
+    made = {c["key"]: c for c in report_view(network, data)["colourings"]}
+    assert {"radius", "flow", "pressure", "shear", "kind", "tree", "deviation"} <= set(made)
+    radius = unpacked(made["radius"]["values"], "<f4")
+    assert made["radius"]["at"] == "point"
+    assert radius[10] == pytest.approx(0.2)
+    error = unpacked(made["deviation"]["values"], "<f4")
+    assert made["deviation"]["at"] == "vessel"
     assert len(error) == 14
-    assert error[3] is None
-    assert error[5] == data["registration"]["vessels"][4]["error_percent"]
-    assert {"Flow", "Wall shear", "Inlet pressure"} <= set(made)
+    assert np.isnan(error[3])
+    assert error[5] == pytest.approx(data["registration"]["vessels"][4]["error_percent"])
+
+
+def test_the_page_gets_the_network_whole() -> None:
+    network = planar_network()
+    view = network_view(network, quantities(network), {2: "header"})
+    assert np.abs(positions(view["points"]) - network.points).max() < 1e-5 * 16
+    assert np.allclose(unpacked(view["radius"], "<f4"), network.radius, rtol=1e-6)
+    assert unpacked(view["offset"], "<i4").tolist() == network.offset.tolist()
+    assert unpacked(view["number"], "<i4").tolist() == list(range(14))
+    assert np.allclose(view["lengths"], network.lengths(), atol=1e-4)
+    assert view["names"] == {"2": "header"}
+    assert view["least_diameter_mm"] == 0.0
+
+
+def comb(radius: list[float]) -> VesselNetwork:
+    """Vessels side by side."""
+    count = len(radius)
+    nodes = np.array([[x, y, 0.0] for x in range(count) for y in (0.0, 3.0)])
+    ends = np.arange(2 * count).reshape(-1, 2)
+    kind = np.full(count, VesselKind.CHANNEL)
+    return VesselNetwork.from_segments(nodes, ends, np.array(radius), kind, np.zeros(count))
+
+
+def test_the_thinnest_are_left_out_and_it_is_told() -> None:
+    network = comb([0.1, 0.5, 0.2, 0.4, 0.2])
+    assert thin_out(network, 5).vessels.tolist() == [0, 1, 2, 3, 4]
+    shown = thin_out(network, 3)
+    # Of the two of 0.2 neither is shown, so that "wider than 0.4 mm" is true.
+    assert shown.vessels.tolist() == [1, 3]
+    assert shown.least_diameter_mm == pytest.approx(0.4)
+    view = network_view(network, quantities(network), {}, "radius", 3)
+    assert (view["shown_count"], view["vessel_count"]) == (2, 5)
+    assert unpacked(view["number"], "<i4").tolist() == [1, 3]
+    assert np.allclose(unpacked(view["colourings"][0]["values"], "<f4"), [0.5, 0.5, 0.4, 0.4])
+    assert positions(view["points"])[:, 0] == pytest.approx([1, 1, 3, 3], abs=1e-4)
+
+
+def test_vessels_all_alike_are_thinned_by_number() -> None:
+    assert thin_out(comb([0.2] * 6), 4).vessels.tolist() == [0, 1, 2, 3]
 
 
 def test_records_of_unknown_vessels_are_left_out() -> None:
@@ -28,14 +94,9 @@ def test_records_of_unknown_vessels_are_left_out() -> None:
     assert np.isnan(values[[0, 2]]).all()
 
 
-def test_pressure_falls_evenly_between_the_ends() -> None:
-    network = planar_network()
-    flow = [{"vessel": 5, "pressure_in_mmhg": 8.0, "pressure_out_mmhg": 6.0}]
-    pressure = point_pressure(network, flow)
-    assert pressure is not None
-    assert pressure[10:12].tolist() == [8.0, 6.0]
-    assert np.isnan(np.delete(pressure, [10, 11])).all()
-    assert point_pressure(network, []) is None
+def test_columns_without_any_value_are_left_out() -> None:
+    rows = [{"vessel": 0, "a": 1.0, "b": None}, {"vessel": 1, "a": None}]
+    assert list(columns(rows, ("a", "b"), 2)) == ["a"]
 
 
 def test_vessel_numbers_are_told_from_names() -> None:

@@ -1,9 +1,9 @@
-"""Colours shared by the 3D view and the drawings.
+"""Colours shared by the 3D views, the pictures and the drawings.
 
 The diverging scale runs from blue over light grey to orange-brown, with equal lightness at equal
 distance from zero. Blue against orange stays apart in every common form of colour blindness, and
-lightness alone shows how far a value is from zero. The kinds of vessel take colours of Okabe &
-Ito's set (2008, "Color Universal Design").
+lightness alone shows how far a value is from zero. Kinds and trees take colours of Okabe & Ito's
+set (2008, "Color Universal Design").
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ KIND_COLOURS: Final = {
     "connection": "#cc79a7",
     "channel": "#56b4e9",
 }
+TREE_COLOURS: Final = (
+    "#d55e00", "#0072b2", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#8c6d31", "#5b5ea6",
+)  # fmt: skip
 
 DIVERGING: Final = LinearSegmentedColormap.from_list("deviation", DIVERGING_ANCHORS)
 # Viridis without its darkest and brightest ends, which sink into a dark or a light page.

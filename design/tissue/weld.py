@@ -1,0 +1,73 @@
+"""Drop faces that stand twice in a mesh, and merge vertices next to one another along gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from design.tissue.closed import FaceArray, FloatArray, edges_of, merged
+
+_GAP_SHARE = 1e-4
+"""Widest gap that is merged over, of the mesh's extent; never above `_EDGE_SHARE` of the edges."""
+
+_EDGE_SHARE = 0.25
+
+
+def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
+    """Keep one of each set of faces with the same corners, unless that opens edges."""
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    if len(first) == len(faces):
+        return faces, 0
+    fewer = faces[np.sort(first)]
+    if edges_of(fewer).open > edges_of(faces).open:
+        return faces, 0
+    return fewer, len(faces) - len(fewer)
+
+
+def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, int, float]:
+    """Merge vertices on open edges that are nearly in one place.
+
+    Returns
+    -------
+    points, faces
+    count : int
+        Vertices merged away.
+    gap : float
+        The farthest any of them lay from its group's first.
+    """
+    rim = _rim(faces)
+    if len(rim) == 0:
+        return points, faces, 0, 0.0
+    reach = min(
+        _GAP_SHARE * float(np.ptp(points, axis=0).max()), _EDGE_SHARE * _edge(points, faces)
+    )
+    pairs = cKDTree(points[rim]).query_pairs(reach, output_type="ndarray")
+    if len(pairs) == 0:
+        return points, faces, 0, 0.0
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(rim), len(rim)))
+    groups, group = connected_components(graph, directed=False)
+    leader = np.full(groups, len(rim))
+    np.minimum.at(leader, group, np.arange(len(rim)))
+    number = np.arange(len(points))
+    number[rim] = rim[leader[group]]
+    gap = float(np.linalg.norm(points[rim] - points[number[rim]], axis=1).max())
+    joined = points[number]
+    new_points, new_faces = merged(joined, faces)
+    return new_points, new_faces, len(rim) - groups, gap
+
+
+def _rim(faces: FaceArray) -> NDArray[np.int64]:
+    edges = edges_of(faces)
+    rim: NDArray[np.int64] = np.unique(edges.ends[edges.uses == 1])
+    return rim
+
+
+def _edge(points: FloatArray, faces: FaceArray) -> float:
+    """A short edge among the open ones (the fifth percentile)."""
+    edges = edges_of(faces)
+    ends = points[edges.ends[edges.uses == 1]]
+    return float(np.percentile(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 5))

@@ -1,0 +1,210 @@
+"""Places that vessels must keep out of, or within: needles, ports, fixtures.
+
+A round zone is cut as a polyhedron around it (a polyhedron within it where the tissue is kept
+within), so that what the user keeps free is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, ceil, cos, pi
+
+import numpy as np
+from manifold3d import Manifold, OpType
+from numpy.typing import NDArray
+
+from design.errors import TissueError
+from design.tissue.closed import face_areas
+from design.tissue.manifolds import arrays_of, manifold_of, surface_of
+from design.tissue.shapes import Surface
+
+Place = tuple[float, float, float]
+
+_FACET_MM = 0.005
+_SIDES = (24, 256)
+_MISSES = 1e-9
+"""Share of the tissue below which a zone counts as missing it."""
+
+
+@dataclass(frozen=True)
+class CylinderZone:
+    """A round rod between the centres of its ends, mm."""
+
+    from_mm: Place
+    to_mm: Place
+    radius_mm: float
+
+
+@dataclass(frozen=True)
+class SphereZone:
+    """A ball, mm."""
+
+    centre_mm: Place
+    radius_mm: float
+
+
+@dataclass(frozen=True)
+class BlockZone:
+    """A box along the axes between two opposite corners, mm."""
+
+    from_mm: Place
+    to_mm: Place
+
+
+@dataclass(frozen=True)
+class MeshZone:
+    """What a closed surface encloses; ``name`` is for messages."""
+
+    surface: Surface
+    name: str = "mesh"
+
+
+Zone = CylinderZone | SphereZone | BlockZone | MeshZone
+
+
+def carve(
+    surface: Surface, keep_out: Sequence[Zone] = (), keep_within: Sequence[Zone] = ()
+) -> tuple[Surface, tuple[str, ...]]:
+    """Cut zones out of a surface, exactly, and keep what lies within others.
+
+    Parameters
+    ----------
+    surface : Surface
+        Of the tissue.
+    keep_out : sequence of zones
+        Taken away.
+    keep_within : sequence of zones
+        Only what lies in at least one of them is kept; all, where there are none.
+
+    Returns
+    -------
+    Surface
+        In float32 steps; the same object when there is nothing to cut.
+    notes : tuple of str
+        Zones that miss the tissue, and whether it fell into pieces.
+
+    Raises
+    ------
+    TissueError
+        When a zone is impossible, takes the whole tissue, or a surface can't be cut.
+    """
+    if not keep_out and not keep_within:
+        return surface, ()
+    body = manifold_of(surface, "the tissue")
+    whole, notes = body.volume(), []
+    if keep_within:
+        parts = [_solid(zone, f"keep_within {n + 1}", -1) for n, zone in enumerate(keep_within)]
+        notes += _missing("keep_within", keep_within, parts, body)
+        body ^= Manifold.batch_boolean(parts, OpType.Add)
+        _require_rest(body, whole, "keep_within leaves nothing of the tissue")
+    if keep_out:
+        parts = [_solid(zone, f"keep_out {n + 1}", 1) for n, zone in enumerate(keep_out)]
+        notes += _missing("keep_out", keep_out, parts, body)
+        for n, part in enumerate(parts):
+            name = say_zone("keep_out", n, keep_out[n])
+            _require_rest(body - part, whole, f"{name} takes the whole tissue")
+        body = Manifold.batch_boolean([body, *parts], OpType.Subtract)
+        _require_rest(body, whole, "the keep_out zones together take the whole tissue")
+    notes += _pieces(body)
+    return surface_of(body, "the tissue"), tuple(notes)
+
+
+def say_zone(key: str, number: int, zone: Zone) -> str:
+    """A zone's name in messages, counted from 1."""
+    if isinstance(zone, MeshZone):
+        return f"{key} {number + 1} ({zone.name})"
+    kind = type(zone).__name__.removesuffix("Zone").lower()
+    return f"{key} {number + 1} ({kind})"
+
+
+def _missing(key: str, zones: Sequence[Zone], parts: list[Manifold], body: Manifold) -> list[str]:
+    least = _MISSES * body.volume()
+    return [
+        f"{say_zone(key, n, zones[n])} doesn't meet the tissue and changes nothing; check its place"
+        for n, part in enumerate(parts)
+        if (body ^ part).volume() <= least
+    ]
+
+
+def _require_rest(body: Manifold, whole: float, message: str) -> None:
+    if body.is_empty() or body.volume() <= _MISSES * whole:
+        raise TissueError(f"{message}; make the zone smaller or move it")
+
+
+def _pieces(body: Manifold) -> list[str]:
+    volumes = sorted((piece.volume() for piece in body.decompose()), reverse=True)
+    # What `decompose` gives for a cavity has a negative volume.
+    solid = [volume for volume in volumes if volume > 0]
+    if len(solid) < 2:
+        return []
+    shares = ", ".join(f"{100 * volume / sum(solid):.3g} %" for volume in solid[:4])
+    more = ", …" if len(solid) > 4 else ""
+    return [
+        f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); vessels grow "
+        "in the root's piece alone"
+    ]
+
+
+def _solid(zone: Zone, name: str, sign: int) -> Manifold:
+    """The zone as a solid; ``sign`` +1 around it, -1 within it."""
+    match zone:
+        case MeshZone():
+            return manifold_of(zone.surface, f"{name} ({zone.name})")
+        case BlockZone():
+            return _block(zone, name)
+        case SphereZone():
+            return _ball(zone, name, sign)
+        case CylinderZone():
+            return _rod(zone, name, sign)
+
+
+def _block(zone: BlockZone, name: str) -> Manifold:
+    low = np.minimum(zone.from_mm, zone.to_mm)
+    size = np.abs(np.subtract(zone.to_mm, zone.from_mm))
+    if not (size > 0).all():
+        raise TissueError(f"{name}: block of {size.tolist()} mm is flat; give three sides above 0")
+    return Manifold.cube(size.tolist()).translate(low.tolist())
+
+
+def _ball(zone: SphereZone, name: str, sign: int) -> Manifold:
+    _positive(zone.radius_mm, name)
+    ball = Manifold.sphere(1.0, 4 * ceil(_sides(zone.radius_mm) / 4))
+    radius = zone.radius_mm / _inner_radius(*arrays_of(ball)) if sign > 0 else zone.radius_mm
+    return ball.scale((radius, radius, radius)).translate(zone.centre_mm)
+
+
+def _inner_radius(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
+    """Radius of the ball about the origin that a polyhedron around it holds."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    six_volumes = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return float((six_volumes / (2.0 * face_areas(vertices, faces))).min())
+
+
+def _rod(zone: CylinderZone, name: str, sign: int) -> Manifold:
+    _positive(zone.radius_mm, name)
+    way = np.subtract(zone.to_mm, zone.from_mm)
+    length = float(np.linalg.norm(way))
+    if not length > 0:
+        raise TissueError(f"{name}: cylinder has no length; move from_mm and to_mm apart")
+    sides = _sides(zone.radius_mm)
+    radius = zone.radius_mm / cos(pi / sides) if sign > 0 else zone.radius_mm
+    axis = way / length
+    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = np.cross(axis, other)
+    across /= np.linalg.norm(across)
+    frame = np.column_stack([across, np.cross(axis, across), axis, zone.from_mm])
+    return Manifold.cylinder(length, radius, radius, sides).transform(frame)
+
+
+def _positive(radius: float, name: str) -> None:
+    if not (np.isfinite(radius) and radius > 0):
+        raise TissueError(f"{name}: radius_mm is {radius:g}; give a radius above 0")
+
+
+def _sides(radius: float) -> int:
+    """Sides that leave the circle by at most 5 µm, within bounds."""
+    least, most = _SIDES
+    if radius <= _FACET_MM:
+        return least
+    return min(max(least, ceil(pi / acos(1.0 - _FACET_MM / radius))), most)

@@ -1,0 +1,46 @@
+"""`printctl convert`: a network from one format to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from printctl.cli.network_options import UnitOption
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.errors import UsageError
+from printctl.networks import LOSSES, check_target, read_network, write_network
+
+
+def convert(
+    source: Annotated[
+        Path, typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz.", show_default=False)
+    ],
+    target: Annotated[
+        Path,
+        typer.Argument(
+            help="The same formats; without a suffix a new folder of SimVascular paths.",
+            show_default=False,
+        ),
+    ],
+    unit: UnitOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.
+
+    All our files are in mm, but for SWC (µm) and SimVascular's (cm). An old file is replaced only
+    by a whole new one.
+    """
+    check_target(target)
+    if target.exists() and source.exists() and target.samefile(source):
+        raise UsageError(f"{target} is the network itself; give another name")
+    network = read_network(source, unit)
+    write_network(target, network)
+    loss = LOSSES.get(target.suffix.lower())
+    if as_json:
+        print_json({"file": str(target), "vessels": network.vessel_count, "loses": loss})
+        return
+    if loss:
+        messages().print(f"[dim]{loss}[/]")
+    print_lines(f"{target}: {network.vessel_count} vessels, {len(network.points)} points")

@@ -1,0 +1,135 @@
+"""Measures as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+Numbers = dict[str, Any]
+
+_NAME, _VALUE = 46, 12
+
+
+def measure_lines(found: Numbers) -> list[str]:
+    """`design.measures.measures_dict` for a terminal, a line a measure, by sections."""
+    lines = [*_size(found)]
+    for title, key in (("Supply by all lumens", "supply"), (_printable(found), "printable")):
+        if found[key] is not None:
+            lines += ["", title, *_supply(found[key])]
+    if found["options"]["printable_diameter_mm"] is not None and found["printable"] is None:
+        lines += ["", _printable(found), "  none is as wide"]
+    lines += [*_branching(found), *_flow(found)]
+    for kind, tables in found["morphometry"].items():
+        for name in ("strahler", "diameter_defined"):
+            lines += ["", *_orders(kind, name, tables[name])]
+    return lines
+
+
+def _row(name: str, value: float | None, unit: str = "") -> str:
+    text = "–" if value is None else str(value)
+    if isinstance(value, float):
+        # No powers of ten for what has only grown long.
+        text = f"{value:.0f}" if 1e4 <= abs(value) < 1e9 else f"{value:.4g}"
+    return f"  {name:<{_NAME}}{text:>{_VALUE}} {unit}".rstrip()
+
+
+def _printable(found: Numbers) -> str:
+    width = found["options"]["printable_diameter_mm"]
+    return f"Supply by lumens of {width:g} mm and more" if width else ""
+
+
+def _size(found: Numbers) -> Iterator[str]:
+    yield "Network"
+    yield _row("vessels", found["vessels"])
+    yield _row("inlets", found["inlets"])
+    yield _row("outlets", found["outlets"])
+    yield _row("length", found["length_mm"], "mm")
+    yield _row("volume of the lumens", found["volume_mm3"], "mm³")
+    yield _row("surface of the lumens", found["surface_mm2"], "mm²")
+    yield _row("thinnest diameter", found["diameter_least_mm"], "mm")
+    yield _row("widest diameter", found["diameter_greatest_mm"], "mm")
+    yield _row("volume of the tissue", found["tissue_mm3"], "mm³")
+
+
+def _supply(supply: Numbers) -> Iterator[str]:
+    oxygen = supply["oxygen"]
+    yield _row("tissue to the nearest lumen, mean", 1e3 * supply["distance_mean_mm"], "µm")
+    yield _row(
+        "tissue to the nearest lumen, 95th percentile", 1e3 * supply["distance_p95_mm"], "µm"
+    )
+    yield _row("tissue to the nearest lumen, farthest", 1e3 * supply["distance_max_mm"], "µm")
+    for limit, share in supply["beyond"].items():
+        yield _row(f"tissue beyond {limit.removesuffix('_um')} µm", 100.0 * share, "%")
+    yield _row("share of the volume that is lumen", 100.0 * supply["lumen_fraction"], "%")
+    yield _row("vessels per section", supply["vessels_per_mm2"], "1/mm²")
+    for axis, count in zip("xyz", supply["sections_per_mm2"], strict=True):
+        yield _row(f"  of sections across {axis}", count, "1/mm²")
+    yield _row("Krogh's cylinder, radius", 1e3 * oxygen["cylinder_mm"], "µm")
+    yield _row("oxygen (estimate), mean", oxygen["mean_millimolar"], "mM")
+    yield _row("oxygen (estimate), 5th percentile", oxygen["p5_millimolar"], "mM")
+    yield _row("tissue without oxygen (estimate)", 100.0 * oxygen["anoxic"], "%")
+
+
+def _branching(found: Numbers) -> Iterator[str]:
+    murray, ways = found["murray"], found["ways"]
+    if murray is not None:
+        yield from (
+            "",
+            f"Murray's law, exponent {murray['exponent']:g}: Σ r_child^γ / r_parent^γ - 1",
+        )
+        yield _row("forks", murray["forks"])
+        yield _row("residual, mean", murray["mean"])
+        yield _row("residual, 95th percentile of its size", murray["p95"])
+        yield _row("residual, least", murray["least"])
+        yield _row("residual, greatest", murray["greatest"])
+    if ways is not None:
+        yield from ("", "Ways from inlet to outlet")
+        yield _row("vessels on the way, mean", ways["depth_mean"])
+        yield _row("vessels on the way, most", ways["depth_max"])
+        yield _row("way over straight distance, mean", ways["tortuosity_mean"])
+        yield _row("way over straight distance, 95th percentile", ways["tortuosity_p95"])
+        yield _row("way over straight distance, most", ways["tortuosity_max"])
+        yield _row("the same of single vessels, mean", ways["vessel_tortuosity_mean"])
+        yield _row("the same of single vessels, most", ways["vessel_tortuosity_max"])
+
+
+def _flow(found: Numbers) -> Iterator[str]:
+    flow = found["terminal_flow"]
+    if flow is None:
+        return
+    yield from ("", "Flow of the terminals")
+    yield _row("terminals", flow["terminals"])
+    yield _row("mean", 0.06 * flow["mean_ul_s"], "mL/min")
+    yield _row("spread, (greatest - least) / mean", flow["spread"])
+    yield _row("coefficient of variation", flow["cv"])
+
+
+def _orders(kind: str, name: str, table: Numbers) -> Iterator[str]:
+    """The published form: by order, from 1 for the smallest, and the ratios between orders."""
+    how = {"strahler": "Strahler's orders", "diameter_defined": "diameter-defined orders"}[name]
+    yield f"{kind.capitalize()}, {how}"
+    yield (
+        f"  {'order':>5}{'segments':>10}{'elements':>10}{'diameter / µm':>20}"
+        f"{'element length / mm':>24}"
+    )
+    for n, segments in enumerate(table["segments"]):
+        wide = f"{1e3 * table['diameter_mean_mm'][n]:.4g} ± {1e3 * table['diameter_sd_mm'][n]:.3g}"
+        long = f"{table['element_length_mean_mm'][n]:.3g} ± {table['element_length_sd_mm'][n]:.2g}"
+        yield f"  {n + 1:>5}{segments:>10}{table['elements'][n]:>10}{wide:>20}{long:>24}"
+    ratios = [
+        f"{label} {table[key]:.3g}"
+        for label, key in (
+            ("branching", "branching_ratio"),
+            ("diameter", "diameter_ratio"),
+            ("length", "length_ratio"),
+        )
+        if table[key] is not None
+    ]
+    if ratios:
+        yield f"  ratio from order to order: {', '.join(ratios)}"
+    if len(table["segments"]) > 1:
+        yield "  connectivity (elements of order row that spring from one of order column):"
+        count = len(table["segments"])
+        yield "  " + " " * 5 + "".join(f"{n + 1:>9}" for n in range(count))
+        for n, row in enumerate(table["connectivity"]):
+            yield f"  {n + 1:>5}" + "".join(f"{value:>9.3g}" for value in row)

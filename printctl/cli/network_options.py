@@ -1,0 +1,35 @@
+"""Options that the commands about networks share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.units import LengthUnit
+
+SourceArg = Annotated[
+    Path,
+    typer.Argument(
+        help="A run folder, or a network: .csv, .vtp, .swc, .json, .npz.", show_default=False
+    ),
+]
+UnitOption = Annotated[
+    LengthUnit | None,
+    typer.Option("--unit", help="Of the network's file, where it doesn't say (.csv, .vtp)."),
+]
+TissueOption = Annotated[
+    Path | None,
+    typer.Option("--tissue", help="A closed mesh, or a run folder; a run has its own."),
+]
+TissueUnitOption = Annotated[
+    LengthUnit | None, typer.Option("--tissue-unit", help="Of the tissue's mesh.")
+]
+InletFlowOption = Annotated[
+    float,
+    typer.Option("--inlet-flow-ml-min", min=1e-9, help="Where the network comes without flow."),
+]
+ViscosityOption = Annotated[
+    float, typer.Option("--viscosity-mpa-s", min=1e-6, help="Where it comes without flow.")
+]

@@ -1,0 +1,126 @@
+"""Networks from and to files of every known format, chosen by the file's suffix."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv, write_network_csv
+from design.network_json import read_network_json, write_network_json
+from design.network_npz import read_network_npz, write_network_npz
+from design.network_simvascular import write_simvascular_paths
+from design.network_swc import read_network_swc, write_network_swc
+from design.network_vtp import write_network_vtp
+from design.network_vtp_read import read_network_vtp
+from design.units import MM_PER, LengthUnit
+from printctl.errors import UsageError
+
+_ASKED: Final[dict[str, Callable[[Path, LengthUnit], VesselNetwork]]] = {
+    ".csv": read_network_csv,
+    ".vtp": read_network_vtp,
+}
+"""Formats that don't say their unit."""
+
+_SAID: Final[dict[str, tuple[LengthUnit, Callable[[Path], VesselNetwork]]]] = {
+    ".swc": ("um", read_network_swc),
+    ".json": ("mm", read_network_json),
+    ".npz": ("mm", read_network_npz),
+}
+"""Formats that say it, or are always in it."""
+
+_WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
+    ".csv": write_network_csv,
+    ".vtp": lambda path, network: write_network_vtp(path, network, {}),
+    ".swc": write_network_swc,
+    ".json": write_network_json,
+    ".npz": write_network_npz,
+}
+
+LOSSES: Final = {
+    ".swc": "SWC keeps no numbers of trees and nodes; it is in µm",
+    ".vtp": "VTP keeps no numbers of nodes; vessels that meet share a place",
+    "": "SimVascular's paths keep no radii and no kinds; they are in cm",
+}
+"""What a format can't hold, by suffix."""
+
+
+def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
+    """Read a network, in mm.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .csv, .vtp, .swc, .json or .npz.
+    unit : LengthUnit or None
+        Of the coordinates, where the format doesn't say it; where it does, None or the same.
+
+    Raises
+    ------
+    UsageError
+        Unknown suffix, no such file, unit missing or another than the format's.
+    NetworkError, OSError
+        As the format's reader.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _ASKED and suffix not in _SAID:
+        known = ", ".join([*_ASKED, *_SAID])
+        raise UsageError(f"{path}: {suffix or 'no suffix'} isn't a network's; {known} are read")
+    if not path.is_file():
+        raise UsageError(f"{path} isn't there, or no file; check the path")
+    if suffix in _SAID:
+        own, reader = _SAID[suffix]
+        if unit not in (None, own):
+            raise UsageError(f"{path} is in {own}, as its format says, not {unit}; drop --unit")
+        return reader(path)
+    if unit is None:
+        raise UsageError(
+            f"{path} doesn't say the unit of its coordinates; give --unit, one of "
+            f"{', '.join(MM_PER)}"
+        )
+    return _ASKED[suffix](path, unit)
+
+
+def check_target(path: Path) -> None:
+    """Raise `UsageError` when `write_network` couldn't write a file or folder of this name."""
+    suffix = path.suffix.lower()
+    if suffix and suffix not in _WRITERS:
+        raise UsageError(
+            f"{path}: {suffix} can't be written; {', '.join(_WRITERS)} can, and a name without "
+            "suffix is a folder of SimVascular paths"
+        )
+    if suffix and path.is_dir():
+        raise UsageError(f"{path} is a folder; give the name of a file")
+    if not suffix and path.exists():
+        raise UsageError(f"{path} exists; paths for SimVascular go into a new folder")
+
+
+def write_network(path: Path, network: VesselNetwork) -> None:
+    """Write a network; a name without suffix becomes a folder of SimVascular paths.
+
+    Raises
+    ------
+    UsageError
+        As `check_target`.
+    NetworkError
+        When the format can't hold the network.
+    OSError
+        When it can't be written; nothing half-written is left behind.
+    """
+    check_target(path)
+    suffix = path.suffix.lower()
+    if suffix:
+        _WRITERS[suffix](path, network)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    try:
+        write_simvascular_paths(draft, network)
+        # A folder for one's own eyes becomes one as any other.
+        draft.chmod(0o755)
+        draft.rename(path)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)

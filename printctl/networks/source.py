@@ -1,0 +1,171 @@
+"""A network as the user names it: a run folder with all that is known of it, or a file."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics import FlowConditions, flow_table, solve_flow
+from design.network import FloatArray, VesselNetwork
+from design.network_csv import read_network_csv
+from design.solids import read_solid
+from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
+from printctl.errors import UsageError
+from printctl.networks.formats import read_network
+from printctl.pipeline.context import NETWORK
+from printctl.pipeline.stages.flow import TABLE
+from printctl.pipeline.stages.registration import NUMBERS
+from printctl.pipeline.stages.tissue import SURFACE
+from registration.picture import Known, Surface
+from registration.report.network_view import columns
+
+_FLOW: Final = (
+    "flow_ml_min",
+    "flow_ul_s",
+    "pressure_in_mmhg",
+    "pressure_out_mmhg",
+    "wall_shear_pa",
+    "velocity_mm_s",
+)
+_GAUGED: Final = ("error_percent", "rms_um", "offset_um")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives the flow of a network that comes without one."""
+
+    inlet_flow_ml_min: float = 0.25
+    viscosity_mpa_s: float = 1.0
+
+    def conditions(self) -> FlowConditions:
+        """In the design's units."""
+        return FlowConditions(
+            viscosity_pa_s=self.viscosity_mpa_s * 1e-3,
+            inlet_flow_ul_s=self.inlet_flow_ml_min * UL_S_PER_ML_MIN,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A network and what is known of it.
+
+    Attributes
+    ----------
+    name : str
+    network : VesselNetwork
+    known : Known
+    surface : Surface or None
+        The tissue's.
+    notes : tuple of str
+        Sentences for the user: where the flow comes from, what couldn't be read.
+    """
+
+    name: str
+    network: VesselNetwork
+    known: Known
+    surface: Surface | None
+    notes: tuple[str, ...]
+
+
+def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
+    """Read a run folder or a network's file.
+
+    Parameters
+    ----------
+    path : Path
+    unit : LengthUnit or None
+        Of a file that doesn't say it.
+    drive : Drive
+        Where no flow is known, it is solved for so.
+
+    Raises
+    ------
+    UsageError
+        When there is no such thing, or a file of the run can't be read.
+    DesignError, OSError
+        As the readers.
+    """
+    if not path.exists():
+        raise UsageError(f"{path} doesn't exist; give a run folder or a network's file")
+    if not path.is_dir():
+        network = read_network(path, unit)
+        return with_flow(Source(path.stem, network, Known(), None, ()), drive)
+    if not (path / NETWORK).is_file():
+        raise UsageError(
+            f"{path} holds no {NETWORK}, so it is no run folder; `printctl run` or "
+            "`printctl design` makes one"
+        )
+    if unit not in (None, "mm"):
+        raise UsageError(f"{path} is a run folder, whose files are in mm, not {unit}; drop --unit")
+    return _run(path, drive)
+
+
+def _run(folder: Path, drive: Drive) -> Source:
+    network = read_network_csv(folder / NETWORK, unit="mm")
+    gauged, notes = _gauged(folder, network.vessel_count)
+    flow = _flow(folder, network.vessel_count)
+    if flow is None and (folder / TABLE).is_file():
+        notes.append(f"{TABLE} isn't that of {NETWORK} and is left out; run the recipe again.")
+    surface = read_surface(folder / SURFACE, "mm") if (folder / SURFACE).is_file() else None
+    name = folder.resolve().name
+    source = Source(name, network, Known(flow or {}, gauged), surface, tuple(notes))
+    return source if flow else with_flow(source, drive)
+
+
+def read_surface(path: Path, unit: LengthUnit) -> Surface:
+    """A closed mesh to be shown around a network, in mm."""
+    solid = read_solid(path, unit=unit)
+    return Surface(solid.vertices, solid.faces.astype(np.int64))
+
+
+def _flow(folder: Path, count: int) -> dict[str, FloatArray] | None:
+    """Columns of `flow.csv`; None where there is none, or not one row a vessel."""
+    path = folder / TABLE
+    if not path.is_file():
+        return None
+    with path.open(encoding="utf-8", newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    if [row.get("vessel") for row in rows] != [str(v) for v in range(count)]:
+        return None
+    try:
+        return {key: np.array([float(row[key]) for row in rows]) for key in _FLOW}
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _gauged(folder: Path, count: int) -> tuple[dict[str, FloatArray], list[str]]:
+    """What `registration.json` says of each vessel, and what the user should know of it."""
+    path = folder / NUMBERS
+    if not path.is_file():
+        return {}, []
+    try:
+        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        rows: Sequence[Any] = data["vessels"]
+        return columns(rows, _GAUGED, count), []
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}, [f"{NUMBERS} can't be read and is left out; run the recipe again."]
+
+
+def with_flow(source: Source, drive: Drive) -> Source:
+    """The same with its flow solved for; where that can't be, a note says why."""
+    try:
+        solution = solve_flow(source.network, drive.conditions())
+    except FlowError as exc:
+        return replace(source, notes=(*source.notes, f"No flow: {exc}."))
+    table = flow_table(source.network, solution)
+    flow = {key: np.asarray(table[key], dtype=np.float64) for key in _FLOW}
+    highest = float(np.abs(solution.pressure).max()) / PA_PER_MMHG
+    note = (
+        f"Flow solved for {drive.inlet_flow_ml_min:g} mL/min in all at "
+        f"{drive.viscosity_mpa_s:g} mPa·s, outlets at 0 mmHg; the highest pressure is "
+        f"{highest:.3g} mmHg."
+    )
+    known = Known(flow, source.known.gauged)
+    return replace(source, known=known, notes=(*source.notes, note))

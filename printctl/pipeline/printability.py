@@ -1,0 +1,50 @@
+"""What needle, bath and method can print: the smallest lumen and the thinnest wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.fresh import FreshOptions
+from printctl.pipeline.context import RunContext
+from printctl.recipe.making import Fresh
+
+
+@dataclass(frozen=True)
+class Printability:
+    """Limits of the recipe's way of printing.
+
+    Attributes
+    ----------
+    lumen_mm : float
+        Diameter of the smallest lumen that stays open.
+    wall_mm : float
+        Thinnest wall between two lumens no thinner than `lumen_mm` or what the recipe asks for.
+    says : str
+        Where the two come from, for the report.
+    """
+
+    lumen_mm: float
+    wall_mm: float
+    says: str
+
+
+def printability(context: RunContext, asked_mm: float | None = None) -> Printability:
+    """The limits, for lumens of at least ``asked_mm`` in diameter where that is given.
+
+    FRESH: two layers and one line for a lumen, two lines for a wall. Embedded: the thinnest
+    filament of the needle, and room for the needle's tip beside the next filament.
+    """
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        lines = FreshOptions(
+            layer_height_mm=part.layer_um * 1e-3, line_width_mm=part.line_um * 1e-3
+        )
+        lumen = max(lines.smallest_lumen_mm, asked_mm or 0.0)
+        says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm"
+        return Printability(lumen, lines.smallest_wall_mm, says)
+    needle = context.needle
+    filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
+    lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
+    says = f"needle of {needle.inner_mm:g} mm bore and {needle.outer_mm:g} mm outside"
+    return Printability(lumen, filament.smallest_wall_mm(lumen / 2), says)

@@ -1,0 +1,93 @@
+"""A page with a network in its tissue to turn about: the report's 3D view by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from markupsafe import Markup
+
+from design.files import write_text
+from design.network import VesselNetwork
+from registration.picture import Quantity
+from registration.report.network_view import MAX_PIECES, network_view
+from registration.report.page import environment, scene, style
+from registration.report.scripts import ENTRY, content_policy, import_map
+from registration.report.surface import ReportSurface
+from registration.report.wording import number
+
+
+@dataclass(frozen=True)
+class NetworkPage:
+    """What a page of a network says and shows first.
+
+    Attributes
+    ----------
+    title : str
+    first : str
+        Key of the quantity that colours it at first.
+    notes : tuple of str
+        Sentences below the view: where numbers come from, what is missing.
+    most_pieces : int
+        Straight pieces drawn at most; beyond it the thinnest vessels are left out, and the page
+        says so.
+    """
+
+    title: str
+    first: str = "radius"
+    notes: tuple[str, ...] = ()
+    most_pieces: int = MAX_PIECES
+
+
+def write_network_html(
+    path: Path,
+    network: VesselNetwork,
+    colourings: Sequence[Quantity],
+    surfaces: Sequence[ReportSurface],
+    page: NetworkPage,
+) -> None:
+    """Write a network as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an old one is replaced only by a whole new one.
+    network : VesselNetwork
+    colourings : sequence of Quantity
+        What the reader can colour it by.
+    surfaces : sequence of ReportSurface
+        The tissue's, usually; without a scalar they are translucent. Above 400,000 triangles
+        together they are simplified, which the page says.
+    page : NetworkPage
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    modules = import_map()
+    shown = network_view(network, colourings, {}, page.first, page.most_pieces)
+    context = {
+        "title": page.title,
+        "facts": network_facts(network),
+        "notes": page.notes,
+        "style": style(),
+        "policy": content_policy([modules, ENTRY]),
+        "modules": modules,
+        "entry": Markup(ENTRY),
+        "view": scene("Network", surfaces, shown),
+    }
+    write_text(path, environment().get_template("network.html").render(context))
+
+
+def network_facts(network: VesselNetwork) -> list[str]:
+    """A few numbers for the top of the page."""
+    low, high = (2.0 * float(r) for r in (network.radius.min(), network.radius.max()))
+    return [
+        f"{number(network.vessel_count)} vessels",
+        f"{number(len(network.pieces()[4]))} straight pieces",
+        f"{number(len(network.inlets()))} in, {number(len(network.outlets()))} out",
+        f"diameters {number(low, 3)} to {number(high, 3)} mm",
+        f"{number(float(network.lengths().sum()), 3)} mm long",
+    ]

@@ -1,0 +1,195 @@
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import tifffile
+import trimesh
+from scipy.ndimage import gaussian_filter
+
+from design.errors import TissueError
+from design.tissue import VolumeImage, label_surface, load_label_surface, tissue_from_surface
+
+RNG = np.random.default_rng(0)
+
+
+def ball(radius, size=40, value=1):
+    index = np.stack(np.meshgrid(*[np.arange(size)] * 3, indexing="ij"), axis=-1)
+    inside = np.linalg.norm(index - (size - 1) / 2 - 0.2, axis=-1) < radius
+    return (inside * value).astype(np.int16)
+
+
+def stretched():
+    """Voxels 0.3 x 0.2 x 0.5 mm, turned and mirrored."""
+    turn = np.linalg.qr(RNG.normal(size=(3, 3)))[0]
+    affine = np.eye(4)
+    affine[:3, :3] = turn @ np.diag([0.3, -0.2 * np.linalg.det(turn), 0.5])
+    affine[:3, 3] = (5.0, -7.0, 11.0)
+    return affine
+
+
+def closed(shape):
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    return mesh.is_watertight and mesh.is_winding_consistent
+
+
+@pytest.mark.parametrize("radius", [3, 6, 10, 17])
+def test_sphere_keeps_its_volume_and_lies_within_a_third_of_a_voxel(radius):
+    voxels = ball(radius)
+    shape, notes = label_surface(VolumeImage(voxels, np.diag([0.25, 0.25, 0.25, 1.0])), 1)
+    assert notes == ()
+    assert closed(shape)
+    assert shape.volume_mm3 == pytest.approx(voxels.sum() * 0.25**3, rel=0.01)
+    away = np.linalg.norm(shape.vertices / 0.25 - 19.7, axis=1) - radius
+    assert np.abs(away).max() < 0.45
+    assert np.sqrt(np.mean(away**2)) < 0.15
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_blobs_keep_their_volume_in_any_affine(seed):
+    rng = np.random.default_rng(seed)
+    voxels = gaussian_filter(rng.normal(size=(30, 34, 26)), 2.5) > 0.02
+    affine = stretched()
+    shape, _ = label_surface(VolumeImage(voxels.astype(np.uint8), affine), 1)
+    assert closed(shape)
+    volume = voxels.sum() * abs(np.linalg.det(affine[:3, :3]))
+    assert shape.volume_mm3 == pytest.approx(volume, rel=0.01)
+
+
+def test_every_voxel_keeps_its_side():
+    voxels = np.random.default_rng(4).random((12, 12, 12)) < 0.5
+    voxels[0] = voxels[-1] = False
+    shape, _ = label_surface(VolumeImage(voxels.astype(int), np.eye(4)), 1)
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    centres = np.argwhere(np.ones_like(voxels)).astype(float)
+    np.testing.assert_array_equal(tissue.contains(centres), voxels[tuple(centres.astype(int).T)])
+
+
+def test_wall_of_one_voxel_stays_whole():
+    voxels = np.zeros((20, 20, 20), dtype=int)
+    voxels[3:17, 3:17, 3:17] = 7
+    voxels[4:16, 4:16, 4:16] = 0
+    shape, _ = label_surface(VolumeImage(voxels, np.eye(4)), 7)
+    assert closed(shape)
+    assert len(trimesh.Trimesh(shape.vertices, shape.faces, process=False).split()) == 2
+    assert shape.volume_mm3 == pytest.approx((voxels > 0).sum(), rel=0.01)
+
+
+def test_parts_and_cut_borders_are_told():
+    voxels = np.zeros((20, 20, 20), dtype=int)
+    voxels[0:6, 5:10, 5:10] = voxels[10:14, 5:10, 5:10] = 1
+    notes = label_surface(VolumeImage(voxels, np.eye(4)), 1)[1]
+    assert "border (low x)" in notes[0]
+    assert "2 parts, of 150, 100 voxels" in notes[1]
+
+
+def written(path, voxels, affine, unit="mm"):
+    name = path.name
+    if ".nii" in name:
+        image = nibabel.Nifti1Image(voxels, affine)
+        if unit:
+            image.header.set_xyzt_units({"um": "micron"}.get(unit, unit))
+        nibabel.save(image, path)
+    elif name.endswith(".nrrd"):
+        header = {"space dimension": 3, "space directions": affine[:3, :3].T}
+        header["space origin"] = affine[:3, 3]
+        if unit:
+            header["space units"] = [unit] * 3
+        nrrd.write(str(path), voxels, header)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd"])
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1.0), ("um", 1000.0)])
+def test_files_give_the_same_surface_in_mm(tmp_path, name, unit, scale):
+    voxels, affine = ball(10, value=3), stretched()
+    expected, _ = label_surface(VolumeImage(voxels, affine), 3)
+    scaled = np.diag([scale, scale, scale, 1.0]) @ affine
+    shape, _ = load_label_surface(written(tmp_path / name, voxels, scaled, unit), 3)
+    assert shape.volume_mm3 == pytest.approx(expected.volume_mm3, rel=1e-4)
+    np.testing.assert_allclose(
+        [shape.vertices.min(axis=0), shape.vertices.max(axis=0)],
+        [expected.vertices.min(axis=0), expected.vertices.max(axis=0)],
+        atol=0.05,
+    )
+
+
+@pytest.mark.parametrize("name", ["a.nii.gz", "a.nrrd"])
+def test_unit_is_asked_for_and_never_guessed(tmp_path, name):
+    path = written(tmp_path / name, ball(10), np.diag([0.2, 0.2, 0.2, 1.0]), None)
+    with pytest.raises(TissueError, match=r"0\.2 x 0\.2 x 0\.2 .*give unit: mm"):
+        load_label_surface(path, 1)
+    volume = load_label_surface(path, 1, unit="mm")[0].volume_mm3
+    assert volume == pytest.approx(ball(10).sum() * 0.008, rel=0.01)
+    same = load_label_surface(path, 1, voxel_mm=(2.0, 2.0, 2.0))[0].volume_mm3
+    assert same == pytest.approx(1000 * volume, rel=1e-4)
+    with pytest.raises(TissueError, match="doesn't fit in any"):
+        load_label_surface(path, 1, voxel_mm=(0.3, 0.3, 0.3))
+
+
+def test_file_that_says_otherwise_is_refused(tmp_path):
+    path = written(tmp_path / "a.nii", ball(10), np.diag([0.2, 0.2, 0.2, 1.0]))
+    with pytest.raises(TissueError, match="declares its unit as mm, not um"):
+        load_label_surface(path, 1, unit="um")
+    with pytest.raises(TissueError, match=r"says voxels are 0\.2 x 0\.2 x 0\.2 mm, not"):
+        load_label_surface(path, 1, voxel_mm=(0.2, 0.2, 0.4))
+
+
+def test_tiff_stack_needs_a_voxel_size_unless_it_says_one(tmp_path):
+    voxels, size = ball(10).astype(np.uint8), (0.1, 0.2, 0.3)
+    pages = voxels.transpose(2, 1, 0)
+    expected = voxels.sum() * 0.006
+    tifffile.imwrite(tmp_path / "plain.tif", pages)
+    with pytest.raises(TissueError, match="give voxel_mm"):
+        load_label_surface(tmp_path / "plain.tif", 1)
+    shape, _ = load_label_surface(tmp_path / "plain.tif", 1, voxel_mm=size)
+    assert shape.volume_mm3 == pytest.approx(expected, rel=0.01)
+    np.testing.assert_allclose(
+        shape.vertices.mean(axis=0), 20.2 * np.array(size), atol=0.05 * max(size)
+    )
+    tifffile.imwrite(
+        tmp_path / "imagej.tif",
+        pages,
+        imagej=True,
+        resolution=(1 / 100, 1 / 200),
+        metadata={"spacing": 300.0, "unit": "um", "axes": "ZYX"},
+    )
+    tifffile.imwrite(
+        tmp_path / "stack.ome.tif",
+        pages,
+        metadata={"axes": "ZYX", "PhysicalSizeX": 100.0, "PhysicalSizeY": 200.0}
+        | {"PhysicalSizeZ": 300.0, "PhysicalSizeXUnit": "µm"},
+    )
+    for name in ("imagej.tif", "stack.ome.tif"):
+        found, _ = load_label_surface(tmp_path / name, 1)
+        assert found.volume_mm3 == pytest.approx(expected, rel=0.01)
+        np.testing.assert_allclose(found.vertices, shape.vertices, atol=1e-3)
+
+
+def test_wrong_labels_are_refused_with_what_there_is(tmp_path):
+    image = VolumeImage(ball(10, value=3), np.eye(4))
+    with pytest.raises(TissueError, match=r"no voxel has label 2; it has 0 \(\d+ .*3 \(\d+ voxels"):
+        label_surface(image, 2)
+    blurred = VolumeImage(ball(10) * 0.5, np.eye(4))
+    with pytest.raises(TissueError, match="no voxel has label 1"):
+        label_surface(blurred, 1)
+    mixed = ball(10) * 1.0
+    mixed[20, 20, 20] = 0.4
+    with pytest.raises(TissueError, match="aren't whole numbers"):
+        label_surface(VolumeImage(mixed, np.eye(4)), 1)
+
+
+def test_files_that_are_no_volume_are_refused(tmp_path):
+    (tmp_path / "noise.nii").write_bytes(bytes(range(256)) * 8)
+    (tmp_path / "noise.nrrd").write_bytes(bytes(range(256)) * 8)
+    (tmp_path / "noise.tif").write_bytes(bytes(range(256)) * 8)
+    tifffile.imwrite(tmp_path / "flat.tif", np.zeros((20, 20), np.uint8))
+    nibabel.save(
+        nibabel.Nifti1Image(np.zeros((9, 9, 9, 2), np.int16), np.eye(4)), tmp_path / "v.nii"
+    )
+    for name in ("noise.nii", "noise.nrrd", "noise.tif", "flat.tif", "v.nii"):
+        with pytest.raises(TissueError, match=name.replace(".", r"\.")):
+            load_label_surface(tmp_path / name, 1, voxel_mm=(1, 1, 1))
+    with pytest.raises(TissueError, match="no such file"):
+        load_label_surface(tmp_path / "none.nii", 1)
+    with pytest.raises(TissueError, match="must end with"):
+        load_label_surface(tmp_path / "a.dcm", 1)

@@ -1,0 +1,246 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from design.errors import TissueError
+from design.tissue import Surface, load_tissue, repair_surface
+from design.tissue.crossing_faces import crossing_faces
+from tests.design.tissue import surfaces
+
+SHARED = Path(__file__).parents[4] / "shared" / "data"
+BALL = surfaces.surface(surfaces.sphere(10.0))
+
+
+def sound(shape):
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert len(crossing_faces(shape.vertices, shape.faces)) == 0
+    return shape.volume_mm3
+
+
+def joined(*shapes):
+    start = np.cumsum([0] + [len(s.vertices) for s in shapes])
+    faces = [s.faces + n for s, n in zip(shapes, start, strict=False)]
+    return np.concatenate([s.vertices for s in shapes]), np.concatenate(faces)
+
+
+def inverted(shape):
+    return Surface(shape.vertices, shape.faces[:, ::-1])
+
+
+def mended(vertices, faces, *words):
+    """Repair; the one note must hold the words."""
+    found, notes = repair_surface(vertices, faces)
+    assert len(notes) == 1
+    for word in ("mesh repaired", "before", *words):
+        assert word in notes[0]
+    return sound(found)
+
+
+@pytest.mark.parametrize("make", [surfaces.hollow_sphere, surfaces.torus, surfaces.nested_shells])
+def test_sound_surface_is_handed_on_untouched(make):
+    shape = make()
+    found, notes = repair_surface(shape.vertices, shape.faces)
+    assert notes == ()
+    assert found.volume_mm3 == pytest.approx(shape.volume_mm3, rel=1e-12)
+    assert len(found.faces) == len(shape.faces)
+    assert set(map(tuple, found.vertices)) == set(map(tuple, shape.vertices))
+
+
+@pytest.mark.parametrize(
+    "name", ["biventricle_svv", "gyrus_patch_fsaverage5", "cortex_pial_left_fsaverage5"]
+)
+def test_real_meshes_need_no_repair(name):
+    path = SHARED / f"{name}.stl"
+    if not path.is_file():
+        pytest.skip("no shared data beside the repository")
+    mesh = trimesh.load(path, process=False)
+    assert repair_surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))[1] == ()
+
+
+def test_triangle_soup_with_rounded_corners_is_sewn():
+    rng = np.random.default_rng(0)
+    soup = BALL.vertices[BALL.faces].reshape(-1, 3)
+    soup = soup + rng.uniform(-1e-5, 1e-5, soup.shape)
+    faces = np.arange(len(soup)).reshape(-1, 3)
+    assert mended(soup, faces, "vertices merged") == pytest.approx(BALL.volume_mm3, rel=1e-5)
+
+
+def test_turned_faces_are_turned_back():
+    faces = BALL.faces.copy()
+    turned = np.random.default_rng(1).choice(len(faces), 500, replace=False)
+    faces[turned] = faces[turned, ::-1]
+    volume = mended(BALL.vertices, faces, "500 face(s) turned to agree")
+    assert volume == pytest.approx(BALL.volume_mm3)
+
+
+def test_duplicate_faces_are_dropped_in_both_windings():
+    faces = np.concatenate([BALL.faces, BALL.faces[:10], BALL.faces[20:25, ::-1]])
+    volume = mended(BALL.vertices, faces, "15 duplicate face(s)")
+    assert volume == pytest.approx(BALL.volume_mm3)
+    double = np.concatenate([BALL.faces, BALL.faces[:, ::-1]])
+    assert mended(BALL.vertices, double, f"{len(BALL.faces)} duplicate") == pytest.approx(
+        BALL.volume_mm3
+    )
+
+
+def test_degenerate_faces_are_left_out():
+    faces = np.concatenate([BALL.faces, BALL.faces[:7, [0, 0, 1]]])
+    found, notes = repair_surface(BALL.vertices, faces)
+    assert notes == ()
+    assert len(found.faces) == len(BALL.faces)
+
+
+def test_small_holes_are_filled_with_their_places_told():
+    middle = BALL.vertices[BALL.faces].mean(axis=1)
+    gone = (np.linalg.norm(middle - [0, 0, 10], axis=1) < 0.8) | (
+        np.linalg.norm(middle - [10, 0, 0], axis=1) < 0.6
+    )
+    volume = mended(BALL.vertices, BALL.faces[~gone], "2 hole(s) filled", "near (")
+    assert volume == pytest.approx(BALL.volume_mm3, rel=3e-3)
+
+
+def test_all_at_once():
+    rng = np.random.default_rng(2)
+    faces = np.delete(BALL.faces, [5, 900, 901], axis=0)
+    turned = rng.choice(len(faces), 100, replace=False)
+    faces[turned] = faces[turned, ::-1]
+    soup = BALL.vertices[np.concatenate([faces, faces[40:50]])].reshape(-1, 3)
+    volume = mended(soup, np.arange(len(soup)).reshape(-1, 3), "duplicate", "turned", "filled")
+    assert volume == pytest.approx(BALL.volume_mm3, rel=3e-3)
+
+
+def test_overlapping_shells_become_one():
+    one, two = surfaces.sphere(6.0), surfaces.sphere(6.0).translate((5.0, 0.0, 0.0))
+    parts = surfaces.surface(one), surfaces.surface(two)
+    union = surfaces.surface(one + two).volume_mm3
+    assert mended(*joined(*parts), "2 overlapping shells") == pytest.approx(union, rel=1e-6)
+    volume = mended(*joined(parts[0], inverted(parts[1])), "1 shell(s) turned", "2 overlapping")
+    assert volume == pytest.approx(union, rel=1e-6)
+
+
+def test_shell_that_looks_inward_beside_another_is_turned():
+    far = surfaces.surface(surfaces.sphere(4.0).translate((25.0, 0.0, 0.0)))
+    volume = mended(*joined(BALL, inverted(far)), "1 shell(s) turned")
+    assert volume == pytest.approx(BALL.volume_mm3 + far.volume_mm3)
+
+
+def test_shell_with_its_cavity_is_turned_as_a_whole():
+    hollow = surfaces.surface(
+        (surfaces.sphere(5.0) - surfaces.sphere(3.0)).translate((25.0, 0.0, 0.0))
+    )
+    volume = mended(*joined(BALL, inverted(hollow)), "2 shell(s) turned")
+    assert volume == pytest.approx(BALL.volume_mm3 + hollow.volume_mm3)
+
+
+def test_shell_that_looks_outward_within_solid_is_told():
+    core = surfaces.surface(surfaces.sphere(3.0))
+    found, notes = repair_surface(*joined(BALL, core))
+    assert sound(found) == pytest.approx(BALL.volume_mm3, rel=1e-6)
+    assert "1 shell(s) inside others look outward" in notes[1]
+
+
+def ball_with_a_tangle(sides):
+    shape = surfaces.surface(surfaces.sphere(10.0, sides))
+    one, two = shape.faces[1000][:2]
+    vertices = shape.vertices.copy()
+    vertices[one] += 1.7 * (vertices[two] - vertices[one])
+    return shape, vertices
+
+
+def test_small_tangle_is_replaced():
+    shape, vertices = ball_with_a_tangle(160)
+    assert len(crossing_faces(vertices, shape.faces)) > 0
+    volume = mended(vertices, shape.faces, "passed through itself", "near (")
+    assert volume == pytest.approx(shape.volume_mm3, rel=2e-3)
+
+
+def test_crossing_faces_are_all_found():
+    shape, vertices = ball_with_a_tangle(64)
+    expected = set()
+    low = vertices[shape.faces].min(axis=1)
+    high = vertices[shape.faces].max(axis=1)
+    for n in range(len(shape.faces)):
+        near = np.flatnonzero((low <= high[n]).all(axis=1) & (high >= low[n]).all(axis=1))
+        for m in near[near > n]:
+            if not set(shape.faces[n]) & set(shape.faces[m]) and meet(
+                vertices[shape.faces[n]], vertices[shape.faces[m]]
+            ):
+                expected.add((n, m))
+    found = {tuple(sorted(pair)) for pair in crossing_faces(vertices, shape.faces).tolist()}
+    assert found == expected
+    assert expected
+
+
+def meet(one, two):
+    """Whether an edge of either triangle passes through the other, by solving for where."""
+    for a, b in ((one, two), (two, one)):
+        for k in range(3):
+            p, q = a[k], a[(k + 1) % 3]
+            columns = np.column_stack([q - p, b[0] - b[1], b[0] - b[2]])
+            if abs(np.linalg.det(columns)) < 1e-15:
+                continue
+            t, u, v = np.linalg.solve(columns, b[0] - p)
+            if 0 <= t <= 1 and u >= 0 and v >= 0 and u + v <= 1:
+                return True
+    return False
+
+
+def test_large_hole_is_refused_with_size_and_place():
+    top = BALL.vertices[BALL.faces].mean(axis=1)[:, 2] > 8
+    with pytest.raises(TissueError, match=r"1 of 1 holes are too wide .* 12\.\d .*near \("):
+        repair_surface(BALL.vertices, BALL.faces[~top])
+
+
+def test_many_holes_are_refused():
+    keep = np.random.default_rng(3).random(len(BALL.faces)) > 0.08
+    with pytest.raises(TissueError, match=r"holes (make up|are too wide)"):
+        repair_surface(BALL.vertices, BALL.faces[keep])
+
+
+def test_surface_that_passes_through_itself_at_large_is_refused():
+    # A tube along a figure of eight.
+    turn = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    middle = np.column_stack([8 * np.sin(turn), 8 * np.sin(turn) * np.cos(turn), 0 * turn])
+    way = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(way, up)
+    ring = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None, None]
+    points = (middle + 1.5 * (np.cos(ring) * side + np.sin(ring) * up)).transpose(1, 0, 2)
+    i, j = np.meshgrid(np.arange(120), np.arange(24), indexing="ij")
+    a, b = i * 24 + j, i * 24 + (j + 1) % 24
+    c, d = (i + 1) % 120 * 24 + j, (i + 1) % 120 * 24 + (j + 1) % 24
+    faces = np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)]).reshape(-1, 3)
+    with pytest.raises(TissueError, match=r"passes through itself|too wide to be filled"):
+        repair_surface(points.reshape(-1, 3), faces)
+
+
+def test_moebius_strip_is_refused():
+    turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    edge = [
+        (8 + w * np.cos(turn / 2))[:, None]
+        * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+        + np.outer(w * np.sin(turn / 2), [0, 0, 1])
+        for w in (-1, 1)
+    ]
+    i = np.arange(60)
+    j = (i + 1) % 60
+    last = i == 59
+    a, b = i, i + 60
+    c, d = np.where(last, j + 60, j), np.where(last, j, j + 60)
+    faces = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+    with pytest.raises(TissueError, match=r"can't be oriented: .*near \("):
+        repair_surface(np.concatenate(edge), faces)
+
+
+def test_file_is_repaired_with_a_note(tmp_path):
+    path = tmp_path / "holes.stl"
+    keep = np.delete(BALL.faces, [5, 900], axis=0)
+    trimesh.Trimesh(BALL.vertices, keep, process=False).export(path)
+    tissue = load_tissue(path, "mm")
+    assert tissue.volume_mm3 == pytest.approx(BALL.volume_mm3, rel=1e-2)
+    assert tissue.notes[0].startswith("holes.stl: mesh repaired: 2 hole(s) filled")

@@ -1,0 +1,138 @@
+from math import pi
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from design.errors import TissueError
+from design.tissue import (
+    BlockZone,
+    CylinderZone,
+    MeshZone,
+    SphereZone,
+    Surface,
+    block,
+    carve,
+    folded_cortex,
+    tissue_from_surface,
+)
+from tests.design.tissue import surfaces
+
+CUBE = block((10.0, 10.0, 10.0))
+BALL = surfaces.surface(surfaces.sphere(4.0))
+NEEDLE = CylinderZone((2.0, 5.0, -1.0), (8.0, 5.0, 11.0), 0.4)
+
+
+def closed(shape):
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    return mesh.is_watertight and mesh.is_winding_consistent
+
+
+@pytest.mark.parametrize(
+    ("zone", "volume"),
+    [
+        (CylinderZone((5, 5, -1), (5, 5, 11), 1.0), 10 * pi),
+        (SphereZone((5, 5, 5), 2.0), 32 * pi / 3),
+        (BlockZone((9, 9, 9), (1, 1, 1)), 512.0),
+        (BlockZone((-5, -5, -5), (5, 5, 5)), 125.0),
+        (MeshZone(BALL), BALL.volume_mm3),
+    ],
+)
+def test_zone_takes_its_volume_out(zone, volume):
+    if isinstance(zone, MeshZone):
+        zone = MeshZone(Surface(zone.surface.vertices + 5.0, zone.surface.faces))
+    found, notes = carve(CUBE, [zone])
+    assert notes == ()
+    assert closed(found)
+    assert 1000 - found.volume_mm3 == pytest.approx(volume, rel=0.01)
+
+
+def test_what_is_kept_free_is_free_and_what_is_kept_within_is_within():
+    rng = np.random.default_rng(0)
+    way = rng.normal(size=(4000, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    shape = carve(CUBE, [SphereZone((5, 5, 5), 2.0)])[0]
+    out = tissue_from_surface(shape.vertices, shape.faces)
+    assert not out.contains(5.0 + 1.999 * way).any()
+    shape = carve(block((9.0, 9.0, 9.0)), (), [SphereZone((4.5, 4.5, 4.5), 4.0)])[0]
+    within = tissue_from_surface(shape.vertices, shape.faces)
+    assert not within.contains(4.5 + 4.001 * way).any()
+
+
+def test_needle_hole_is_outside_and_vessels_keep_clear_of_it():
+    shape, _ = carve(CUBE, [NEEDLE])
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    axis = np.linspace(NEEDLE.from_mm, NEEDLE.to_mm, 50)
+    assert not tissue.contains(axis).any()
+    start, end = np.array([[1.0, 5.0, 5.0]]), np.array([[9.0, 5.0, 5.0]])
+    assert not tissue.grid.capsule_inside(start, end, np.array([0.1])).any()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.floats(0.5, 9.5, width=32), min_size=6, max_size=6), st.floats(0.2, 2.0))
+def test_cut_and_kept_parts_add_up(places, radius):
+    zone = SphereZone(tuple(places[:3]), radius)
+    other = BlockZone(tuple(places[:3]), (12.0, 12.0, 12.0))
+    for cut in (zone, other):
+        outside, inside = carve(CUBE, [cut])[0], carve(CUBE, (), [cut])[0]
+        # Around a round zone the polyhedron is larger than the one within it.
+        slack = 0.1 * inside.volume_mm3 if cut is zone else 1e-3
+        assert abs(outside.volume_mm3 + inside.volume_mm3 - 1000.0) < slack + 1e-3
+
+
+def test_zones_work_on_every_source():
+    shape, _ = carve(folded_cortex(), [CylinderZone((20, 16, -20), (20, 16, 20), 1.0)])
+    assert closed(shape)
+    assert shape.volume_mm3 < folded_cortex().volume_mm3 - 2.9 * pi
+
+
+def test_result_is_the_same_in_a_file():
+    shape, _ = carve(CUBE, [NEEDLE, SphereZone((3.3, 3.3, 9.9), 1.7)])
+    np.testing.assert_array_equal(shape.vertices, shape.vertices.astype(np.float32))
+
+
+def test_without_zones_nothing_changes():
+    found, notes = carve(CUBE)
+    assert found is CUBE
+    assert notes == ()
+
+
+def test_zone_that_misses_is_told():
+    found, notes = carve(CUBE, [NEEDLE, SphereZone((30, 0, 0), 1.0)])
+    assert notes == (
+        "keep_out 2 (sphere) doesn't meet the tissue and changes nothing; check its place",
+    )
+    assert found.volume_mm3 < 1000.0
+
+
+def test_tissue_cut_in_two_is_told():
+    notes = carve(CUBE, [BlockZone((3, -1, -1), (4, 11, 11))])[1]
+    assert len(notes) == 1
+    assert "into 2 pieces (66.7 %, 33.3 % of it)" in notes[0]
+
+
+def test_cavity_isnt_a_piece():
+    assert carve(CUBE, [SphereZone((5, 5, 5), 1.0)])[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("out", "within", "message"),
+    [
+        ([BlockZone((-1, -1, -1), (11, 11, 11))], [], r"keep_out 1 \(block\) takes the whole"),
+        (
+            [BlockZone((-1, -1, -1), (6, 11, 11)), BlockZone((5, -1, -1), (11, 11, 11))],
+            [],
+            "zones together take the whole",
+        ),
+        ([], [SphereZone((30, 0, 0), 1.0)], "keep_within leaves nothing"),
+        ([SphereZone((0, 0, 0), 0.0)], [], "keep_out 1: radius_mm is 0"),
+        ([CylinderZone((1, 1, 1), (1, 1, 1), 1.0)], [], "cylinder has no length"),
+        ([BlockZone((0, 0, 0), (1, 1, 0))], [], "is flat"),
+        ([MeshZone(Surface(CUBE.vertices, CUBE.faces[1:]), "port.stl")], [], r"port\.stl"),
+    ],
+)
+def test_impossible_zones_are_refused(out, within, message):
+    with pytest.raises(TissueError, match=message):
+        carve(CUBE, out, within)
