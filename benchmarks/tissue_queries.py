@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from benchmarks.checkers import winding_numbers
 from benchmarks.checkers.containment import surface_tree, to_surface
@@ -32,11 +33,12 @@ class Exact:
         self.triangles = tissue.vertices[tissue.faces]
         self.tree = surface_tree(self.triangles)
         self.sorted = np.ascontiguousarray(self.triangles[self.tree.order])
-        self.size = float(np.ptp(tissue.bounds, axis=0).max())
+        self.corners = cKDTree(tissue.vertices)
 
     def away(self, start: FloatArray, end: FloatArray, within: FloatArray | None = None) -> Any:
         """Distance of segments from the surface, where below ``within``."""
-        bound = np.full(len(start), 2 * self.size) if within is None else within
+        # The nearest corner bounds the distance of a point; the tree's search needs a bound.
+        bound = self.corners.query(start)[0] * (1 + 1e-9) + 1e-9 if within is None else within
         return to_surface(start, end, bound, self.tree, self.sorted)
 
     def inside(self, points: FloatArray) -> NDArray[np.bool_]:

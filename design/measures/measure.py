@@ -16,9 +16,11 @@ from design.measures.junctions import (
 from design.measures.morphometry import Morphometry, measure_morphometry
 from design.measures.oxygen import OxygenModel
 from design.measures.supply import Supply, measure_supply, sample_tissue
+from design.measures.territories import measure_territories
 from design.measures.ways import Ways, measure_ways
 from design.network import FloatArray, VesselNetwork
 from design.tissue import Tissue
+from design.vasculature.territories import SupplyBalance
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,9 @@ class NetworkMeasures:
     murray : MurrayResiduals or None
     terminal_flow : TerminalFlow or None
         None without a flow.
+    territories : SupplyBalance or None
+        What the terminals supply over what the tissue nearest to each asks for; None without a
+        flow, or with fewer than two terminals.
     """
 
     options: MeasureOptions
@@ -98,6 +103,7 @@ class NetworkMeasures:
     morphometry: tuple[Morphometry, ...]
     murray: MurrayResiduals | None
     terminal_flow: TerminalFlow | None
+    territories: SupplyBalance | None
 
 
 def measure_network(
@@ -143,6 +149,9 @@ def measure_network(
         morphometry=measure_morphometry(network),
         murray=measure_murray(network, options.murray_exponent),
         terminal_flow=None if flow is None else measure_terminal_flow(network, flow),
+        territories=(
+            None if flow is None else measure_territories(network, tissue, flow, options.seed)
+        ),
     )
 
 

@@ -13,7 +13,9 @@ from design.vasculature.named import (
     Dimple,
     planar_four_vessel,
 )
-from design.vasculature.options import GrowthOptions
+from design.vasculature.options import GrowthOptions, GrowthStage
+from design.vasculature.penalty import DepthPenalty
+from design.vasculature.territories import SupplyBalance, supply_balance
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
 
@@ -22,10 +24,13 @@ __all__ = [
     "PLANAR_DIMPLES",
     "ClosedLoops",
     "Collisions",
+    "DepthPenalty",
     "Dimple",
     "GrowthOptions",
+    "GrowthStage",
     "LoopOptions",
     "RootSpec",
+    "SupplyBalance",
     "VesselTree",
     "check_network",
     "close_loops",
@@ -36,6 +41,7 @@ __all__ = [
     "mix_trees",
     "planar_four_vessel",
     "scaled_to_smallest_radius",
+    "supply_balance",
     "tree_from_topology",
     "tree_radii",
     "tree_to_network",

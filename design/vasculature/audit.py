@@ -9,10 +9,11 @@ import numpy as np
 from design.tissue.depth import depth_along, least_depth_along
 from design.vasculature.fit import seven, widening
 from design.vasculature.index import REACH, CellIndex
-from design.vasculature.joints import limit_children
+from design.vasculature.joints import GOES, limit_children, limit_smaller_child
 from design.vasculature.options import Law
 from design.vasculature.room import Room, neighbours_of
 from design.vasculature.state import place, refresh_upwards
+from design.vasculature.within import end_fits, start_fits
 from kernels import jit
 
 SPARE = 0.98
@@ -27,7 +28,8 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
     """Derive every segment's allowed radius from tissue and neighbours.
 
     The index must list all segments with their present radii. A terminal thinner than
-    ``smallest`` is allowed no radius at all.
+    ``smallest`` is allowed no radius at all, nor is the smaller branch of a joint that breaks the
+    room's limits. A given trunk's segments are allowed any: whoever meets them must go.
 
     Returns
     -------
@@ -50,9 +52,14 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
         s.allowed = min(s.allowed, free * s.radius)
         if s.left < 0:
             if s.radius < smallest:
-                s.allowed = 0.0
+                s.allowed = min(s.allowed, 0.0)
             continue
-        limit_children(segments, room, left, right, s)
+        if right >= 0:
+            limit_children(segments, room, left, right, s)
+            limit_smaller_child(segments, room, i)
+    for i in range(count):
+        if segments[i].given != 0:
+            segments[i].allowed = np.inf
     return too_wide(segments, count)
 
 
@@ -72,7 +79,8 @@ def prune(segments: Any, count: int, index: CellIndex, room: Room, law: Law) -> 
     A segment that is a little too wide loses as many of its terminals as make it thin enough, by
     Murray's law, wherever what is left can be joined straight. Where that isn't enough, or the
     segment feeds only a few, the smaller branch at its end goes (itself when it is a terminal).
-    A tree pruned to its stem returns 1. The index isn't kept up: list anew.
+    Of a given trunk nothing goes. A tree pruned to its stem returns 1. The index isn't kept up:
+    list anew.
     """
     gone = np.zeros(count, np.uint8)
     wide = np.zeros(count, np.int64)
@@ -93,7 +101,9 @@ def prune(segments: Any, count: int, index: CellIndex, room: Room, law: Law) -> 
         goal = 0
         if s.allowed > 0.0:
             goal = int(fed[n] * (SPARE * s.allowed / s.radius) ** law.gamma)
-        if goal < FEW or not _thin_out(segments, i, goal, gone, index, room, law):
+        if s.allowed == GOES:
+            _take(segments, i, gone, index, room, law)
+        elif goal < FEW or not _thin_out(segments, i, goal, gone, index, room, law):
             _take(segments, _smaller_end(segments, i), gone, index, room, law)
         if segments[0].left < 0:
             return 1
@@ -153,7 +163,9 @@ def _take(segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: L
     """Take a branch away, or the least one above it whose loss leaves a straight that fits."""
     while True:
         parent, sibling, _, _ = neighbours_of(segments, i)
-        if parent == 0:
+        if segments[i].given != 0:
+            return
+        if parent == 0 and segments[0].given == 0:
             segments[0].left, segments[0].right = -1, -1
             return
         if _straight_fits(segments, index, room, int(parent), int(sibling), i):
@@ -169,10 +181,11 @@ def _join(segments: Any, parent: int, kept: int, taken: int, gone: Any, law: Law
     _mark(segments, taken, gone)
     gone[kept] = 1
     place(segments, parent, (up.px, up.py, up.pz), (low.dx, low.dy, low.dz))
-    up.left, up.right = low.left, low.right
+    up.left, up.right, up.flow = low.left, low.right, low.flow
     up.allowed = np.inf
-    if up.left >= 0:
-        segments[up.left].parent, segments[up.right].parent = parent, parent
+    for child in (up.left, up.right):
+        if child >= 0:
+            segments[child].parent = parent
     refresh_upwards(segments, parent, law)
 
 
@@ -182,6 +195,13 @@ def _straight_fits(
 ) -> bool:
     """Whether ``parent`` and ``kept`` can be one straight segment once ``taken`` is gone."""
     a, b = segments[parent], segments[kept]
+    # A trunk's two parts are one straight already.
+    if a.given != 0 and b.given != 0:
+        return True
+    if room.limits.on:
+        ends = start_fits(segments, room.limits, parent, (b.dx, b.dy, b.dz))
+        if not (ends and end_fits(segments, room.limits, kept, (a.px, a.py, a.pz))):
+            return False
     radius = a.radius
     need = radius + room.wall
     if depth_along(room.grid, a.px, a.py, a.pz, b.dx, b.dy, b.dz, need) < need:

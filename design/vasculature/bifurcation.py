@@ -5,14 +5,14 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from design.vasculature.cost import from_gamma, to_gamma, to_lambda, to_u
+from design.vasculature.cost import Sprout, from_gamma, to_gamma, to_lambda, to_u
 from design.vasculature.options import Law
 from kernels import jit
 
 
 @jit
 def split_value(
-    s: Any, up: float, low: float, new: float, law: Law
+    s: Any, up: float, low: float, new: float, sprout: Sprout, law: Law
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
     """Load and spend above a bifurcation that parts segment ``s``, and their derivatives.
 
@@ -22,6 +22,8 @@ def split_value(
         The segment as it is.
     up, low, new : float, mm
         Lengths from its start to the bifurcation, on to its end, and to the new terminal.
+    sprout : Sprout
+        The new terminal's flow and viscosity.
 
     Returns
     -------
@@ -32,25 +34,27 @@ def split_value(
         Load of the lower part; joint load of it and the new terminal.
     """
     e = 0.25 * law.lam
-    n = s.terminals
+    n, above, own = s.flow, s.flow + sprout.flow, sprout.flow
+    if law.haematocrit >= 0.0:
+        n, above, own = n * s.thick, above * s.thick, own * sprout.thick
     # C* of the lower part: the old one with the length exchanged.
     reduced = s.spend / to_lambda(s.load, law) - to_u(s.length, law) + to_u(low, law)
     low_load = s.load + n * law.k * (low - s.length)
     low_e = to_lambda(low_load, law)
     low_spend = low_e * reduced
-    new_load = law.k * new
+    new_load = own * law.k * new
     new_e = to_lambda(new_load, law)
     new_spend = new_e * to_u(new, law)
     a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
     total = a_low + a_new
     m = from_gamma(total, law)
-    load = (n + 1) * law.k * up + m
+    load = above * law.k * up + m
     m_e, up_e = to_lambda(m, law), to_lambda(load, law)
     both = low_spend + new_spend
     spend = up_e * (to_u(up, law) + both / m_e)
 
     m_by_low = (m / total) * (a_low / low_load) * n * law.k
-    m_by_new = (m / total) * (a_new / new_load) * law.k
+    m_by_new = (m / total) * (a_new / new_load) * own * law.k
     slope_low = law.u * to_u(low, law) / low
     slope_new = law.u * to_u(new, law) / new
     slope_up = law.u * to_u(up, law) / up
@@ -61,10 +65,10 @@ def split_value(
     return (
         load,
         spend,
-        (n + 1) * law.k,
+        above * law.k,
         m_by_low,
         m_by_new,
-        by_load * (n + 1) * law.k + up_e * slope_up,
+        by_load * above * law.k + up_e * slope_up,
         by_m * m_by_low + up_e / m_e * low_spend_by,
         by_m * m_by_new + up_e / m_e * new_spend_by,
         low_load,
@@ -88,6 +92,7 @@ def best_place(
     by_load: float,
     by_spend: float,
     steps: int,
+    sprout: Sprout,
     law: Law,
 ) -> tuple[float, float, float]:
     """Bifurcation of least cost for a terminal at t on segment ``s``.
@@ -102,7 +107,9 @@ def best_place(
         up = distance(s.px, s.py, s.pz, bx, by, bz)
         low = distance(bx, by, bz, s.dx, s.dy, s.dz)
         new = distance(bx, by, bz, tx, ty, tz)
-        _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(s, up, low, new, law)
+        _, _, l_up, l_low, l_new, s_up, s_low, s_new, _, _ = split_value(
+            s, up, low, new, sprout, law
+        )
         w_up = max(0.0, by_load * l_up + by_spend * s_up) / up
         w_low = max(0.0, by_load * l_low + by_spend * s_low) / low
         w_new = max(0.0, by_load * l_new + by_spend * s_new) / new

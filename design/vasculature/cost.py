@@ -1,7 +1,8 @@
 r"""The exact cost of a tree, in the form that makes an update cheap.
 
-With equal terminal flows a segment that feeds n terminals has the flow n q. Of the quantities of
-Karch et al. 1999 (R\*, C\*, the ratios β) these two are kept for each segment:
+A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
+mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.
+1999 (R\*, C\*, the ratios β) these two are kept for each segment:
 
 - load   W = n R\*
 - spend  K = W^(λ/4) C\*
@@ -10,18 +11,22 @@ Put into R\* = 8μℓ/π + 1/(β_l⁴/R\*_l + β_r⁴/R\*_r) with β_l = (1 + x^
 x = (n_l R\*_l / n_r R\*_r)^¼ = (W_l/W_r)^¼, the bifurcation's algebra shrinks to
 
 - m = (W_l^(γ/4) + W_r^(γ/4))^(4/γ), the load of both children together
-- W = n k ℓ + m, with k = 8μ/π
+- W = n k v ℓ + m, with k = 8μ/π; a terminal's is q k v ℓ
 - β_l⁴ = W_l / m
 - K = W^(λ/4) (ℓᵘ + (K_l + K_r) / m^(λ/4))
 
-because n_l + n_r = n and β_l⁴/R\*_l = n_l / m. At the root r⁴ = Q R\*/Δp = q W/Δp, so the cost
-r_root^λ C\*_root is K_root times a constant: growth compares K_root alone.
+because n_l + n_r = n and β_l⁴/R\*_l = n_l / m. At the root r⁴ = Q R\*/Δp = (Q/n) W/Δp, so the
+cost r_root^λ C\*_root is K_root times a constant: growth compares K_root alone.
+
+v is the segment's viscosity over μ: 1 for a Newtonian fluid, else what
+`design.vasculature.viscosity` gives for its radius. Where a segment has one child alone (a bend
+of a given trunk), m is the child's W.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,35 +66,46 @@ def to_u(length: float, law: Law) -> float:
     return length**law.u
 
 
+class Sprout(NamedTuple):
+    """What a new terminal brings: its flow over the mean terminal's, its viscosity over μ."""
+
+    flow: float
+    thick: float
+
+
 @jit
-def leaf(length: float, law: Law) -> tuple[float, float]:
-    """Load and spend of a terminal segment."""
-    load = law.k * length
+def leaf(length: float, weight: float, law: Law) -> tuple[float, float]:
+    """Load and spend of a terminal segment; ``weight`` is its flow times its viscosity."""
+    load = weight * law.k * length
     return load, to_lambda(load, law) * to_u(length, law)
 
 
 @jit
 def joined(
-    load0: float, spend0: float, load1: float, spend1: float, length: float, n: int, law: Law
+    load0: float, spend0: float, load1: float, spend1: float, length: float, weight: float, law: Law
 ) -> tuple[float, float, float]:
-    """Load and spend of a segment over two children, and the children's joint load m."""
+    """Load and spend of a segment over two children, and the children's joint load m.
+
+    ``weight`` is the segment's flow times its viscosity; a child that isn't there has load 0.
+    """
     m = from_gamma(to_gamma(load0, law) + to_gamma(load1, law), law)
-    load = n * law.k * length + m
+    load = weight * law.k * length + m
     spend = to_lambda(load, law) * (to_u(length, law) + (spend0 + spend1) / to_lambda(m, law))
     return load, spend, m
 
 
 ENOUGH = 64
-"""Terminals above which one more changes a segment so little that the linear model serves."""
+"""Flow, over that of a new terminal, above which this one changes a segment so little that the
+linear model serves."""
 
 
 @jit
 def climb(
-    segments: Any, index: int, load: float, spend: float, enough: int, law: Law
+    segments: Any, index: int, load: float, spend: float, flow: float, enough: int, law: Law
 ) -> tuple[float, float, float, float]:
-    """Cost of a tree in which ``index`` has this load and spend, and all above one terminal more.
+    """Cost of a tree in which ``index`` has this load and spend, and all above ``flow`` more.
 
-    Walks to the root, or to the first segment of ``enough`` terminals or more and on from there by
+    Walks to the root, or to the first segment of ``enough`` times the flow and on from there by
     the derivatives kept in it (`design.vasculature.state.spread_down`). The walk is exact; what is
     left off is of second order in the change there, about 1/enough squared.
 
@@ -107,16 +123,21 @@ def climb(
     ll, ls, sl, ss = 1.0, 0.0, 0.0, 1.0
     share = 1.0
     here = index
-    while segments[here].parent >= 0 and segments[here].terminals < enough:
+    much = enough * flow
+    while segments[here].parent >= 0 and segments[here].flow < much:
         up = segments[here].parent
         other = segments[up].left
         if other == here:
             other = segments[up].right
         a0 = to_gamma(load, law)
-        total = a0 + to_gamma(segments[other].load, law)
+        total, both = a0, spend
+        if other >= 0:
+            total += to_gamma(segments[other].load, law)
+            both += segments[other].spend
         m = from_gamma(total, law)
-        both = spend + segments[other].spend
-        mass = (segments[up].terminals + 1) * law.k * segments[up].length
+        mass = (segments[up].flow + flow) * law.k * segments[up].length
+        if law.haematocrit >= 0.0:
+            mass *= segments[up].thick
         above = mass + m
         me, we = to_lambda(m, law), to_lambda(above, law)
         up_spend = we * (to_u(segments[up].length, law) + both / me)
@@ -128,7 +149,7 @@ def climb(
         share *= load / m
         load, spend, here = above, up_spend, up
     end = segments[here]
-    rise = end.by_load * (load - end.load) + end.by_spend * (spend - end.spend) + end.by_one
+    rise = end.by_load * (load - end.load) + end.by_spend * (spend - end.spend) + flow * end.by_one
     return (
         rise,
         end.by_load * ll + end.by_spend * sl,

@@ -121,11 +121,12 @@ def fits(index: CellIndex, segments: Any, room: Room, fork: Fork) -> bool:
     tx, ty, tz = fork.tx, fork.ty, fork.tz
     if not in_tissue(room, bx, by, bz, tx, ty, tz, fork.new):
         return False
-    if not in_tissue(room, s.px, s.py, s.pz, bx, by, bz, fork.up):
-        return False
-    if not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
-        return False
     i = fork.segment
+    # A trunk's segment stays where it is; whoever meets it wider must go, as the audit will find.
+    if s.given == 0 and not in_tissue(room, s.px, s.py, s.pz, bx, by, bz, fork.up):
+        return False
+    if s.given == 0 and not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
+        return False
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven(i, -1, -1, -1, -1, -1, -1)
     if (
@@ -133,6 +134,8 @@ def fits(index: CellIndex, segments: Any, room: Room, fork: Fork) -> bool:
         < room.reserve
     ):
         return False
+    if s.given != 0:
+        return True
     skip = seven(i, parent, sibling, -1, -1, -1, -1)
     if (
         widening(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)

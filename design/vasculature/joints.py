@@ -7,7 +7,11 @@ from typing import Any
 from design.geometry import point_segment
 from design.vasculature.bifurcation import distance
 from design.vasculature.room import Fork, Room, kept_apart, neighbours_of
+from design.vasculature.within import fork_within_limits, joint_within_limits
 from kernels import jit
+
+GOES = -1.0
+"""Allowed radius of a branch that must go as a whole."""
 
 
 @jit
@@ -48,7 +52,9 @@ def joint_fits(segments: Any, room: Room, fork: Fork) -> bool:
         return False
     if not ends_clear(room, d, fork.low, p, b, fork.up):
         return False
-    return _still_parted(segments, room, fork, p, b, d)
+    if s.given == 0 and not _still_parted(segments, room, fork, p, b, d):
+        return False
+    return not room.limits.on or fork_within_limits(segments, room.limits, fork)
 
 
 @jit
@@ -76,16 +82,31 @@ def _still_parted(segments: Any, room: Room, fork: Fork, p: Any, b: Any, d: Any)
 
 
 @jit
+def limit_smaller_child(segments: Any, room: Room, i: int) -> None:
+    """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
+    if not room.limits.on or joint_within_limits(segments, room.limits, i):
+        return
+    one, two = segments[segments[i].left], segments[segments[i].right]
+    if one.given != 0 and two.given != 0:
+        return
+    small = one
+    if one.given != 0 or (two.flow < one.flow and two.given == 0):
+        small = two
+    small.allowed = GOES
+
+
+@jit
 def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any) -> None:
     """Lower the ``allowed`` radii of a segment's children to where they still part.
 
     Each must end clear of its sibling and its parent, and be long enough for its radius. Where
-    siblings don't part the thinner is held to blame: to take it costs fewest terminals.
+    siblings don't part the thinner is held to blame: to take it costs fewest terminals. A given
+    trunk's segment never is.
     """
     one, two = segments[left], segments[right]
     both = min(_parting(room, one, two), _parting(room, two, one))
     thin = one
-    if two.radius < one.radius:
+    if one.given != 0 or (two.radius < one.radius and two.given == 0):
         thin = two
     thin.allowed = min(thin.allowed, both * thin.radius)
     for child in (left, right):

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from math import pi
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.units import PA_PER_MMHG
+from design.vasculature.limits import Limits, check_angles, joint_limits
+from design.vasculature.penalty import DepthPenalty, PenaltyFunction
+
+FloatArray = NDArray[np.float64]
+Angles = tuple[float, float]
 
 
 class Law(NamedTuple):
-    """The constants of the cost, as kernels take them.
+    """The constants of the cost, as compiled code takes them.
 
     Attributes
     ----------
@@ -21,12 +28,36 @@ class Law(NamedTuple):
         8 μ / π.
     gamma, lam, u : float
         Murray exponent, and exponents of radius and length in the cost.
+    haematocrit : float
+        Of Pries' law; below 0 for a Newtonian fluid.
     """
 
     k: float
     gamma: float
     lam: float
     u: float
+    haematocrit: float = -1.0
+
+
+@dataclass(frozen=True)
+class GrowthStage:
+    """A part of growth with parameters of its own; what isn't given is as in `GrowthOptions`.
+
+    Attributes
+    ----------
+    terminals : int
+        Reached when the stage ends.
+    """
+
+    terminals: int
+    clearance_mm: float | None = None
+    clearance_ratio: float | None = None
+    length_to_radius: float | None = None
+    follow_demand: bool | None = None
+    branch_angle_degrees: Angles | None = None
+    turn_angle_degrees: Angles | None = None
+    flow_ratio: float | None = None
+    penalty: DepthPenalty | PenaltyFunction | None = None
 
 
 @dataclass(frozen=True)
@@ -36,7 +67,7 @@ class GrowthOptions:
     Attributes
     ----------
     terminals : int
-        How many, all with the same flow.
+        How many; with given points, as many as these.
     seed : int
         Of the sampled points; same seed and tissue, same tree.
     murray_exponent : float
@@ -44,15 +75,30 @@ class GrowthOptions:
     length_exponent, radius_exponent : float
         u and λ of the cost Σ ℓᵘ r^λ; 1 and 2 make it the volume.
     viscosity_pa_s : float
-        μ, Newtonian.
+        μ; with a viscosity law, in wide vessels.
+    viscosity_law : "newtonian" or "pries_1994"
+        The second makes μ follow the diameter (`design.vasculature.viscosity`).
+    haematocrit : float
+        Of that law.
     pressure_drop_pa : float
         From the root's inlet to every terminal's outlet; sets the scale of all radii unless
         ``smallest_radius_mm`` does.
     perfusion_ml_min_per_ml : float
-        Flow per tissue volume, shared equally by the terminals.
+        Flow per tissue volume, the mean over the tissue.
+    terminal_flow : "equal" or "demand"
+        How the flow is shared: equally, or as the demand of each terminal's territory (the part
+        of the tissue nearer to it than to any other terminal).
+    follow_demand : bool
+        With equal flows, sample more terminals where the tissue's demand is higher.
+    terminal_points_mm : (n, 3), optional
+        Terminals, in place of sampled ones.
+    terminal_flows : (n,), optional
+        Their flows, in any unit; the total is set by the perfusion. Equal by default.
     root_point_mm, root_direction : (float, float, float), optional
         Where the root enters, and which way. The default is the surface vertex of largest z and
         its inward normal.
+    root_candidates : int
+        0, or of how many places spread over the surface the cheapest is searched for.
     smallest_radius_mm : float, optional
         Fixes the smallest radius of the finished tree; the pressure drop follows.
     terminal_spread : float, optional
@@ -65,6 +111,17 @@ class GrowthOptions:
         radius; ``clearance_mm`` also between vessels and the tissue's surface.
     length_to_radius : float
         Shortest segment over its radius.
+    branch_angle_degrees : (float, float)
+        Least and greatest angle between the two children of a joint.
+    turn_angle_degrees : (float, float)
+        Least and greatest angle of each child against its parent's way on.
+    flow_ratio : float
+        Least flow of a child over its sibling's, 0 to 0.5.
+    penalty : DepthPenalty or function of (n, 3) to (n,), optional
+        Factor on the whole cost of a trial by its branch point's place.
+    stages : tuple of GrowthStage
+        Growth in turn to so many terminals with parameters of their own, the last to all. A
+        stage's limits hold for what it grows; the finished tree is audited by the mildest of all.
     """
 
     terminals: int = 200
@@ -73,27 +130,88 @@ class GrowthOptions:
     length_exponent: float = 1.0
     radius_exponent: float = 2.0
     viscosity_pa_s: float = 4e-3
+    viscosity_law: Literal["newtonian", "pries_1994"] = "newtonian"
+    haematocrit: float = 0.45
     pressure_drop_pa: float = 40.0 * PA_PER_MMHG
     perfusion_ml_min_per_ml: float = 0.8
+    terminal_flow: Literal["equal", "demand"] = "equal"
+    follow_demand: bool = True
+    terminal_points_mm: Sequence[Sequence[float]] | FloatArray | None = None
+    terminal_flows: Sequence[float] | FloatArray | None = None
     root_point_mm: tuple[float, float, float] | None = None
     root_direction: tuple[float, float, float] | None = None
+    root_candidates: int = 0
     smallest_radius_mm: float | None = None
     terminal_spread: float | None = None
     clearance_mm: float = 0.0
     clearance_ratio: float = 0.1
     length_to_radius: float = 1.0
+    branch_angle_degrees: Angles = (0.0, 180.0)
+    turn_angle_degrees: Angles = (0.0, 180.0)
+    flow_ratio: float = 0.0
+    penalty: DepthPenalty | PenaltyFunction | None = None
+    stages: tuple[GrowthStage, ...] = ()
 
     def __post_init__(self) -> None:
+        self._take_points()
         for name, low, high in _LIMITS:
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
                 raise GrowthError(f"{name} is {value:g}; give a value from {low:g} to {high:g}")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple) and not (len(value) == 3 and np.isfinite(value).all()):
-                raise GrowthError(f"{field.name} is {value}; give three finite numbers")
+        for name in ("root_point_mm", "root_direction"):
+            value = getattr(self, name)
+            if value is not None and not (len(value) == 3 and np.isfinite(value).all()):
+                raise GrowthError(f"{name} is {value}; give three finite numbers")
         if self.root_direction is not None and not np.any(self.root_direction):
             raise GrowthError("root_direction is (0, 0, 0); give a direction")
+        if self.root_candidates and self.root_point_mm is not None:
+            raise GrowthError("give either root_point_mm or root_candidates, and not both")
+        for name in ("branch_angle_degrees", "turn_angle_degrees"):
+            check_angles(name, getattr(self, name))
+        for name, known in _CHOICES:
+            if getattr(self, name) not in known:
+                raise GrowthError(f"{name} is {getattr(self, name)!r}; choose one of {known}")
+        self._check_stages()
+
+    def _take_points(self) -> None:
+        """Keep given terminals as tuples, so that options compare, and count them."""
+        points, flows = self.terminal_points_mm, self.terminal_flows
+        if points is None:
+            if flows is not None:
+                raise GrowthError("terminal_flows needs terminal_points_mm; give both")
+            return
+        at = np.asarray(points, dtype=np.float64)
+        if at.ndim != 2 or at.shape[1] != 3 or len(at) < 2 or not np.isfinite(at).all():
+            raise GrowthError(
+                f"terminal_points_mm is of shape {at.shape}; give at least two points of three "
+                "finite numbers each"
+            )
+        if len(np.unique(at, axis=0)) < len(at):
+            raise GrowthError("terminal_points_mm names a point twice; give each once")
+        object.__setattr__(self, "terminal_points_mm", tuple(map(tuple, at.tolist())))
+        object.__setattr__(self, "terminals", len(at))
+        if flows is None:
+            return
+        share = np.asarray(flows, dtype=np.float64)
+        if share.shape != (len(at),) or not (np.isfinite(share) & (share > 0)).all():
+            raise GrowthError(
+                f"terminal_flows has shape {share.shape} for {len(at)} points; give a flow above 0 "
+                "for each"
+            )
+        if self.terminal_flow == "demand":
+            raise GrowthError("give either terminal_flows or terminal_flow: demand, and not both")
+        object.__setattr__(self, "terminal_flows", tuple(share.tolist()))
+
+    def _check_stages(self) -> None:
+        if not self.stages:
+            return
+        reached = [stage.terminals for stage in self.stages]
+        if (np.diff([0, *reached]) <= 0).any() or reached[-1] != self.terminals:
+            raise GrowthError(
+                f"stages reach {reached} of {self.terminals} terminals; let them ascend to all"
+            )
+        for stage in self.stages:
+            self.at_stage(stage)
 
     @property
     def law(self) -> Law:
@@ -103,7 +221,37 @@ class GrowthOptions:
             self.murray_exponent,
             self.radius_exponent,
             self.length_exponent,
+            self.law_haematocrit,
         )
+
+    @property
+    def law_haematocrit(self) -> float:
+        """Of the viscosity law; -1 for a Newtonian fluid."""
+        return -1.0 if self.viscosity_law == "newtonian" else self.haematocrit
+
+    @property
+    def limits(self) -> Limits:
+        """The limits on joints, as compiled code takes them."""
+        return joint_limits(self.branch_angle_degrees, self.turn_angle_degrees, self.flow_ratio)
+
+    def at_stage(self, stage: GrowthStage) -> GrowthOptions:
+        """The options in a stage."""
+        own = {f.name: getattr(stage, f.name) for f in fields(stage) if f.name != "terminals"}
+        return replace(self, stages=(), **{k: v for k, v in own.items() if v is not None})
+
+    def mildest(self) -> GrowthOptions:
+        """The options with the mildest limits of all stages."""
+        if not self.stages:
+            return self
+        each = [self.at_stage(stage) for stage in self.stages]
+        least: dict[str, Any] = {
+            name: min(getattr(one, name) for one in each)
+            for name in ("clearance_mm", "clearance_ratio", "length_to_radius", "flow_ratio")
+        }
+        for name in ("branch_angle_degrees", "turn_angle_degrees"):
+            low, high = zip(*(getattr(one, name) for one in each), strict=True)
+            least[name] = (min(low), max(high))
+        return replace(self, **least)
 
     def flow_ul_s(self, volume_mm3: float) -> float:
         """Flow into the root for a tissue of ``volume_mm3``, µL/s."""
@@ -117,11 +265,19 @@ _LIMITS = (
     ("length_exponent", 0.25, 4.0),
     ("radius_exponent", 0.25, 4.0),
     ("viscosity_pa_s", 1e-5, 1e3),
+    ("haematocrit", 0.0, 0.8),
     ("pressure_drop_pa", 1e-6, 1e9),
     ("perfusion_ml_min_per_ml", 1e-6, 1e4),
+    ("root_candidates", 0, 10_000),
     ("smallest_radius_mm", 1e-4, 10.0),
     ("terminal_spread", 1.01, 10.0),
     ("clearance_mm", 0.0, 10.0),
     ("clearance_ratio", 0.0, 10.0),
     ("length_to_radius", 0.0, 100.0),
+    ("flow_ratio", 0.0, 0.5),
+)
+
+_CHOICES = (
+    ("viscosity_law", ("newtonian", "pries_1994")),
+    ("terminal_flow", ("equal", "demand")),
 )

@@ -14,6 +14,7 @@ from design.vasculature.index import REACH, CellIndex, insert
 from design.vasculature.options import Law
 from design.vasculature.room import Room, kept_apart, neighbours_of
 from design.vasculature.state import place, refresh, refresh_upwards
+from design.vasculature.within import start_fits
 from kernels import jit
 
 
@@ -27,7 +28,7 @@ def retip_thin(
     where there is none, the terminal stays as it is.
     """
     for i in range(1, count):
-        if segments[i].left < 0 and segments[i].allowed == 0.0:
+        if segments[i].left < 0 and segments[i].allowed == 0.0 and segments[i].given == 0:
             best = _nearest_tip(segments, i, index, room, law, points, least)
             if best >= 0:
                 _move_tip(segments, i, index, room, law, points[best])
@@ -58,7 +59,7 @@ def _nearest_tip(
 def _tip_radius(segments: Any, i: int, length: float, law: Law) -> float:
     """Radius that a terminal of this length would have beside its sibling."""
     parent, sibling, _, _ = neighbours_of(segments, i)
-    load = law.k * length
+    load = segments[i].flow * segments[i].thick * law.k * length
     m = from_gamma(to_gamma(load, law) + to_gamma(segments[sibling].load, law), law)
     return float(segments[parent].radius * np.sqrt(np.sqrt(load / m)))
 
@@ -77,6 +78,8 @@ def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radiu
     gap = radius + o.radius + kept_apart(room, radius, o.radius)
     away, _ = point_segment(o.dx, o.dy, o.dz, s.px, s.py, s.pz, t[0], t[1], t[2])
     if away < gap:
+        return False
+    if room.limits.on and not start_fits(segments, room.limits, i, (t[0], t[1], t[2])):
         return False
     if not in_tissue(room, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
         return False

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.tissue.arrays import GridArrays
+from design.vasculature.limits import Limits
 from kernels import jit
 
 MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
@@ -29,6 +30,8 @@ class Room(NamedTuple):
     length_to_radius : float
     reserve : float
         Factor on the radii of a trial fork and its neighbours; see `MARGIN`.
+    limits : Limits
+        On angles and flows at joints.
     """
 
     grid: GridArrays
@@ -37,10 +40,14 @@ class Room(NamedTuple):
     ratio: float
     length_to_radius: float
     reserve: float
+    limits: Limits
 
 
 class Fork(NamedTuple):
-    """A trial bifurcation on a segment: its place, the new end, three radii (mm)."""
+    """A trial bifurcation on a segment: its place, the new end, three radii (mm).
+
+    ``flow`` and ``thick`` are what the new branch brings; see `design.vasculature.cost.Sprout`.
+    """
 
     segment: np.int64
     bx: float
@@ -52,6 +59,8 @@ class Fork(NamedTuple):
     up: float
     low: float
     new: float
+    flow: float
+    thick: float
 
 
 @jit

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.tissue.arrays import GridArrays
 from design.tissue.grid import read
 from kernels import jit
+
+
+class Samples(NamedTuple):
+    """Points to grow to, as kernels take them.
+
+    Attributes
+    ----------
+    at : (n, 3) float64, mm
+    near : (n,) float64
+        Least distance from the tree there over that for the mean demand; 0 for a point that must
+        be reached.
+    flow : (n,) float64
+        Of a terminal there, over the mean terminal's.
+    """
+
+    at: NDArray[np.float64]
+    near: NDArray[np.float64]
+    flow: NDArray[np.float64]
+
+
+def plain_samples(points: NDArray[np.float64]) -> Samples:
+    """Points of equal demand and flow."""
+    ones = np.ones(len(points))
+    return Samples(points, ones, ones)
 
 
 @jit
@@ -69,9 +94,11 @@ def depth_first(segments: Any, count: int) -> Any:
         number[i] = size
         size += 1
         if segments[i].left >= 0:
-            stack[top] = segments[i].right
-            stack[top + 1] = segments[i].left
-            top += 2
+            if segments[i].right >= 0:
+                stack[top] = segments[i].right
+                top += 1
+            stack[top] = segments[i].left
+            top += 1
     result = segments.copy()
     for n in range(count):
         result[n] = segments[order[n]]

@@ -11,19 +11,21 @@ from design.vasculature.bifurcation import distance
 from design.vasculature.fit import in_tissue
 from design.vasculature.options import Law
 from design.vasculature.room import Room, kept_apart
+from design.vasculature.sample import Samples
 from design.vasculature.state import place, refresh
+from design.vasculature.within import angles_fit, shares_fit
 from kernels import jit
 
 
 @jit
 def first_pair(
-    segments: Any, room: Room, law: Law, root_radius: float, points: Any, least: float
+    segments: Any, room: Room, law: Law, root_radius: float, samples: Samples, least: float
 ) -> bool:
-    """Grow the stem's two first terminals from two of ``points``; False when none fit.
+    """Grow the stem's two first terminals from two of the samples; False when none fit.
 
     Each is at least ``least`` away from the stem and from the other one's segment.
     """
-    s = segments[0]
+    s, points, flow = segments[0], samples.at, samples.flow
     e = (s.dx, s.dy, s.dz)
     one = -1
     for n in range(len(points)):
@@ -38,7 +40,7 @@ def first_pair(
             continue
         other = points[one]
         m = distance(e[0], e[1], e[2], other[0], other[1], other[2])
-        a, b = np.sqrt(np.sqrt(length)), np.sqrt(np.sqrt(m))
+        a, b = np.sqrt(np.sqrt(flow[n] * length)), np.sqrt(np.sqrt(flow[one] * m))
         total = (a**law.gamma + b**law.gamma) ** (1.0 / law.gamma)
         r0, r1 = root_radius * b / total, root_radius * a / total
         if not (_stands(room, s, t, r1, root_radius) and _stands(room, s, other, r0, root_radius)):
@@ -46,11 +48,17 @@ def first_pair(
         gap = r0 + r1 + kept_apart(room, r0, r1) + 0.25 * least
         if _ends_apart(e, t, other) < gap:
             continue
+        if room.limits.on and not (
+            angles_fit(room.limits, (s.px, s.py, s.pz), e, other, t)
+            and shares_fit(room.limits, flow[one], flow[n])
+        ):
+            continue
         for i in range(1, 3):
             place(segments, i, e, (other[0], other[1], other[2]) if i == 1 else (t[0], t[1], t[2]))
             segments[i].parent = 0
             segments[i].left, segments[i].right = -1, -1
             segments[i].full = 0
+            segments[i].flow = flow[one] if i == 1 else flow[n]
             refresh(segments, i, law)
         segments[0].left, segments[0].right = 1, 2
         refresh(segments, 0, law)

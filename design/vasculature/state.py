@@ -16,6 +16,7 @@ SEGMENT = np.dtype(
         ("load", "f8"),
         ("spend", "f8"),
         ("length", "f8"),
+        ("flow", "f8"),
         ("parent", "i4"),
         ("left", "i4"),
         ("right", "i4"),
@@ -28,18 +29,23 @@ SEGMENT = np.dtype(
         ("dz", "f8"),
         ("radius", "f8"),
         ("allowed", "f8"),
-        ("full", "i8"),
+        ("full", "i4"),
+        ("given", "i4"),
         ("by_load", "f8"),
         ("by_spend", "f8"),
         ("by_one", "f8"),
+        ("thick", "f8"),
     ]
 )
 """Fields of a growing segment.
 
-load, spend : see `design.vasculature.cost`; length : mm; parent, left, right : -1 for none;
-terminals : downstream, 0 for a vessel of another tree (kept behind all the tree's own);
-p and d : ends, mm; radius : of the finished tree as predicted, mm; allowed : largest radius that
-tissue and neighbours leave, mm; full : 1 where this segment or one above it can't grow wider.
+load, spend : see `design.vasculature.cost`; length : mm; flow : over the mean terminal's; parent,
+left, right : -1 for none (right alone where a given trunk bends); terminals : downstream, 0 for a
+vessel of another tree (kept behind all the tree's own); p and d : ends, mm; radius : of the
+finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
+full : 1 where this segment or one above it can't grow wider; given : 1 for a trunk's segment, which
+stays where it is; by_* : derivatives of the cost; thick : viscosity over μ, read only where the
+law has a haematocrit.
 """
 
 Segments = NDArray[np.void]
@@ -56,16 +62,33 @@ def place(segments: Any, i: int, p: Any, d: Any) -> None:
 
 
 @jit
+def weight_of(s: Any, law: Law) -> float:
+    """A segment's flow times its viscosity over μ."""
+    if law.haematocrit < 0.0:
+        return s.flow
+    return s.flow * s.thick
+
+
+@jit
 def refresh(segments: Any, i: int, law: Law) -> None:
-    """Recompute a segment's load, spend and terminals from its children's."""
+    """Recompute a segment's load, spend, flow and terminals from its children's.
+
+    A terminal's flow is its own, and stays.
+    """
     s = segments[i]
     if s.left < 0:
         s.terminals = 1
-        s.load, s.spend = leaf(s.length, law)
+        s.load, s.spend = leaf(s.length, weight_of(s, law), law)
         return
-    a, b = segments[s.left], segments[s.right]
-    s.terminals = a.terminals + b.terminals
-    load, spend, _ = joined(a.load, a.spend, b.load, b.spend, s.length, s.terminals, law)
+    a = segments[s.left]
+    terminals, flow, load1, spend1 = a.terminals, a.flow, 0.0, 0.0
+    if s.right >= 0:
+        b = segments[s.right]
+        terminals += b.terminals
+        flow += b.flow
+        load1, spend1 = b.load, b.spend
+    s.terminals, s.flow = terminals, flow
+    load, spend, _ = joined(a.load, a.spend, load1, spend1, s.length, weight_of(s, law), law)
     s.load, s.spend = load, spend
 
 
@@ -105,21 +128,59 @@ def spread_down(segments: Any, count: int, root_radius: float, slack: float, law
         if s.left < 0:
             smallest = min(smallest, s.radius)
             continue
-        a, b = segments[s.left], segments[s.right]
+        a = segments[s.left]
         # As in `climb`, from the other end.
-        in_a, in_b = to_gamma(a.load, law), to_gamma(b.load, law)
+        in_a, in_b, spends = to_gamma(a.load, law), 0.0, a.spend
+        if s.right >= 0:
+            in_b = to_gamma(segments[s.right].load, law)
+            spends += segments[s.right].spend
         m = from_gamma(in_a + in_b, law)
         m_e, s_e = to_lambda(m, law), to_lambda(s.load, law)
         own = e * s.spend / s.load
-        by_m = s.by_load + s.by_spend * (own - e * s_e * (a.spend + b.spend) / (m_e * m))
-        by_one = s.by_one + law.k * s.length * (s.by_load + s.by_spend * own)
-        for child, part in ((a, in_a), (b, in_b)):
+        by_m = s.by_load + s.by_spend * (own - e * s_e * spends / (m_e * m))
+        by_one = law.k * s.length * (s.by_load + s.by_spend * own)
+        if law.haematocrit >= 0.0:
+            by_one *= s.thick
+        by_one += s.by_one
+        for which, part in ((s.left, in_a), (s.right, in_b)):
+            if which < 0:
+                continue
+            child = segments[which]
             child.radius = s.radius * np.sqrt(np.sqrt(child.load / m))
             child.full = s.full
             child.by_load = by_m * (m / (in_a + in_b)) * (part / child.load)
             child.by_spend = s.by_spend * s_e / m_e
             child.by_one = by_one
         stack[top] = s.left
-        stack[top + 1] = s.right
-        top += 2
+        top += 1
+        if s.right >= 0:
+            stack[top] = s.right
+            top += 1
     return smallest
+
+
+@jit
+def bottom_up(segments: Any, count: int) -> Any:
+    """Segments in an order in which children come before their parents, (n,) int32."""
+    order = np.empty(count, np.int32)
+    stack = np.empty(count, np.int32)
+    stack[0] = 0
+    top = 1
+    size = 0
+    while top > 0:
+        top -= 1
+        s = segments[stack[top]]
+        order[size] = stack[top]
+        size += 1
+        for child in (s.left, s.right):
+            if child >= 0:
+                stack[top] = child
+                top += 1
+    return order[:size][::-1].copy()
+
+
+@jit
+def refresh_all(segments: Any, count: int, law: Law) -> None:
+    """Recompute every segment from the terminals up."""
+    for i in bottom_up(segments, count):
+        refresh(segments, i, law)

@@ -8,23 +8,20 @@ import numpy as np
 
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
-from design.vasculature.bifurcation import best_place, distance, split_value
-from design.vasculature.cost import ENOUGH, climb
-from design.vasculature.fit import Seven, fits, seven, widening
+from design.vasculature.cost import Sprout
+from design.vasculature.fit import Seven, seven, widening
 from design.vasculature.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.options import Law
-from design.vasculature.room import Fork, Room, neighbours_of
+from design.vasculature.penalty import PenaltyArrays
+from design.vasculature.propose import propose
+from design.vasculature.room import Room, neighbours_of
+from design.vasculature.sample import Samples
 from design.vasculature.state import place, refresh, refresh_upwards, spread_down
+from design.vasculature.viscosity import follow_radii
 from kernels import jit
 
 CANDIDATES = 10
 """Nearest segments considered for a new terminal."""
-
-TRIED = 4
-"""Of these, the cheapest, for which other places than the best are tried."""
-
-ITERATIONS = 8
-"""Weiszfeld steps at most."""
 
 PROGRESS = np.dtype(
     [
@@ -36,6 +33,8 @@ PROGRESS = np.dtype(
         ("apart", "f8"),
         ("root_radius", "f8"),
         ("smallest", "f8"),
+        ("thick", "f8"),
+        ("candidates", "i8"),
     ]
 )
 """Where growth stands.
@@ -43,7 +42,8 @@ PROGRESS = np.dtype(
 count : segments; terminals : of them; refresh_at : terminals at which radii are derived anew;
 tried : points tried; since : points tried since the last success; apart : share of the mean
 spacing that a new terminal must be away from the tree; root_radius : predicted, mm;
-smallest : terminal radius, predicted, mm.
+smallest : terminal radius, predicted, mm; thick : mean viscosity of the terminals, over μ;
+candidates : nearest segments considered for a new terminal.
 """
 
 
@@ -96,7 +96,7 @@ def predicted_root_radius(segments: Any, law: Law, scale: Scale) -> float:
     if scale.root_radius > 0.0:
         return scale.root_radius
     n = segments[0].terminals
-    now = np.sqrt(np.sqrt(scale.flow_over_drop * segments[0].load / n))
+    now = np.sqrt(np.sqrt(scale.flow_over_drop * segments[0].load / segments[0].flow))
     return now * (scale.goal / n) ** GROWTH_POWER
 
 
@@ -109,131 +109,13 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
 
 
 @jit
-def trial(
-    segments: Any,
-    i: int,
-    b: Any,
-    t: Any,
-    law: Law,
-) -> tuple[Any, float]:
-    """Fork with its radii, and the rise of the cost, of a terminal at ``t`` by way of ``b``."""
-    s = segments[i]
-    up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
-    low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
-    new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
-    load, spend, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, law)
-    rise, _, _, r_up = climb(segments, i, load, spend, ENOUGH, law)
-    r_low = r_up * np.sqrt(np.sqrt(low_load / m))
-    r_new = r_up * np.sqrt(np.sqrt(law.k * new / m))
-    return Fork(np.int64(i), b[0], b[1], b[2], t[0], t[1], t[2], r_up, r_low, r_new), rise
-
-
-@jit
-def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
-    """Whether the new terminal, and the parted segment if it is one, are wide enough."""
-    if fork.new < limit:
-        return False
-    return bool(segments[fork.segment].left >= 0 or fork.low >= limit)
-
-
-@jit
-def estimate(segments: Any, i: int, t: Any, place_out: Any, slopes: Any, law: Law) -> float:
-    """Best place on segment ``i`` by the linear model, and the model's cost there.
-
-    ``place_out`` (3,) receives the place, ``slopes`` (4,) the model: load, spend and the
-    derivatives about which it is linear, with the cost in them.
-    """
-    s = segments[i]
-    bx = (s.px + s.dx + t[0]) / 3.0
-    by = (s.py + s.dy + t[1]) / 3.0
-    bz = (s.pz + s.dz + t[2]) / 3.0
-    load, spend, _, _, _, _, _, _, _, _ = split_value(
-        s,
-        distance(s.px, s.py, s.pz, bx, by, bz),
-        distance(bx, by, bz, s.dx, s.dy, s.dz),
-        distance(bx, by, bz, t[0], t[1], t[2]),
-        law,
-    )
-    rise, by_load, by_spend, _ = climb(segments, i, load, spend, ENOUGH, law)
-    slopes[0] = rise - by_load * load - by_spend * spend
-    slopes[1] = by_load
-    slopes[2] = by_spend
-    bx, by, bz = best_place(s, t[0], t[1], t[2], by_load, by_spend, ITERATIONS, law)
-    place_out[0], place_out[1], place_out[2] = bx, by, bz
-    return model(s, place_out, t, slopes, law)
-
-
-@jit
-def model(s: Any, b: Any, t: Any, slopes: Any, law: Law) -> float:
-    """Cost of place ``b`` by the linear model."""
-    load, spend, _, _, _, _, _, _, _, _ = split_value(
-        s,
-        distance(s.px, s.py, s.pz, b[0], b[1], b[2]),
-        distance(b[0], b[1], b[2], s.dx, s.dy, s.dz),
-        distance(b[0], b[1], b[2], t[0], t[1], t[2]),
-        law,
-    )
-    return slopes[0] + slopes[1] * load + slopes[2] * spend
-
-
-@jit
-def propose(
-    segments: Any,
-    index: CellIndex,
-    room: Room,
-    law: Law,
-    limit: float,
-    t: Any,
-    found: Any,
-    size: int,
-) -> tuple[bool, Any]:
-    """The cheapest fork that fits, of the segments ``found[:size]``."""
-    fork = Fork(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    costs = np.full(size, np.inf)
-    places = np.empty((size, 3))
-    slopes = np.empty((size, 3))
-    for n in range(size):
-        # The root's own segment is the stem: it stays as the user placed it.
-        if found[n] > 0 and segments[found[n]].full == 0:
-            costs[n] = estimate(segments, found[n], t, places[n], slopes[n], law)
-    order = np.argsort(costs, kind="mergesort")
-    for n in order:
-        if costs[n] < np.inf:
-            fork, _ = trial(segments, found[n], places[n], t, law)
-            if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
-                return True, fork
-    others = np.empty((TRIED * 6, 3))
-    values = np.full(TRIED * 6, np.inf)
-    for rank in range(min(TRIED, size)):
-        n = order[rank]
-        if costs[n] == np.inf:
-            break
-        s = segments[found[n]]
-        for kind in range(6):
-            along, pull = 0.25 + 0.25 * (kind % 3), 0.3 * (kind // 3)
-            at = others[rank * 6 + kind]
-            at[0] = (1.0 - pull) * (s.px + along * (s.dx - s.px)) + pull * t[0]
-            at[1] = (1.0 - pull) * (s.py + along * (s.dy - s.py)) + pull * t[1]
-            at[2] = (1.0 - pull) * (s.pz + along * (s.dz - s.pz)) + pull * t[2]
-            values[rank * 6 + kind] = model(s, at, t, slopes[n], law)
-    for n in np.argsort(values, kind="mergesort"):
-        if values[n] == np.inf:
-            break
-        i = found[order[n // 6]]
-        fork, _ = trial(segments, i, others[n], t, law)
-        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
-            return True, fork
-    return False, fork
-
-
-@jit
 def settle(segments: Any, index: CellIndex, room: Room, i: int, skip: Seven) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
     most = REACH * s.radius + room.wall
     depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
     free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
-    s.allowed = min(depth - room.wall, free * s.radius)
+    s.allowed = np.inf if s.given != 0 else min(depth - room.wall, free * s.radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 
@@ -256,7 +138,12 @@ def commit(segments: Any, count: int, index: CellIndex, room: Room, law: Law, fo
     segments[lower].left, segments[lower].right = left, right
     segments[tip].left, segments[tip].right = -1, -1
     if left >= 0:
-        segments[left].parent, segments[right].parent = lower, lower
+        segments[left].parent = lower
+    if right >= 0:
+        segments[right].parent = lower
+    segments[lower].flow, segments[tip].flow = s.flow, fork.flow
+    segments[lower].thick, segments[tip].thick = s.thick, fork.thick
+    segments[lower].given, segments[tip].given = s.given, 0
     s.left, s.right = lower, tip
     s.radius, segments[lower].radius, segments[tip].radius = fork.up, fork.low, fork.new
     segments[lower].full, segments[tip].full = 0, 0
@@ -274,6 +161,8 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
     s.smallest = spread_down(segments, s.count, s.root_radius, 1.02, law)
+    if law.haematocrit >= 0.0:
+        _, s.thick = follow_radii(segments, s.count, law)
     s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
 
 
@@ -284,8 +173,9 @@ def grow(
     room: Room,
     law: Law,
     scale: Scale,
+    penalty: PenaltyArrays,
     progress: Any,
-    points: Any,
+    samples: Samples,
     first: int,
     rebuild_at: int,
 ) -> tuple[int, int]:
@@ -297,8 +187,9 @@ def grow(
         Why it returned (`DONE` ...), and the next point.
     """
     s = progress[0]
-    found = np.empty(CANDIDATES, np.int32)
-    away = np.empty(CANDIDATES)
+    found = np.empty(s.candidates, np.int32)
+    away = np.empty(s.candidates)
+    points = samples.at
     for n in range(first, len(points)):
         if s.terminals >= scale.goal:
             return DONE, n
@@ -311,13 +202,15 @@ def grow(
             s.apart *= _RELAX
         spacing = (scale.volume / (s.terminals + 1)) ** (1.0 / 3.0)
         size = nearest_segments(index, segments, t[0], t[1], t[2], found, away)
-        if away[0] < s.apart * spacing:
+        if away[0] < s.apart * (spacing * samples.near[n]):
             continue
         limit = thinnest(s.terminals + 1, s.root_radius, law, scale)
         tip = max(limit, 0.5 * s.root_radius * (s.terminals + 1) ** (-1.0 / law.gamma))
-        if -read(room.grid, t[0], t[1], t[2]) < tip + room.wall:
+        shallow = -read(room.grid, t[0], t[1], t[2]) < tip + room.wall
+        if shallow and samples.near[n] > 0.0:
             continue
-        good, fork = propose(segments, index, room, law, limit, t, found, size)
+        sprout = Sprout(samples.flow[n], s.thick)
+        good, fork = propose(segments, index, room, penalty, law, limit, t, sprout, found, size)
         if not good:
             continue
         listed = commit(segments, s.count, index, room, law, fork)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.vasculature.tree import VesselTree
+from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -27,8 +28,12 @@ def tree_from_topology(
     pressure_drop_pa: float,
     murray_exponent: float,
     viscosity_pa_s: float,
+    relative_flow: FloatArray | None = None,
+    haematocrit: float = -1.0,
+    given: NDArray[np.bool_] | None = None,
+    smallest_radius_mm: float | None = None,
 ) -> VesselTree:
-    """Derive terminals, reduced resistances and ratios from the leaves up.
+    """Derive terminals, flows, reduced resistances and ratios from the leaves up.
 
     Parameters
     ----------
@@ -36,27 +41,74 @@ def tree_from_topology(
     parent : (n,) int32
     children : (n, 2) int32
     flow_ul_s : float
-        Into the root; every terminal has an equal share.
-    pressure_drop_pa, murray_exponent, viscosity_pa_s : float
+        Into the root.
+    pressure_drop_pa, murray_exponent, viscosity_pa_s, haematocrit : float
         As in `VesselTree`.
+    relative_flow : (n,) float64, optional
+        Shares of the terminals, in any unit; of other segments it isn't read. Every terminal has
+        an equal share by default.
+    given : (n,) bool, optional
+        Segments of a given trunk; none by default.
+    smallest_radius_mm : float, optional
+        Fixes the smallest radius; the pressure drop follows, and isn't read.
     """
-    length = np.linalg.norm(distal - proximal, axis=1)
+    n = len(parent)
+    own = np.ones(n)
+    if relative_flow is not None:
+        tips = children[:, 0] < 0
+        own = relative_flow / float(relative_flow[tips].mean())
     order = downward_order(children)
-    k = 8.0 * viscosity_pa_s / pi
-    terminals, resistance, ratio = _ratios(order, children, length, k, murray_exponent)
-    return VesselTree(
+    terminals, flow = _sums(order, children, own)
+    tree = VesselTree(
         proximal=np.ascontiguousarray(proximal),
         distal=np.ascontiguousarray(distal),
         parent=np.ascontiguousarray(parent),
         children=np.ascontiguousarray(children),
         terminals=terminals,
-        reduced_resistance=resistance,
-        ratio=ratio,
+        relative_flow=flow,
+        relative_viscosity=np.ones(n),
+        reduced_resistance=np.empty(n),
+        ratio=np.empty(n),
         terminal_flow_ul_s=flow_ul_s / int(terminals[0]),
         pressure_drop_pa=pressure_drop_pa,
         murray_exponent=murray_exponent,
         viscosity_pa_s=viscosity_pa_s,
+        haematocrit=haematocrit,
+        given=np.zeros(n, dtype=np.bool_) if given is None else np.ascontiguousarray(given),
     )
+    return _settled(tree, smallest_radius_mm)
+
+
+def _settled(tree: VesselTree, smallest_mm: float | None) -> VesselTree:
+    """The tree with its ratios, in one pass or until viscosities and radii agree."""
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    order = downward_order(tree.children)
+    k = 8.0 * tree.viscosity_pa_s / pi
+    for _ in range(ROUNDS):
+        weighed = k * length * tree.relative_viscosity
+        resistance, ratio = _ratios(
+            order, tree.children, tree.relative_flow, weighed, tree.murray_exponent
+        )
+        tree = replace(tree, reduced_resistance=resistance, ratio=ratio)
+        if smallest_mm is not None:
+            factor = smallest_mm / float(tree_radii(tree).min())
+            tree = replace(tree, pressure_drop_pa=tree.pressure_drop_pa / factor**4)
+        if tree.haematocrit < 0.0:
+            break
+        thick = _viscosities(tree_radii(tree), tree.haematocrit)
+        change = float(np.abs(thick / tree.relative_viscosity - 1.0).max())
+        if change < SETTLED:
+            break
+        tree = replace(tree, relative_viscosity=thick)
+    return tree
+
+
+@jit
+def _viscosities(radius: Any, haematocrit: float) -> Any:
+    thick = np.empty(len(radius))
+    for i in range(len(radius)):
+        thick[i] = relative_viscosity(radius[i], haematocrit)
+    return thick
 
 
 @jit
@@ -72,31 +124,48 @@ def downward_order(children: Any) -> Any:
         i = stack[top]
         order[size] = i
         size += 1
-        if children[i, 0] >= 0:
-            stack[top] = children[i, 1]
-            stack[top + 1] = children[i, 0]
-            top += 2
+        for side in (1, 0):
+            if children[i, side] >= 0:
+                stack[top] = children[i, side]
+                top += 1
     return order[:size]
 
 
 @jit
-def _ratios(order: Any, children: Any, length: Any, k: float, gamma: float) -> Any:
-    n = len(children)
-    terminals = np.ones(n, np.int32)
-    resistance = np.empty(n)
-    ratio = np.ones(n)
+def _sums(order: Any, children: Any, own: Any) -> Any:
+    """Terminals and flow downstream of each segment; ``own`` is read at terminals."""
+    terminals = np.ones(len(children), np.int32)
+    flow = own.copy()
     for at in range(len(order) - 1, -1, -1):
         i = order[at]
-        resistance[i] = k * length[i]
         a, b = children[i]
         if a < 0:
             continue
-        terminals[i] = terminals[a] + terminals[b]
-        x = (terminals[a] * resistance[a] / (terminals[b] * resistance[b])) ** 0.25
+        terminals[i], flow[i] = terminals[a], flow[a]
+        if b >= 0:
+            terminals[i] += terminals[b]
+            flow[i] += flow[b]
+    return terminals, flow
+
+
+@jit
+def _ratios(order: Any, children: Any, flow: Any, own: Any, gamma: float) -> Any:
+    """Reduced resistances and ratios; ``own`` is 8 μ v ℓ / π."""
+    resistance = own.copy()
+    ratio = np.ones(len(children))
+    for at in range(len(order) - 1, -1, -1):
+        i = order[at]
+        a, b = children[i]
+        if a < 0:
+            continue
+        if b < 0:
+            resistance[i] += resistance[a]
+            continue
+        x = (flow[a] * resistance[a] / (flow[b] * resistance[b])) ** 0.25
         ratio[a] = (1.0 + x**-gamma) ** (-1.0 / gamma)
         ratio[b] = (1.0 + x**gamma) ** (-1.0 / gamma)
         resistance[i] += 1.0 / (ratio[a] ** 4 / resistance[a] + ratio[b] ** 4 / resistance[b])
-    return terminals, resistance, ratio
+    return resistance, ratio
 
 
 @jit
@@ -119,10 +188,11 @@ def tree_radii(tree: VesselTree) -> FloatArray:
 
 
 def scaled_to_smallest_radius(tree: VesselTree, radius_mm: float) -> VesselTree:
-    """The same tree with its smallest radius at ``radius_mm``: all radii change by one factor.
+    """The same tree with its smallest radius at ``radius_mm``.
 
-    The flow stays; the pressure drop follows as the factor to the power of -4. Whether it still
-    fits must be checked anew (`check_tree`); growth with ``smallest_radius_mm`` does it itself.
+    All radii change by one factor, with a haematocrit by nearly one. The flow stays; the pressure
+    drop follows, for a Newtonian fluid as the factor to the power of -4. Whether it still fits
+    must be checked anew (`check_tree`); growth with ``smallest_radius_mm`` does it itself.
 
     Raises
     ------
@@ -131,5 +201,7 @@ def scaled_to_smallest_radius(tree: VesselTree, radius_mm: float) -> VesselTree:
     """
     if not radius_mm > 0:
         raise GrowthError(f"smallest radius {radius_mm:g} mm isn't above 0; give a positive one")
+    if tree.haematocrit >= 0.0:
+        return _settled(tree, radius_mm)
     factor = radius_mm / float(tree_radii(tree).min())
     return replace(tree, pressure_drop_pa=tree.pressure_drop_pa / factor**4)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from printctl.recipe.growth import NamedNetwork, NetworkPart
 from printctl.recipe.making import (
     FileScan,
     Fresh,
@@ -14,7 +15,7 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
-from printctl.recipe.parts import FlowPart, NamedNetwork, NetworkPart, Part, Seed
+from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.tissue import Block, TissuePart
 
 

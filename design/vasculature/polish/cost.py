@@ -1,6 +1,6 @@
 r"""A finished tree's exact cost, and its gradient with respect to every branch point.
 
-With equal terminal flows q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
+With a mean terminal flow q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
 (q/Δp)^(λ/4) K_root (`design.vasculature.cost`), the volume for u = 1, λ = 2 times π. It depends on
 the branch points through the segments' lengths alone. Differentiating the bifurcation's algebra
 from the root down (reverse mode, as for any recursion: Griewank & Walther, Evaluating Derivatives,
@@ -9,7 +9,9 @@ K̄ = ∂K_root/∂K, which is 1 at the root, where W̄ = 0:
 
 - m̄ = W̄ + K̄ (e K/W - e W^e S / m^(e+1))
 - W̄_c = m̄ (m / ΣA) (A_c / W_c),   K̄_c = K̄ W^e / m^e
-- ∂K_root/∂ℓ = (W̄ + K̄ e K/W) n k + K̄ W^e u ℓ^(u-1)
+- ∂K_root/∂ℓ = (W̄ + K̄ e K/W) n k v + K̄ W^e u ℓ^(u-1)
+
+Viscosities v are held; each audit takes them anew where they depend on the radii.
 
 One pass up for W and K and one down (`design.vasculature.state.spread_down`) are O(n). A branch
 point then sees the sum of ∂K_root/∂ℓ times the unit vectors along its three segments: where it
@@ -26,9 +28,9 @@ from numpy.typing import NDArray
 
 from design.vasculature.cost import joined, to_gamma, to_lambda, to_u
 from design.vasculature.options import Law
-from design.vasculature.state import SEGMENT, Segments, refresh, spread_down
+from design.vasculature.state import SEGMENT, Segments, refresh_all, spread_down
 from design.vasculature.tree import VesselTree
-from design.vasculature.treemath import downward_order, tree_radii
+from design.vasculature.treemath import tree_radii
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +39,7 @@ FloatArray = NDArray[np.float64]
 def law_of(tree: VesselTree, length_exponent: float = 1.0, radius_exponent: float = 2.0) -> Law:
     """The constants of the cost Σ ℓᵘ r^λ for a tree."""
     k = 8.0 * tree.viscosity_pa_s / pi
-    return Law(k, tree.murray_exponent, radius_exponent, length_exponent)
+    return Law(k, tree.murray_exponent, radius_exponent, length_exponent, tree.haematocrit)
 
 
 def segments_of(tree: VesselTree, law: Law) -> Segments:
@@ -50,15 +52,11 @@ def segments_of(tree: VesselTree, law: Law) -> Segments:
     segments["parent"] = tree.parent
     segments["left"], segments["right"] = tree.children.T
     segments["allowed"] = np.inf
-    _refresh_all(segments, downward_order(tree.children), law)
+    segments["flow"], segments["thick"] = tree.relative_flow, tree.relative_viscosity
+    segments["given"] = tree.given
+    refresh_all(segments, len(segments), law)
     spread_down(segments, len(segments), float(tree_radii(tree)[0]), 1.0, law)
     return segments
-
-
-@jit
-def _refresh_all(segments: Any, order: Any, law: Law) -> None:
-    for at in range(len(order) - 1, -1, -1):
-        refresh(segments, order[at], law)
 
 
 def tree_volume(tree: VesselTree) -> float:
@@ -99,27 +97,31 @@ def length_slope(s: Any, law: Law) -> float:
     """Derivative of the cost with respect to a segment's length, by its derivatives as kept."""
     by_length = law.u * to_u(s.length, law) / s.length
     own = 0.25 * law.lam * s.spend / s.load
-    return (s.by_load + s.by_spend * own) * s.terminals * law.k + s.by_spend * to_lambda(
+    return (s.by_load + s.by_spend * own) * s.flow * s.thick * law.k + s.by_spend * to_lambda(
         s.load, law
     ) * by_length
 
 
 @jit
 def child_slope(
-    child_load: float, child_spend: float, n: int, length: float, bar: Any, law: Law
+    child_load: float, child_spend: float, weight: float, length: float, bar: Any, law: Law
 ) -> float:
-    """As `length_slope`, from a segment's load and spend and the derivatives ``bar`` by them."""
+    """As `length_slope`, from a segment's load and spend and the derivatives ``bar`` by them.
+
+    ``weight`` is its flow times its viscosity.
+    """
     own = 0.25 * law.lam * child_spend / child_load
-    return (bar[0] + bar[1] * own) * n * law.k + bar[1] * to_lambda(child_load, law) * law.u * to_u(
-        length, law
-    ) / length
+    by_length = law.u * to_u(length, law) / length
+    return (bar[0] + bar[1] * own) * weight * law.k + bar[1] * to_lambda(
+        child_load, law
+    ) * by_length
 
 
 @jit
 def walk_up(
-    segments: Any, index: int, load: float, spend: float, terminals: int, law: Law
+    segments: Any, index: int, load: float, spend: float, flow: float, law: Law
 ) -> tuple[float, float]:
-    """Cost of the tree if segment ``index`` had this load, spend and terminals; exact, O(depth).
+    """Cost of the tree if segment ``index`` had this load, spend and flow; exact, O(depth).
 
     Returns
     -------
@@ -130,7 +132,7 @@ def walk_up(
         segment's radius, mm⁴. Q is the flow into the root.
     """
     share = 1.0
-    n = terminals
+    n = flow
     here = index
     while segments[here].parent >= 0:
         up = segments[here].parent
@@ -138,8 +140,9 @@ def walk_up(
         if other == here:
             other = segments[up].right
         o = segments[other]
-        n += o.terminals
-        above, spend, m = joined(load, spend, o.load, o.spend, segments[up].length, n, law)
+        n += o.flow
+        weight = n * segments[up].thick
+        above, spend, m = joined(load, spend, o.load, o.spend, segments[up].length, weight, law)
         share *= load / m
         load, here = above, up
     return spend, share * load / n
@@ -148,34 +151,34 @@ def walk_up(
 @jit
 def relengthened(s: Any, length: float, law: Law) -> tuple[float, float]:
     """Load and spend of a segment whose length alone changes."""
-    load = s.load + s.terminals * law.k * (length - s.length)
+    load = s.load + s.flow * s.thick * law.k * (length - s.length)
     reduced = s.spend / to_lambda(s.load, law) - to_u(s.length, law) + to_u(length, law)
     return load, to_lambda(load, law) * reduced
 
 
 @jit
 def fork_slopes(
-    above: Any, lengths: Any, loads: Any, spends: Any, counts: Any, law: Law
+    above: Any, lengths: Any, loads: Any, spends: Any, weights: Any, law: Law
 ) -> tuple[float, float, float]:
     """Derivatives of the cost by the lengths above a fork and of its two branches.
 
-    ``above`` holds the derivatives of the cost by the upper segment's load and spend.
+    ``above`` holds the derivatives of the cost by the upper segment's load and spend, ``weights``
+    the flow times the viscosity of the upper segment and the two branches.
     """
     e = 0.25 * law.lam
-    n = counts[0] + counts[1]
     in0, in1 = to_gamma(loads[0], law), to_gamma(loads[1], law)
-    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], n, law)
+    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], weights[0], law)
     we, me = to_lambda(load, law), to_lambda(m, law)
     both = spends[0] + spends[1]
     by_m = above[0] + above[1] * e * (spend / load - we * both / (me * m))
     by_spend = above[1] * we / me
     by_total = by_m * m / (in0 + in1)
     return (
-        child_slope(load, spend, n, lengths[0], above, law),
+        child_slope(load, spend, weights[0], lengths[0], above, law),
         child_slope(
-            loads[0], spends[0], counts[0], lengths[1], (by_total * in0 / loads[0], by_spend), law
+            loads[0], spends[0], weights[1], lengths[1], (by_total * in0 / loads[0], by_spend), law
         ),
         child_slope(
-            loads[1], spends[1], counts[1], lengths[2], (by_total * in1 / loads[1], by_spend), law
+            loads[1], spends[1], weights[2], lengths[2], (by_total * in1 / loads[1], by_spend), law
         ),
     )

@@ -9,6 +9,7 @@ from design.vasculature.bifurcation import distance
 from design.vasculature.fit import in_tissue, seven, widening
 from design.vasculature.index import CellIndex
 from design.vasculature.room import Room, kept_apart, neighbours_of
+from design.vasculature.within import node_within_limits
 from kernels import jit
 
 JOINT = 1.01
@@ -109,6 +110,8 @@ def node_fits(
     ``joint`` is the room that the joints must leave at least, 0 or what there is now.
     """
     if node_slack(segments, room, i, b, radii) < joint:
+        return False
+    if room.limits.on and not node_within_limits(segments, room.limits, i, b):
         return False
     s = segments[i]
     left, right = s.left, s.right

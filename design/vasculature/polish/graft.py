@@ -47,6 +47,13 @@ def _fork_at(segments: Any, i: Any, c: Any, b: Any, law: Law) -> Any:
 
 
 @jit
+def _weights(s: Any, branch: Any) -> tuple[float, float, float]:
+    """Flow times viscosity above a fork of ``branch`` on ``s``, and of its two parts."""
+    both = (s.flow + branch.flow) * s.thick
+    return both, s.flow * s.thick, branch.flow * branch.thick
+
+
+@jit
 def _best_fork(segments: Any, i: Any, c: Any, law: Law) -> tuple[float, float, float]:
     """Best place on segment ``i`` for branch ``c``: Weiszfeld's iteration with live weights."""
     s, branch = segments[i], segments[c]
@@ -55,7 +62,7 @@ def _best_fork(segments: Any, i: Any, c: Any, law: Law) -> tuple[float, float, f
     for _ in range(_WEISZFELD):
         lengths, loads, spends = _fork_at(segments, i, c, (bx, by, bz), law)
         w, w0, w1 = fork_slopes(
-            (s.by_load, s.by_spend), lengths, loads, spends, (s.terminals, branch.terminals), law
+            (s.by_load, s.by_spend), lengths, loads, spends, _weights(s, branch), law
         )
         w = max(0.0, w) / lengths[0]
         w0, w1 = max(0.0, w0) / lengths[1], max(0.0, w1) / lengths[2]
@@ -79,14 +86,26 @@ def fork_cost(
     """Cost of the tree with the cut branch ``c`` on segment ``i`` at ``b``, and the fork."""
     s, branch = segments[i], segments[c]
     lengths, loads, spends = _fork_at(segments, i, c, b, law)
-    n = s.terminals + branch.terminals
-    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], n, law)
+    n = s.flow + branch.flow
+    weight = n * s.thick
+    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], weight, law)
     cost, radius4 = walk_up(segments, i, load, spend, n, law)
     radius = np.sqrt(np.sqrt(flow_over_drop * radius4))
     t = far_end(branch)
     low, new = np.sqrt(np.sqrt(loads[0] / m)), np.sqrt(np.sqrt(loads[1] / m))
     return cost, Fork(
-        np.int64(i), b[0], b[1], b[2], t[0], t[1], t[2], radius, radius * low, radius * new
+        np.int64(i),
+        b[0],
+        b[1],
+        b[2],
+        t[0],
+        t[1],
+        t[2],
+        radius,
+        radius * low,
+        radius * new,
+        branch.flow,
+        branch.thick,
     )
 
 
@@ -193,7 +212,7 @@ def graft_branch(
     places = np.empty((size, 3))
     costs, order = _rank(segments, c, found[:size], places, flow_over_drop, law)
     s = segments[p]
-    _, radius4 = walk_up(segments, p, s.load, s.spend, s.terminals, law)
+    _, radius4 = walk_up(segments, p, s.load, s.spend, s.flow, law)
     radius = min(s.radius, np.sqrt(np.sqrt(flow_over_drop * radius4)))
     if costs[order[0]] < below and straight_fits(index, segments, room, p, c, a, radius):
         s.radius = radius

@@ -20,6 +20,7 @@ from design.vasculature.polish.fit import (
 )
 from design.vasculature.polish.relax import root_radius
 from design.vasculature.room import Fork, Room, neighbours_of
+from design.vasculature.within import end_fits, losing_fits, start_fits
 from kernels import jit
 
 
@@ -37,6 +38,8 @@ def fork_fits(index: CellIndex, segments: Any, room: Room, fork: Fork, c: Any, g
         or slack_below(segments, room, i, b, fork.low) < 0.0
         or slack_below(segments, room, c, b, fork.new) < 0.0
     ):
+        return False
+    if room.limits.on and not end_fits(segments, room.limits, c, b):
         return False
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven(i, c, gone, branch.left, branch.right, -1, -1)
@@ -61,6 +64,13 @@ def straight_fits(
     if (
         slack_above(segments, room, p, b, radius) < 0.0
         or slack_below(segments, room, p, a, radius) < 0.0
+    ):
+        return False
+    limits = room.limits
+    if limits.on and not (
+        start_fits(segments, limits, p, b)
+        and end_fits(segments, limits, p, a)
+        and losing_fits(segments, limits, p)
     ):
         return False
     parent, sibling, left, right = neighbours_of(segments, p)
@@ -95,7 +105,7 @@ def way_fits(segments: Any, i: Any, flow_over_drop: float, law: Law) -> bool:
 def _share(segments: Any, i: Any, law: Law) -> float:
     """Load over the joint load at a segment's near end: the fourth power of its ratio."""
     up = segments[segments[i].parent]
-    m = up.load - up.terminals * law.k * up.length
+    m = up.load - up.flow * up.thick * law.k * up.length
     return segments[i].load / m
 
 

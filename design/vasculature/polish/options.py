@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from design.errors import GrowthError
+from design.vasculature.limits import check_angles
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class PolishOptions:
     length_exponent, radius_exponent : float
         u and λ of the cost Σ ℓᵘ r^λ that is lowered; 1 and 2 make it the volume.
     clearance_mm, clearance_ratio, length_to_radius : float
+    branch_angle_degrees, turn_angle_degrees : (float, float)
+    flow_ratio : float
         As in `GrowthOptions`; give what the tree was grown with.
     rounds : int
         Rounds of grafting, each followed by relaxation; 0 relaxes only.
@@ -39,6 +42,9 @@ class PolishOptions:
     clearance_mm: float = 0.0
     clearance_ratio: float = 0.1
     length_to_radius: float = 1.0
+    branch_angle_degrees: tuple[float, float] = (0.0, 180.0)
+    turn_angle_degrees: tuple[float, float] = (0.0, 180.0)
+    flow_ratio: float = 0.0
     rounds: int = 24
     heat: float = 1.0
     sweeps: int = 12
@@ -46,7 +52,11 @@ class PolishOptions:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, (low, high) = getattr(self, field.name), _LIMITS[field.name]
+            value = getattr(self, field.name)
+            if isinstance(value, tuple):
+                check_angles(field.name, value)
+                continue
+            low, high = _LIMITS[field.name]
             if not low <= value <= high:
                 raise GrowthError(
                     f"polish: {field.name} is {value:g}; give a value from {low:g} to {high:g}"
@@ -60,6 +70,7 @@ _LIMITS: dict[str, tuple[float, float]] = {
     "clearance_mm": (0.0, 10.0),
     "clearance_ratio": (0.0, 10.0),
     "length_to_radius": (0.0, 100.0),
+    "flow_ratio": (0.0, 0.5),
     "rounds": (0, 1000),
     "heat": (0.0, 100.0),
     "sweeps": (1, 1000),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collide import collisions
 from design.vasculature.convert import tree_to_network
@@ -116,8 +117,18 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
     Polished
         Never dearer than what came in, nor with more collisions, joint overlaps or segments
         outside. Same input, same bytes, whatever the number of threads. The smallest radius isn't
-        held: scale with `scaled_to_smallest_radius` and check anew.
+        held: scale with `scaled_to_smallest_radius` and check anew. A penalty isn't known here.
+
+    Raises
+    ------
+    GrowthError
+        When the tree grew from a given trunk.
     """
+    if tree.given.any():
+        raise GrowthError(
+            "a tree grown from a given trunk can't be polished: that would move the trunk; "
+            "polish a tree grown from its root"
+        )
     before = find_faults(tissue, tree, options)
     bench = Bench.open(tissue, tree, options)
     cost = bench.cost

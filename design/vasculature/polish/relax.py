@@ -35,7 +35,7 @@ _FRESH = 64
 def root_radius(segments: Any, flow_over_drop: float) -> float:
     """Root radius by the cost as it stands, mm."""
     root = segments[0]
-    return float(np.sqrt(np.sqrt(flow_over_drop * root.load / root.terminals)))
+    return float(np.sqrt(np.sqrt(flow_over_drop * root.load / root.flow)))
 
 
 @jit
@@ -54,8 +54,8 @@ def node_value(
     load0, spend0 = relengthened(one, length_of(b, far_end(one)), law)
     load1, spend1 = relengthened(two, length_of(b, far_end(two)), law)
     up = length_of(near_end(s), b)
-    load, spend, m = joined(load0, spend0, load1, spend1, up, s.terminals, law)
-    cost, radius4 = walk_up(segments, i, load, spend, s.terminals, law)
+    load, spend, m = joined(load0, spend0, load1, spend1, up, s.flow * s.thick, law)
+    cost, radius4 = walk_up(segments, i, load, spend, s.flow, law)
     radius = np.sqrt(np.sqrt(flow_over_drop * radius4))
     low0, low1 = np.sqrt(np.sqrt(load0 / m)), np.sqrt(np.sqrt(load1 / m))
     return cost, (radius, radius * low0, radius * low1)
@@ -78,7 +78,7 @@ def best_node(segments: Any, i: int, law: Law) -> tuple[float, float, float]:
             (up, low0, low1),
             (load0, load1),
             (spend0, spend1),
-            (one.terminals, two.terminals),
+            (s.flow * s.thick, one.flow * one.thick, two.flow * two.thick),
             law,
         )
         w, w0, w1 = max(0.0, w) / up, max(0.0, w0) / low0, max(0.0, w1) / low1

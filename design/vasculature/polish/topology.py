@@ -33,7 +33,7 @@ def cut(segments: Any, c: Any, saved: Any, law: Law) -> int:
     saved[0], saved[1], saved[2] = segments[p], segments[a], segments[c]
     up, low = segments[p], segments[a]
     place(segments, p, near_end(up), far_end(low))
-    up.left, up.right = low.left, low.right
+    up.left, up.right, up.flow = low.left, low.right, low.flow
     if up.left >= 0:
         segments[up.left].parent, segments[up.right].parent = p, p
     refresh_upwards(segments, p, law)

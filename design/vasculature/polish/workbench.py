@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from design.tissue import Tissue
 from design.vasculature.audit import measure_room
 from design.vasculature.index import CellIndex, empty_index
+from design.vasculature.limits import joint_limits
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import law_of, segments_of
 from design.vasculature.polish.graft import graft
 from design.vasculature.polish.options import PolishOptions
-from design.vasculature.polish.relax import all_radii, relax
+from design.vasculature.polish.relax import relax
 from design.vasculature.polish.repair import push_wide
 from design.vasculature.room import Room
 from design.vasculature.step import list_all
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology
+from design.vasculature.viscosity import settle_root
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -83,6 +85,9 @@ class Bench:
             options.clearance_ratio,
             options.length_to_radius,
             RESERVES[0],
+            joint_limits(
+                options.branch_angle_degrees, options.turn_angle_degrees, options.flow_ratio
+            ),
         )
         flow = tree.terminal_flow_ul_s * int(tree.terminals[0])
         bench = cls(
@@ -151,6 +156,8 @@ class Bench:
             pressure_drop_pa=given.pressure_drop_pa,
             murray_exponent=given.murray_exponent,
             viscosity_pa_s=given.viscosity_pa_s,
+            relative_flow=s["flow"],
+            haematocrit=given.haematocrit,
         )
 
     def _all(self) -> IntArray:
@@ -206,7 +213,7 @@ class Bench:
 
     def audit(self) -> int:
         """Derive radii and the room of each segment; how many are too wide."""
-        all_radii(self.segments, self.flow_over_drop, self.law)
+        settle_root(self.segments, len(self.segments), self.flow_over_drop, 1.0, self.law)
         self._list()
         return int(measure_room(self.segments, len(self.segments), self.index, self.room, 0.0))
 

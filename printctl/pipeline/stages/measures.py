@@ -16,8 +16,8 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
+from printctl.recipe.growth import Growth
 from printctl.recipe.making import Fresh
-from printctl.recipe.parts import Growth
 
 MEASURES = "measures.json"
 
@@ -73,6 +73,8 @@ def key_numbers(found: dict[str, Any]) -> dict[str, Any]:
         "way_to_a_lumen_max_mm": supply["distance_max_mm"],
         "within_200_um_of_a_lumen_percent": 100 * (1 - supply["beyond"]["200_um"]),
         "vessels_per_mm2": supply["vessels_per_mm2"],
+        "supply_over_demand_p5": found["territories"]["p5"] if found["territories"] else None,
+        "supply_over_demand_worst": found["territories"]["worst"] if found["territories"] else None,
         "branching_depth_max": found["ways"]["depth_max"] if found["ways"] else None,
     }
 

@@ -23,7 +23,7 @@ from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
-from printctl.recipe.parts import NamedNetwork
+from printctl.recipe.growth import NamedNetwork
 
 SOLID_3MF = "solid.3mf"
 NAMES = (LUMEN, SOLID, SOLID_3MF)

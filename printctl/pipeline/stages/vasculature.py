@@ -13,12 +13,12 @@ from design.lattices import LatticeOptions, build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import read_network_csv, write_network_csv
 from design.tissue import Tissue
-from design.units import PA_PER_MMHG
 from design.vasculature import (
     ClosedLoops,
     GrowthOptions,
     LoopOptions,
     RootSpec,
+    VesselTree,
     check_network,
     close_loops,
     grow_forest,
@@ -28,34 +28,57 @@ from design.vasculature import (
 )
 from design.vasculature.polish import PolishOptions, polish
 from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.growth_source import growth_options, read_trunk
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
+from printctl.recipe.growth import (
+    ClosedLoop,
+    GivenNetwork,
+    GrownNetwork,
+    NamedNetwork,
+    files_of,
+)
 from printctl.recipe.lattice import LatticeNetwork
-from printctl.recipe.parts import ClosedLoop, GivenNetwork, GrownNetwork, Growth, NamedNetwork
 
 
 def depends(context: RunContext) -> Any:
     """The section, the seed, and the user's file where it names one."""
     part = context.recipe.vasculature
     found = part.model_dump(mode="json")
-    if isinstance(part, GivenNetwork) and (context.recipe_folder / part.network).is_file():
-        found["digest"] = digest_file(context.recipe_folder / part.network)
+    files = {name: context.recipe_folder / name for name in files_of(part)}
+    found["digests"] = {name: digest_file(path) for name, path in files.items() if path.is_file()}
     return [found, context.recipe.seed]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Make the network and write it; later stages read the file."""
     part = context.recipe.vasculature
-    loops: dict[str, Any] = {}
+    more: dict[str, Any] = {}
     if isinstance(part, ClosedLoop):
         closed = closed_loop(context.tissue, part, context.recipe.seed)
-        network, loops = closed.network, {"loops": said_of(closed)}
+        network, more = closed.network, {"loops": said_of(closed)}
+    elif isinstance(part, GrownNetwork):
+        tree = grown_tree(context, part)
+        network, more = tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
+        for note in tree.notes:
+            context.bars.remark("vasculature", note)
     else:
         network = make_network(context)
     write_network_csv(context.folder / NETWORK, network)
-    return summarise(network) | loops, [NETWORK]
+    return summarise(network) | more, [NETWORK]
+
+
+def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
+    """The tree that the recipe asks for, polished if it says so."""
+    seed, folder = context.recipe.seed, context.recipe_folder
+    trunk = read_trunk(part, folder)
+    tree = grow_tree(context.tissue, growth_options(part, seed, folder), trunk=trunk)
+    if not part.polish:
+        return tree
+    polished = polish(context.tissue, tree, polish_options(part, seed)).tree
+    return replace(polished, notes=tree.notes)
 
 
 def make_network(context: RunContext) -> VesselNetwork:
@@ -70,10 +93,7 @@ def make_network(context: RunContext) -> VesselNetwork:
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, lattice_options(part)), 0.0
         case GrownNetwork():
-            tree = grow_tree(context.tissue, growth_options(part, context.recipe.seed))
-            if part.polish:
-                tree = polish(context.tissue, tree, polish_options(part, context.recipe.seed)).tree
-            return tree_to_network(tree, VesselKind.ARTERY)
+            return tree_to_network(grown_tree(context, part), VesselKind.ARTERY)
         case ClosedLoop():
             return closed_loop(context.tissue, part, context.recipe.seed).network
     check_network(network, clearance)
@@ -124,30 +144,16 @@ def lattice_options(part: LatticeNetwork) -> LatticeOptions:
     )
 
 
-def growth_options(part: Growth, seed: int) -> GrowthOptions:
-    """The recipe's words in the design's units."""
-    return GrowthOptions(
-        terminals=part.terminals,
-        seed=seed,
-        murray_exponent=part.murray_exponent,
-        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
-        pressure_drop_pa=part.pressure_drop_mmhg * PA_PER_MMHG,
-        perfusion_ml_min_per_ml=part.perfusion_ml_min_per_ml,
-        smallest_radius_mm=part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None,
-        clearance_mm=part.clearance_mm,
-        root_point_mm=part.root_mm,
-        root_direction=part.root_direction,
-    )
-
-
 def polish_options(part: GrownNetwork, seed: int) -> PolishOptions:
     """The constraints the tree was grown with."""
-    grown = growth_options(part, seed)
     return PolishOptions(
         seed=seed,
-        clearance_mm=grown.clearance_mm,
-        clearance_ratio=grown.clearance_ratio,
-        length_to_radius=grown.length_to_radius,
+        clearance_mm=part.clearance_mm,
+        clearance_ratio=GrowthOptions.clearance_ratio,
+        length_to_radius=part.length_to_radius,
+        branch_angle_degrees=part.branch_angle_degrees,
+        turn_angle_degrees=part.turn_angle_degrees,
+        flow_ratio=part.flow_ratio,
     )
 
 

@@ -11,8 +11,9 @@ def reduced_resistance(tree, i, k):
     """R* and the ratios below segment i by Karch's recursion, straight from physics.md."""
     length = np.linalg.norm(tree.distal[i] - tree.proximal[i])
     a, b = tree.children[i]
+    length *= tree.relative_viscosity[i]
     if a < 0:
-        return k * length, {i: 1}, {}
+        return k * length, {i: tree.relative_flow[i]}, {}
     ra, na, ratios_a = reduced_resistance(tree, a, k)
     rb, nb, ratios_b = reduced_resistance(tree, b, k)
     gamma = tree.murray_exponent
@@ -23,14 +24,22 @@ def reduced_resistance(tree, i, k):
     return own, {**na, **nb, i: na[a] + nb[b]}, {**ratios_a, **ratios_b, a: beta_a, b: beta_b}
 
 
-def terminal_flows(tree, radius):
-    """Flow of each terminal by series and parallel resistances of Poiseuille tubes, µL/s."""
+def terminal_flows(tree, radius, thick=None):
+    """Flow of each terminal by series and parallel resistances of Poiseuille tubes, µL/s.
+
+    ``thick`` is each tube's viscosity over the tree's, 1 by default.
+    """
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    tube = 8 * tree.viscosity_pa_s * length / (np.pi * radius**4)
+    if thick is None:
+        thick = np.ones(len(length))
+    tube = 8 * tree.viscosity_pa_s * thick * length / (np.pi * radius**4)
+    resistance = {}
 
     def below(i):
-        a, b = tree.children[i]
-        return tube[i] + (0 if a < 0 else 1 / (1 / below(a) + 1 / below(b)))
+        if i not in resistance:
+            conductance = sum(1 / below(c) for c in tree.children[i] if c >= 0)
+            resistance[i] = tube[i] + (1 / conductance if conductance else 0)
+        return resistance[i]
 
     flows = {}
 
@@ -39,9 +48,9 @@ def terminal_flows(tree, radius):
         a, b = tree.children[i]
         if a < 0:
             flows[i] = flow
-        else:
-            descend(a, pressure - flow * tube[i])
-            descend(b, pressure - flow * tube[i])
+        for c in (a, b):
+            if c >= 0:
+                descend(c, pressure - flow * tube[i])
 
     descend(0, tree.pressure_drop_pa)
     return np.array([flows[i] for i in sorted(flows)])
@@ -97,3 +106,45 @@ def parting(tree, radius, clearance_mm=0.0, ratio=0.0):
             kept = max(clearance_mm, ratio * min(radius[tip], radius[other]))
             least = min(least, away - radius[tip] - radius[other] - kept)
     return least
+
+
+def joints(tree):
+    """Of each joint of two: the angle between them, their turns (degrees), and their flows' ratio.
+
+    Flows are counted from the terminals, one by one.
+    """
+    tips = np.flatnonzero(tree.children[:, 0] < 0)
+    flow = np.zeros(len(tree.parent))
+    for tip in tips:
+        i = tip
+        while i >= 0:
+            flow[i] += tree.relative_flow[tip]
+            i = tree.parent[i]
+    between, turns, ratio = [], [], []
+    for i, (one, two) in enumerate(tree.children):
+        if two < 0:
+            continue
+        way, a, b = (tree.distal[k] - tree.proximal[k] for k in (i, one, two))
+        between.append(_angle(a, b))
+        turns += [_angle(way, a), _angle(way, b)]
+        ratio.append(min(flow[one], flow[two]) / max(flow[one], flow[two]))
+    return np.array(between), np.array(turns), np.array(ratio)
+
+
+def _angle(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def volume(tree):
+    """Sum of π r² ℓ, each radius by the ratios on the walk from its segment up to the root."""
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    total = tree.terminal_flow_ul_s * len(np.flatnonzero(tree.children[:, 0] < 0))
+    root = (total * tree.reduced_resistance[0] / tree.pressure_drop_pa) ** 0.25
+    found = 0.0
+    for i in range(len(length)):
+        radius, k = root, i
+        while tree.parent[k] >= 0:
+            radius *= tree.ratio[k]
+            k = tree.parent[k]
+        found += np.pi * radius**2 * length[i]
+    return found

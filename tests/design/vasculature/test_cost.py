@@ -5,17 +5,20 @@ from hypothesis import strategies as st
 
 from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
 from design.vasculature.bifurcation import best_place, split_value
-from design.vasculature.cost import climb
+from design.vasculature.cost import Sprout, climb
 from design.vasculature.options import Law
+from design.vasculature.propose import trial
 from design.vasculature.state import SEGMENT, place, refresh, spread_down
-from design.vasculature.step import trial
 from tests.design.vasculature import oracles
 
+ONE = Sprout(1.0, 1.0)
 
-def random_segments(seed, terminals, law):
+
+def random_segments(seed, terminals, law, uneven=False):
     """A random binary tree as growing segments; lengths of some millimetres."""
     rng = np.random.default_rng(seed)
     segments = np.zeros(2 * terminals + 1, SEGMENT)
+    segments["flow"] = segments["thick"] = 1.0
     parent, children = [-1], [[-1, -1]]
     ends = [(np.zeros(3), rng.normal(0, 3, 3))]
     while len(parent) < 2 * terminals - 1:
@@ -30,6 +33,8 @@ def random_segments(seed, terminals, law):
         place(segments, i, tuple(ends[i][0]), tuple(ends[i][1]))
         segments[i]["parent"] = parent[i]
         segments[i]["left"], segments[i]["right"] = children[i]
+    if uneven:
+        segments["flow"] = rng.uniform(0.1, 3.0, len(segments))
     for i in range(len(parent) - 1, -1, -1):
         refresh(segments, i, law)
     return segments, len(parent)
@@ -46,6 +51,7 @@ def as_tree(segments, count, options):
         pressure_drop_pa=5000.0,
         murray_exponent=options.murray_exponent,
         viscosity_pa_s=options.viscosity_pa_s,
+        relative_flow=s["flow"],
     )
 
 
@@ -58,12 +64,15 @@ laws = st.builds(
 
 
 @settings(deadline=None, max_examples=40)
-@given(laws, st.integers(0, 10_000), st.integers(1, 25))
-def test_load_and_spend_are_karchs_resistance_and_cost(options, seed, terminals):
-    segments, count = random_segments(seed, terminals, options.law)
+@given(laws, st.integers(0, 10_000), st.integers(1, 25), st.booleans())
+def test_load_and_spend_are_karchs_resistance_and_cost(options, seed, terminals, uneven):
+    segments, count = random_segments(seed, terminals, options.law, uneven)
     tree = as_tree(segments, count, options)
     own, n, ratio = oracles.reduced_resistance(tree, 0, options.law.k)
-    assert segments[0]["load"] == pytest.approx(n[0] * own, rel=1e-12)
+    # The tree counts flows over the mean terminal's, the segments in the unit they were given.
+    unit = float(segments[0]["flow"]) / n[0]
+    load = unit * n[0] * own
+    assert segments[0]["load"] == pytest.approx(load, rel=1e-12)
     for i, beta in ratio.items():
         assert tree.ratio[i] == pytest.approx(beta, rel=1e-12)
     radius = tree_radii(tree)
@@ -71,35 +80,37 @@ def test_load_and_spend_are_karchs_resistance_and_cost(options, seed, terminals)
     cost = (segments[:count]["length"] ** options.length_exponent) @ (
         relative**options.radius_exponent
     )
-    expected = (n[0] * own) ** (options.radius_exponent / 4) * cost
+    expected = load ** (options.radius_exponent / 4) * cost
     assert segments[0]["spend"] == pytest.approx(expected, rel=1e-11)
 
 
 @settings(deadline=None, max_examples=40)
-@given(laws, st.integers(0, 10_000), st.integers(2, 25))
-def test_flows_are_equal_and_murrays_law_is_exact(options, seed, terminals):
-    segments, count = random_segments(seed, terminals, options.law)
+@given(laws, st.integers(0, 10_000), st.integers(2, 25), st.booleans())
+def test_flows_are_as_asked_and_murrays_law_is_exact(options, seed, terminals, uneven):
+    segments, count = random_segments(seed, terminals, options.law, uneven)
     tree = as_tree(segments, count, options)
     radius = tree_radii(tree)
     flows = oracles.terminal_flows(tree, radius)
-    np.testing.assert_allclose(flows, 10.0 / terminals, rtol=1e-11)
+    asked = segments[:count]["flow"][tree.children[:, 0] < 0]
+    np.testing.assert_allclose(flows, 10.0 * asked / asked.sum(), rtol=1e-10)
     inner = tree.children[:, 0] >= 0
     both = (radius[tree.children[inner]] ** options.murray_exponent).sum(axis=1)
     np.testing.assert_allclose(both, radius[inner] ** options.murray_exponent, rtol=1e-12)
 
 
 @settings(deadline=None, max_examples=30)
-@given(laws, st.integers(0, 10_000), st.integers(2, 25))
-def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals):
+@given(laws, st.integers(0, 10_000), st.integers(2, 25), st.booleans())
+def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
     """Radii and cost of a trial fork are those of the tree that has it."""
     law = options.law
-    segments, count = random_segments(seed, terminals, law)
+    segments, count = random_segments(seed, terminals, law, uneven)
+    sprout = Sprout(1.7, 1.0) if uneven else ONE
     rng = np.random.default_rng(seed)
     i = int(rng.integers(1, count))
     b, t = rng.normal(0, 3, 3), rng.normal(0, 3, 3)
     spread_down(segments, count, 1.0, 1.0, law)
     before = float(segments[0]["spend"])
-    fork, rise = trial(segments, i, b, t, law)
+    fork, rise = trial(segments, i, b, t, sprout, law)
     s = segments[i]
     end, children = (s["dx"], s["dy"], s["dz"]), (s["left"], s["right"])
     lower, tip = count, count + 1
@@ -112,7 +123,10 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals):
     for child in children:
         if child >= 0:
             segments[child]["parent"] = lower
+    segments[lower]["flow"], segments[tip]["flow"] = s["flow"], sprout.flow
     segments[i]["left"], segments[i]["right"] = lower, tip
+    tips = segments[: count + 2]["left"] < 0
+    total = float(segments["flow"][: count + 2][tips].sum())
     tree = as_tree(segments, count + 2, options)
     radius = tree_radii(tree)
     relative = radius / radius[0]
@@ -120,7 +134,7 @@ def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals):
     assert fork.low == pytest.approx(relative[lower], rel=1e-10)
     assert fork.new == pytest.approx(relative[tip], rel=1e-10)
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    load = tree.reduced_resistance[0] * tree.terminals[0]
+    load = tree.reduced_resistance[0] * total
     expected = load ** (law.lam / 4) * (length**law.u @ relative**law.lam)
     assert before + rise == pytest.approx(expected, rel=1e-10)
 
@@ -132,14 +146,14 @@ def test_derivatives_at_the_root_agree_with_differences(gamma):
     spread_down(segments, count, 1.0, 1.0, law)
     for i in range(1, count, 3):
         load, spend = float(segments[i]["load"]), float(segments[i]["spend"])
-        _, by_load, by_spend, _ = climb(segments, i, load, spend, 10**6, law)
+        _, by_load, by_spend, _ = climb(segments, i, load, spend, 1.0, 10**6, law)
         h = 1e-6
         whole = 10**6
-        up = climb(segments, i, load * (1 + h), spend, whole, law)[0]
-        down = climb(segments, i, load * (1 - h), spend, whole, law)[0]
+        up = climb(segments, i, load * (1 + h), spend, 1.0, whole, law)[0]
+        down = climb(segments, i, load * (1 - h), spend, 1.0, whole, law)[0]
         assert by_load == pytest.approx((up - down) / (2 * h * load), rel=1e-5, abs=1e-8)
-        up = climb(segments, i, load, spend * (1 + h), whole, law)[0]
-        down = climb(segments, i, load, spend * (1 - h), whole, law)[0]
+        up = climb(segments, i, load, spend * (1 + h), 1.0, whole, law)[0]
+        down = climb(segments, i, load, spend * (1 - h), 1.0, whole, law)[0]
         assert by_spend == pytest.approx((up - down) / (2 * h * spend), rel=1e-5)
 
 
@@ -152,9 +166,9 @@ def test_linear_model_approaches_the_exact_rise_with_the_size_of_the_tree():
     for i in rng.integers(1, count, 200):
         s = segments[i]
         load, spend = 1.3 * float(s["load"]), 1.2 * float(s["spend"])
-        exact = climb(segments, i, load, spend, 10**6, law)[0]
+        exact = climb(segments, i, load, spend, 1.0, 10**6, law)[0]
         for enough, list_ in errors.items():
-            list_.append(abs(climb(segments, i, load, spend, enough, law)[0] / exact - 1))
+            list_.append(abs(climb(segments, i, load, spend, 1.0, enough, law)[0] / exact - 1))
     assert np.median(errors[64]) < 1e-3
     assert np.mean(errors[64]) < 0.5 * np.mean(errors[4])
 
@@ -163,11 +177,11 @@ def test_derivatives_of_a_split_agree_with_differences():
     law = Law(0.01, 3.0, 2.0, 1.0)
     segments, _ = random_segments(6, 12, law)
     lengths = np.array([1.3, 0.7, 2.1])
-    value = split_value(segments[1], *lengths, law)
+    value = split_value(segments[1], *lengths, ONE, law)
     h = 1e-6
     for axis in range(3):
         step = h * np.eye(3)[axis]
-        up, down = (split_value(segments[1], *(lengths + s), law) for s in (step, -step))
+        up, down = (split_value(segments[1], *(lengths + s), ONE, law) for s in (step, -step))
         assert value[2 + axis] == pytest.approx((up[0] - down[0]) / (2 * h), rel=1e-6)
         assert value[5 + axis] == pytest.approx((up[1] - down[1]) / (2 * h), rel=1e-6)
 
@@ -182,14 +196,14 @@ def test_best_place_beats_a_fine_search_by_nobody():
         p, d = np.array([s["px"], s["py"], s["pz"]]), np.array([s["dx"], s["dy"], s["dz"]])
         t = 0.5 * (p + d) + rng.normal(0, 2, 3)
         spread_down(segments, count, 1.0, 1.0, law)
-        _, by_load, by_spend, _ = climb(segments, i, s["load"], s["spend"], 64, law)
+        _, by_load, by_spend, _ = climb(segments, i, s["load"], s["spend"], 1.0, 64, law)
 
         def value(b, s=s, p=p, d=d, t=t, by_load=by_load, by_spend=by_spend):
             lengths = [max(1e-6, np.linalg.norm(b - x)) for x in (p, d, t)]
-            split = split_value(s, *lengths, law)
+            split = split_value(s, *lengths, ONE, law)
             return by_load * split[0] + by_spend * split[1]
 
-        found = value(np.array(best_place(s, *t, by_load, by_spend, 200, law)))
+        found = value(np.array(best_place(s, *t, by_load, by_spend, 200, ONE, law)))
         u, v = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
         grid = [p + a * (d - p) + b * (t - p) for a, b in zip(u.ravel(), v.ravel(), strict=True)]
         best = min(value(b) for b in grid)

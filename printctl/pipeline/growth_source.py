@@ -1,0 +1,134 @@
+"""From a recipe's words on growth to the design's options, the user's files read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv
+from design.network_json import read_network_json
+from design.network_npz import read_network_npz
+from design.network_swc import read_network_swc
+from design.units import PA_PER_MMHG
+from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage
+from printctl.errors import RecipeError
+from printctl.recipe.growth import GrownNetwork, Growth, PenaltyPart, StagePart
+
+FloatArray = NDArray[np.float64]
+
+
+def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> GrowthOptions:
+    """The recipe's words in the design's units; paths are relative to the recipe.
+
+    Raises
+    ------
+    RecipeError
+        When the file of terminals can't be read.
+    """
+    points: FloatArray | None = None
+    flows: FloatArray | None = None
+    stages: tuple[GrowthStage, ...] = ()
+    terminals = part.terminals
+    if isinstance(part, GrownNetwork):
+        if part.terminal_points is not None:
+            points, flows = read_terminals(recipe_folder / part.terminal_points)
+            terminals = len(points)
+        stages = tuple(_stage(stage) for stage in part.stages)
+        terminals = stages[-1].terminals if stages else terminals
+    return GrowthOptions(
+        terminals=terminals or 0,
+        seed=seed,
+        murray_exponent=part.murray_exponent,
+        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
+        viscosity_law=part.viscosity_law,
+        haematocrit=part.haematocrit,
+        pressure_drop_pa=part.pressure_drop_mmhg * PA_PER_MMHG,
+        perfusion_ml_min_per_ml=part.perfusion_ml_min_per_ml,
+        smallest_radius_mm=part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None,
+        clearance_mm=part.clearance_mm,
+        length_to_radius=part.length_to_radius,
+        branch_angle_degrees=part.branch_angle_degrees,
+        turn_angle_degrees=part.turn_angle_degrees,
+        flow_ratio=part.flow_ratio,
+        penalty=_penalty(part.penalty),
+        follow_demand=part.follow_demand,
+        terminal_flow=part.terminal_flow if isinstance(part, GrownNetwork) else "equal",
+        terminal_points_mm=points,
+        terminal_flows=flows,
+        root_point_mm=part.root_mm,
+        root_direction=part.root_direction,
+        root_candidates=(
+            part.root_candidates if isinstance(part, GrownNetwork) and part.root == "search" else 0
+        ),
+        stages=stages,
+    )
+
+
+def _penalty(part: PenaltyPart | None) -> DepthPenalty | None:
+    return None if part is None else DepthPenalty(part.depth_mm, part.factor)
+
+
+def _stage(part: StagePart) -> GrowthStage:
+    return GrowthStage(
+        terminals=part.terminals,
+        clearance_mm=part.clearance_mm,
+        length_to_radius=part.length_to_radius,
+        follow_demand=part.follow_demand,
+        branch_angle_degrees=part.branch_angle_degrees,
+        turn_angle_degrees=part.turn_angle_degrees,
+        flow_ratio=part.flow_ratio,
+        penalty=_penalty(part.penalty),
+    )
+
+
+def read_trunk(part: GrownNetwork, recipe_folder: Path) -> VesselNetwork | None:
+    """The artery that growth goes on from; None without one."""
+    if part.trunk is None:
+        return None
+    path = recipe_folder / part.trunk
+    match path.suffix.lower():
+        case ".swc":
+            return read_network_swc(path)
+        case ".json":
+            return read_network_json(path)
+        case ".npz":
+            return read_network_npz(path)
+    return read_network_csv(path, unit=part.trunk_unit or "mm")
+
+
+def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    """Points (n, 3), mm, and flows (n,) where the file has them.
+
+    Raises
+    ------
+    RecipeError
+        Without the columns x_mm, y_mm and z_mm, or with what isn't a number; with the line.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.DictReader(file, skipinitialspace=True)
+            names = [name.strip() for name in rows.fieldnames or ()]
+            rows.fieldnames = names
+            wanted = ["x_mm", "y_mm", "z_mm", *(["flow"] if "flow" in names else [])]
+            if not set(wanted) <= set(names):
+                raise RecipeError(
+                    f"{path}: columns are {', '.join(names) or 'missing'}; give x_mm, y_mm, z_mm "
+                    "and, if wanted, flow in the first line"
+                )
+            table = [_numbers(path, rows.line_num, row, wanted) for row in rows]
+    except (OSError, UnicodeDecodeError) as exc:
+        raise RecipeError(f"terminal_points {path} can't be read: {exc}") from exc
+    values = np.array(table, dtype=np.float64).reshape(-1, len(wanted))
+    return values[:, :3], values[:, 3] if len(wanted) == 4 else None
+
+
+def _numbers(path: Path, line: int, row: dict[str, str], wanted: list[str]) -> list[float]:
+    try:
+        return [float(row[name]) for name in wanted]
+    except (TypeError, ValueError) as exc:
+        said = [row.get(name) for name in wanted]
+        raise RecipeError(f"{path}, line {line}: {said} aren't numbers; mend or remove it") from exc

@@ -1,0 +1,235 @@
+"""The recipe's network: named, given, or grown, and how it grows."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from design.units import LengthUnit
+from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.parts import Part, Point, given
+
+FileName = Annotated[str, Field(min_length=1, description="Path, relative to the recipe.")]
+Terminals = Annotated[int, Field(ge=1, le=20_000_000)]
+Clearance = Annotated[float, Field(ge=0, le=10)]
+Degrees = Annotated[float, Field(ge=0, le=180)]
+Angles = Annotated[tuple[Degrees, Degrees], Field(description="Least and greatest, degrees.")]
+LengthToRadius = Annotated[
+    float, Field(ge=0, le=100, description="Shortest segment over its radius.")
+]
+FlowRatio = Annotated[
+    float, Field(ge=0, le=0.5, description="Least flow of a child over its sibling's.")
+]
+
+
+class NetworkSection(Part):
+    """What every network may say."""
+
+    def files(self) -> list[str]:
+        """Names of the user's files that the network is made from."""
+        return []
+
+
+class NamedNetwork(NetworkSection):
+    """A network shipped with the product."""
+
+    design: Literal["planar_four_vessel"]
+
+
+class GivenNetwork(NetworkSection):
+    """A network from a CSV file of pieces."""
+
+    network: FileName
+    unit: LengthUnit = Field(description="Unit of the coordinates; radii are mm, as named.")
+    clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
+
+    def files(self) -> list[str]:
+        """The network's."""
+        return [self.network]
+
+
+class PenaltyPart(Part):
+    """Factor on the cost of a branch point against its depth below the surface."""
+
+    depth_mm: Annotated[
+        tuple[Annotated[float, Field(ge=0, le=1000)], ...], Field(min_length=1, max_length=1000)
+    ]
+    factor: tuple[Annotated[float, Field(gt=0, le=1e6)], ...]
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> PenaltyPart:
+        if len(self.depth_mm) != len(self.factor):
+            raise ValueError(
+                f"{len(self.depth_mm)} depths but {len(self.factor)} factors; give one for each"
+            )
+        if any(two <= one for one, two in pairwise(self.depth_mm)):
+            raise ValueError("depth_mm doesn't ascend; sort the table by depth")
+        return self
+
+
+class StagePart(Part):
+    """A part of growth with parameters of its own; what isn't given is as for the whole."""
+
+    terminals: Terminals = Field(description="Reached when the stage ends.")
+    clearance_mm: Clearance | None = None
+    length_to_radius: LengthToRadius | None = None
+    follow_demand: bool | None = None
+    branch_angle_degrees: Angles | None = None
+    turn_angle_degrees: Angles | None = None
+    flow_ratio: FlowRatio | None = None
+    penalty: PenaltyPart | None = None
+
+
+class Growth(NetworkSection):
+    """What every grown tree is told."""
+
+    terminals: Terminals | None = Field(
+        default=None, description="Of each tree; given points and stages say it themselves."
+    )
+    murray_exponent: Annotated[float, Field(ge=2, le=3.5)] = 3.0
+    viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
+        default=4.0, description="With a viscosity law, in wide vessels."
+    )
+    viscosity_law: Literal["newtonian", "pries_1994"] = "newtonian"
+    haematocrit: Annotated[float, Field(ge=0, le=0.8)] = Field(
+        default=0.45, description="Of the viscosity law pries_1994."
+    )
+    pressure_drop_mmhg: Annotated[float, Field(gt=0, le=1000)] = 40.0
+    perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] = 0.8
+    smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = Field(
+        default=None, description="Fixes the smallest lumen; the pressure drop follows."
+    )
+    clearance_mm: Clearance = 0.1
+    length_to_radius: LengthToRadius = 1.0
+    branch_angle_degrees: Angles = Field(default=(0, 180), description="Between two children.")
+    turn_angle_degrees: Angles = Field(
+        default=(0, 180), description="Of each child against its parent's way on."
+    )
+    flow_ratio: FlowRatio = 0.0
+    penalty: PenaltyPart | None = None
+    follow_demand: bool = Field(
+        default=True, description="More terminals where the tissue's demand is higher."
+    )
+    root_mm: Point | None = None
+    root_direction: Point | None = None
+
+    @model_validator(mode="after")
+    def _growth_is_possible(self) -> Growth:
+        for name in ("branch_angle_degrees", "turn_angle_degrees"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise ValueError(f"{name} [{low:g}, {high:g}] doesn't ascend; give least, greatest")
+        if self._counted_by() is None:
+            raise ValueError("how many terminals isn't said; add terminals")
+        return self
+
+    def _counted_by(self) -> str | None:
+        """The key that says how many terminals there are."""
+        return None if self.terminals is None else "terminals"
+
+
+class GrownNetwork(Growth):
+    """A tree grown by constrained constructive optimisation."""
+
+    grow: Literal["tree"]
+    polish: bool = Field(
+        default=False, description="Relax and regraft the grown tree to lower its volume."
+    )
+    terminal_points: FileName | None = Field(
+        default=None, description="CSV with x_mm, y_mm, z_mm and, if wanted, flow."
+    )
+    terminal_flow: Literal["equal", "demand"] = Field(
+        default="equal", description="demand: by what each terminal's territory asks for."
+    )
+    root: Literal["search"] | None = Field(
+        default=None, description="search: where a small tree costs least."
+    )
+    root_candidates: Annotated[int, Field(ge=1, le=10_000)] = 24
+    trunk: FileName | None = Field(
+        default=None, description="CSV, SWC, JSON or npz of the artery from which growth goes on."
+    )
+    trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV's coordinates.")
+    stages: tuple[StagePart, ...] = Field(default=(), max_length=100)
+
+    def files(self) -> list[str]:
+        """The terminals' and the trunk's."""
+        return [name for name in (self.terminal_points, self.trunk) if name is not None]
+
+    def _counted_by(self) -> str | None:
+        said = {
+            "terminals": self.terminals is not None,
+            "terminal_points": self.terminal_points is not None,
+            "stages": bool(self.stages),
+        }
+        named = [key for key, is_there in said.items() if is_there]
+        if len(named) > 1:
+            raise ValueError(f"{' and '.join(named)} each say how many terminals; give one of them")
+        return named[0] if named else None
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> GrownNetwork:
+        if self.polish and self.smallest_diameter_mm is not None:
+            raise ValueError(
+                "polish thins the smallest lumens by some percent, so it can't be combined with "
+                "smallest_diameter_mm yet; give one of the two"
+            )
+        for key in ("trunk", "stages", "penalty"):
+            if self.polish and getattr(self, key):
+                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
+        if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
+            raise ValueError(
+                "root: search finds root and direction itself; give it without root_mm, "
+                "root_direction and trunk"
+            )
+        if self.trunk is not None and (self.root_mm or self.root_direction):
+            raise ValueError("a trunk begins where it does; give it without root_mm")
+        if self.trunk is not None:
+            self._trunk_has_a_unit(self.trunk)
+        reached = [stage.terminals for stage in self.stages]
+        if any(two <= one for one, two in pairwise(reached)):
+            raise ValueError(f"stages reach {reached} terminals; let them ascend")
+        return self
+
+    def _trunk_has_a_unit(self, trunk: str) -> None:
+        suffix = trunk.rsplit(".", 1)[-1].lower()
+        if suffix not in ("csv", "swc", "json", "npz"):
+            raise ValueError(f"trunk {trunk} isn't a .csv, .swc, .json or .npz; convert it")
+        if (suffix == "csv") != (self.trunk_unit is not None):
+            wanted = "give trunk_unit" if suffix == "csv" else "remove trunk_unit"
+            raise ValueError(f"trunk {trunk}: a CSV alone is in a unit of the user's; {wanted}")
+
+
+class ClosedLoop(Growth):
+    """An arterial and a venous tree that don't touch, their terminals joined by smooth curves."""
+
+    grow: Literal["closed_loop"]
+    vein_root_mm: Point | None = Field(
+        default=None, description="As far from the artery's root as the surface allows by default."
+    )
+    vein_root_direction: Point | None = None
+
+
+def _network_kind(value: Any) -> str:
+    grown = given(value, "grow")
+    if grown is not None:
+        return f"grow: {grown}"
+    return next(
+        (key for key in ("design", "network", "lattice") if given(value, key) is not None), "none"
+    )
+
+
+NetworkPart = Annotated[
+    Annotated[NamedNetwork, Tag("design")]
+    | Annotated[GivenNetwork, Tag("network")]
+    | Annotated[LatticeNetwork, Tag("lattice")]
+    | Annotated[GrownNetwork, Tag("grow: tree")]
+    | Annotated[ClosedLoop, Tag("grow: closed_loop")],
+    Discriminator(_network_kind),
+]
+
+
+def files_of(part: NetworkPart) -> list[str]:
+    """Names of the user's files that a network is made from."""
+    return part.files() if isinstance(part, NetworkSection) else []

@@ -1,0 +1,102 @@
+"""Terminals, or their flows, follow what the tissue asks for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import DesignError, GrowthError
+from design.tissue import block, function_demand, tissue_from_surface
+from design.vasculature import (
+    GrowthOptions,
+    grow_tree,
+    supply_balance,
+    tree_radii,
+)
+from design.vasculature.territories import demand_points, territory_demand
+from tests.design.vasculature import oracles
+
+SIZE = (20.0, 16.0, 12.0)
+
+
+@pytest.fixture(scope="module")
+def even():
+    shape = block(SIZE)
+    return tissue_from_surface(shape.vertices, shape.faces)
+
+
+@pytest.fixture(scope="module")
+def uneven(even):
+    """The half of small x asks for four times as much."""
+    return replace(even, demand=function_demand(even, lambda p: np.where(p[:, 0] < 10, 4.0, 1.0)))
+
+
+def tips_of(tree):
+    return tree.distal[tree.children[:, 0] < 0]
+
+
+def tip_flows(tree):
+    return tree.flow_ul_s[tree.children[:, 0] < 0]
+
+
+def test_terminals_are_denser_where_demand_is_higher(even, uneven):
+    options = GrowthOptions(terminals=500)
+    rich = (tips_of(grow_tree(uneven, options))[:, 0] < 10).mean()
+    plain = (tips_of(grow_tree(even, options))[:, 0] < 10).mean()
+    assert rich == pytest.approx(0.8, abs=0.05)
+    assert plain == pytest.approx(0.5, abs=0.05)
+
+
+def test_demand_is_ignored_where_the_user_says_so(even, uneven):
+    options = GrowthOptions(terminals=200, follow_demand=False)
+    one, two = grow_tree(even, options), grow_tree(uneven, options)
+    np.testing.assert_array_equal(one.distal, two.distal)
+
+
+def test_balance_is_better_where_growth_follows_demand(uneven):
+    spread = [
+        supply_balance(uneven, tips_of(tree), tip_flows(tree)).spread
+        for tree in (
+            grow_tree(uneven, GrowthOptions(terminals=400, follow_demand=False)),
+            grow_tree(uneven, GrowthOptions(terminals=400)),
+            grow_tree(uneven, GrowthOptions(terminals=400, terminal_flow="demand")),
+        )
+    ]
+    assert spread[2] < 0.05 < spread[1] < 0.7 * spread[0]
+
+
+def test_flows_by_demand_are_what_an_independent_solver_finds(uneven):
+    options = GrowthOptions(terminals=300, terminal_flow="demand", clearance_mm=0.02)
+    tree = grow_tree(uneven, options)
+    flows = oracles.terminal_flows(tree, tree_radii(tree))
+    np.testing.assert_allclose(flows, tip_flows(tree), rtol=1e-9)
+    assert flows.sum() == pytest.approx(options.flow_ul_s(uneven.volume_mm3))
+    assert np.ptp(flows) > 2 * flows.mean()
+
+
+def test_territories_are_those_of_a_grid_of_terminals(even):
+    """On a regular grid every territory is a box; its demand is an integral done by hand."""
+    axes = [np.arange(s / 8, s, s / 4) for s in SIZE]
+    tips = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    linear = replace(even, demand=function_demand(even, lambda p: 1.0 + p[:, 0]))
+    points, weight = demand_points(linear, 200_000, 3)
+    expected = (1 + tips[:, 0]) / (1 + tips[:, 0]).sum()
+    np.testing.assert_allclose(territory_demand(points, weight, tips), expected, rtol=0.02)
+
+
+def test_balance_names_the_worst_served_terminal(even):
+    tips = np.array([[5.0, 8.0, 6.0], [15.0, 8.0, 6.0]])
+    found = supply_balance(even, tips, np.array([3.0, 1.0]))
+    assert found.worst == pytest.approx(0.5, rel=0.01)
+    assert found.worst_at_mm == (15.0, 8.0, 6.0)
+    assert found.spread == pytest.approx(0.5, rel=0.02)
+    assert (found.p5, found.p95) == pytest.approx((0.5, 1.5), rel=0.01)
+    with pytest.raises(DesignError, match="can't be compared"):
+        supply_balance(even, tips, np.zeros(2))
+
+
+def test_flows_need_points_of_their_own():
+    with pytest.raises(GrowthError, match="terminal_flows needs terminal_points_mm"):
+        GrowthOptions(terminal_flows=[1.0, 2.0])
+    with pytest.raises(GrowthError, match="terminal_flow is 'fair'; choose one of"):
+        GrowthOptions(terminal_flow="fair")

@@ -1,0 +1,82 @@
+"""Limits on angles and flows hold at every joint of a finished tree."""
+
+import pytest
+
+from design.errors import GrowthError
+from design.tissue import annulus, block, tissue_from_surface
+from design.vasculature import GrowthOptions, grow_tree
+from design.vasculature.polish import PolishOptions, polish
+from tests.design.vasculature import oracles
+
+LIMITS = (
+    {"branch_angle_degrees": (45.0, 90.0)},
+    {"turn_angle_degrees": (0.0, 60.0)},
+    {"turn_angle_degrees": (10.0, 90.0)},
+    {"flow_ratio": 0.2},
+    {"branch_angle_degrees": (30.0, 140.0), "turn_angle_degrees": (0.0, 80.0), "flow_ratio": 0.05},
+)
+
+
+@pytest.fixture(scope="module")
+def tissues():
+    shapes = {"block": block((20.0, 16.0, 12.0)), "annulus": annulus(30.0, 20.0, 6.0)}
+    return {name: tissue_from_surface(s.vertices, s.faces) for name, s in shapes.items()}
+
+
+def check(tree, limits):
+    branch, turn, ratio = oracles.joints(tree)
+    low, high = limits.get("branch_angle_degrees", (0, 180))
+    assert branch.min() >= low - 1e-4
+    assert branch.max() <= high + 1e-4
+    low, high = limits.get("turn_angle_degrees", (0, 180))
+    assert turn.min() >= low - 1e-4
+    assert turn.max() <= high + 1e-4
+    assert ratio.min() >= limits.get("flow_ratio", 0) - 1e-9
+
+
+@pytest.mark.parametrize("name", ["block", "annulus"])
+@pytest.mark.parametrize("limits", LIMITS)
+def test_every_joint_keeps_the_limits(tissues, name, limits):
+    for seed in range(3):
+        options = GrowthOptions(terminals=120, seed=seed, clearance_mm=0.02, **limits)
+        tree = grow_tree(tissues[name], options)
+        assert (tree.children[:, 0] < 0).sum() == 120
+        check(tree, limits)
+
+
+def test_a_free_tree_breaks_all_of_them(tissues):
+    branch, turn, ratio = oracles.joints(grow_tree(tissues["block"], GrowthOptions(terminals=120)))
+    assert branch.min() < 45
+    assert branch.max() > 90
+    assert turn.max() > 90
+    assert turn.min() < 10
+    assert ratio.min() < 0.05
+
+
+def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues):
+    limits = {"branch_angle_degrees": (30.0, 120.0), "turn_angle_degrees": (0.0, 85.0)}
+    options = GrowthOptions(terminals=100, smallest_radius_mm=0.08, clearance_mm=0.08, **limits)
+    check(grow_tree(tissues["block"], options), limits)
+
+
+def test_polish_keeps_them(tissues):
+    limits = LIMITS[-1]
+    tree = grow_tree(tissues["block"], GrowthOptions(terminals=120, **limits))
+    done = polish(tissues["block"], tree, PolishOptions(rounds=5, **limits))
+    assert done.cost_ratio < 0.95
+    check(done.tree, limits)
+
+
+def test_limits_that_leave_no_tree_are_told(tissues):
+    options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
+    with pytest.raises(GrowthError):
+        grow_tree(tissues["block"], options, attempts=1)
+
+
+@pytest.mark.parametrize("name", ["branch_angle_degrees", "turn_angle_degrees"])
+@pytest.mark.parametrize("value", [(90.0, 30.0), (-5.0, 30.0), (0.0, 190.0), (0.0,)])
+def test_impossible_angles_are_refused(name, value):
+    with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
+        GrowthOptions(**{name: value})
+    with pytest.raises(GrowthError, match=f"{name} is .*least and a greatest angle"):
+        PolishOptions(**{name: value})

@@ -1,0 +1,63 @@
+"""A root searched for is the cheapest of those tried."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import DesignError, GrowthError
+from design.tissue import block, tissue_from_surface
+from design.vasculature import GrowthOptions, grow_forest, grow_tree
+from design.vasculature.root_search import search_root, spread_over_surface
+from tests.design.vasculature import oracles
+
+
+@pytest.fixture(scope="module")
+def slab():
+    shape = block((30.0, 10.0, 6.0))
+    return tissue_from_surface(shape.vertices, shape.faces)
+
+
+def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
+    options = GrowthOptions(terminals=150, root_candidates=10)
+    tree = grow_tree(slab, options)
+    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=1))
+    costs = []
+    for point, way in zip(found.points, found.directions, strict=True):
+        placed = replace(
+            options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
+        )
+        try:
+            costs.append(oracles.volume(grow_tree(slab, placed, attempts=1)) / np.pi)
+        except DesignError:
+            costs.append(np.inf)
+    np.testing.assert_allclose(found.cost, costs, rtol=1e-9)
+    best = int(np.argmin(costs))
+    np.testing.assert_array_equal(tree.proximal[0], found.points[best])
+    assert "of 10 places tried" in tree.notes[0]
+    assert "({:.4g}, {:.4g}, {:.4g})".format(*found.points[best]) in tree.notes[0]
+    again = grow_tree(slab, options)
+    assert again.distal.tobytes() == tree.distal.tobytes()
+    assert again.notes == tree.notes
+
+
+def test_candidates_lie_on_the_surface_far_from_each_other(slab):
+    points, ways = spread_over_surface(slab, 12, 1)
+    np.testing.assert_allclose(slab.grid.distance(points), 0.0, atol=1e-4)
+    assert (slab.grid.distance(points + 0.5 * ways) < 0).all()
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    assert apart.min() > 5.0
+
+
+def test_a_search_goes_with_nothing_that_places_the_root(slab):
+    with pytest.raises(GrowthError, match="either root_point_mm or root_candidates"):
+        GrowthOptions(root_candidates=3, root_point_mm=(0.0, 0.0, 0.0))
+    with pytest.raises(GrowthError, match="give each of several trees its"):
+        grow_forest(slab, [GrowthOptions(terminals=5, root_candidates=3)])
+
+
+def test_where_no_candidate_grows_the_reason_is_told(slab):
+    options = GrowthOptions(terminals=20, root_candidates=3, smallest_radius_mm=2.0)
+    with pytest.raises(GrowthError, match=r"none of 3 places.*too thin"):
+        grow_tree(slab, options)
