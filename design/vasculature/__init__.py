@@ -15,6 +15,7 @@ from design.vasculature.named import (
 )
 from design.vasculature.options import GrowthOptions, GrowthStage
 from design.vasculature.penalty import DepthPenalty
+from design.vasculature.printable import PrintableTree, grow_printable
 from design.vasculature.territories import SupplyBalance, supply_balance
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
@@ -29,6 +30,7 @@ __all__ = [
     "GrowthOptions",
     "GrowthStage",
     "LoopOptions",
+    "PrintableTree",
     "RootSpec",
     "SupplyBalance",
     "VesselTree",
@@ -37,6 +39,7 @@ __all__ = [
     "collisions",
     "forest_to_network",
     "grow_forest",
+    "grow_printable",
     "grow_tree",
     "mix_trees",
     "planar_four_vessel",

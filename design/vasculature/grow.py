@@ -24,6 +24,9 @@ again, nor a wider one."""
 ATTEMPTS = 24
 """Growths from other random numbers, where one gets stuck and nothing else is said."""
 
+PROBES = 3
+"""The same for the small trees by which a root is searched for."""
+
 TRIED_AT_MOST = 2_000_000
 """Points tried in failed attempts, after which no other is begun."""
 
@@ -83,7 +86,7 @@ def grow_tree(
 
 def _probed(tissue: Tissue, options: GrowthOptions) -> VesselTree:
     """A small tree, to see what a root costs."""
-    return _grown(tissue, options, 1, None)
+    return _grown(tissue, options, PROBES, None)
 
 
 def _grown(

@@ -52,8 +52,8 @@ class RootSearch:
         )
         if len(grew) < 2:
             return text
-        next_best, middle = grew[1] / grew[0] - 1.0, float(np.median(grew)) / grew[0] - 1.0
-        return f"{text}; the next costs {next_best:.1%} more, the median {middle:.1%} more"
+        text += f"; the next costs {grew[1] / grew[0] - 1.0:.1%} more"
+        return f"{text}, the dearest {grew[-1] / grew[0] - 1.0:.1%} more"
 
 
 def search_root(

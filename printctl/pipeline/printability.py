@@ -18,6 +18,8 @@ class Printability:
     ----------
     lumen_mm : float
         Diameter of the smallest lumen that stays open.
+    widest_mm : float or None
+        Diameter of the thickest vessel that can be written; None where there is no limit.
     wall_mm : float
         Thinnest wall between two lumens no thinner than `lumen_mm` or what the recipe asks for.
     says : str
@@ -25,6 +27,7 @@ class Printability:
     """
 
     lumen_mm: float
+    widest_mm: float | None
     wall_mm: float
     says: str
 
@@ -42,9 +45,10 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
         )
         lumen = max(lines.smallest_lumen_mm, asked_mm or 0.0)
         says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm"
-        return Printability(lumen, lines.smallest_wall_mm, says)
+        return Printability(lumen, None, lines.smallest_wall_mm, says)
     needle = context.needle
     filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
     says = f"needle of {needle.inner_mm:g} mm bore and {needle.outer_mm:g} mm outside"
-    return Printability(lumen, filament.smallest_wall_mm(lumen / 2), says)
+    wall = filament.smallest_wall_mm(lumen / 2)
+    return Printability(lumen, filament.largest_lumen_mm, wall, says)

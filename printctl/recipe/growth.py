@@ -137,6 +137,10 @@ class GrownNetwork(Growth):
     polish: bool = Field(
         default=False, description="Relax and regraft the grown tree to lower its volume."
     )
+    printable: bool = Field(
+        default=False,
+        description="Keep to what needle and method can print, and say how far the tree grew.",
+    )
     terminal_points: FileName | None = Field(
         default=None, description="CSV with x_mm, y_mm, z_mm and, if wanted, flow."
     )
@@ -178,6 +182,11 @@ class GrownNetwork(Growth):
         for key in ("trunk", "stages", "penalty"):
             if self.polish and getattr(self, key):
                 raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
+        for key in ("polish", "trunk", "stages", "terminal_points", "root"):
+            if self.printable and getattr(self, key):
+                raise ValueError(
+                    f"a printable tree can't be grown with {key} yet; give one of them"
+                )
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
                 "root: search finds root and direction itself; give it without root_mm, "

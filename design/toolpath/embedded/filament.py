@@ -32,7 +32,7 @@ def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
         flow exceeds `max_flow_ul_s` even at `min_speed_mm_s`.
     """
     thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
-    limit = options.thinnest * options.needle_inner_mm
+    limit = options.smallest_lumen_mm
     thin = np.flatnonzero(thinnest < limit * (1 - 1e-9))
     if len(thin):
         vessel = int(thin[np.argmin(thinnest[thin])])
@@ -43,7 +43,7 @@ def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
             "finer needle or fix a larger smallest lumen in the design"
         )
     thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1])
-    limit = float(np.sqrt(4 * options.max_flow_ul_s / (np.pi * options.min_speed_mm_s)))
+    limit = options.largest_lumen_mm
     if thickest.max() > limit * (1 + 1e-9):
         vessel = int(np.argmax(thickest))
         raise ToolpathError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from design.errors import ToolpathError
@@ -101,3 +102,8 @@ class EmbeddedOptions:
         The needle's tip, wider than what it writes, mustn't touch the filament beside it.
         """
         return max(self.clearance_mm, self.shaft_mm - thinnest_radius_mm)
+
+    @property
+    def largest_lumen_mm(self) -> float:
+        """Thickest filament, mm: what `max_flow_ul_s` fills at `min_speed_mm_s`."""
+        return math.sqrt(4 * self.max_flow_ul_s / (math.pi * self.min_speed_mm_s))

@@ -9,30 +9,15 @@ from typing import Any
 from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, measure_network, measures_dict
-from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.fresh import FreshOptions
 from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.growth import Growth
-from printctl.recipe.making import Fresh
 
 MEASURES = "measures.json"
-
-
-def printable_mm(context: RunContext) -> float:
-    """Smallest lumen that the recipe's way of printing leaves open, mm."""
-    part = context.recipe.toolpath
-    if isinstance(part, Fresh):
-        lines = FreshOptions(
-            layer_height_mm=part.layer_um * 1e-3, line_width_mm=part.line_um * 1e-3
-        )
-        return lines.smallest_lumen_mm
-    needle = context.needle
-    filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
-    return filament.thinnest * filament.needle_inner_mm
 
 
 def options(context: RunContext) -> MeasureOptions:
@@ -41,7 +26,7 @@ def options(context: RunContext) -> MeasureOptions:
     exponent = part.murray_exponent if isinstance(part, Growth) else 3.0
     return MeasureOptions(
         seed=context.recipe.seed,
-        printable_diameter_mm=printable_mm(context),
+        printable_diameter_mm=printability(context).lumen_mm,
         murray_exponent=exponent,
     )
 

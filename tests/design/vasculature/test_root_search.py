@@ -8,6 +8,7 @@ import pytest
 from design.errors import DesignError, GrowthError
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_forest, grow_tree
+from design.vasculature.grow import PROBES
 from design.vasculature.root_search import search_root, spread_over_surface
 from tests.design.vasculature import oracles
 
@@ -21,14 +22,14 @@ def slab():
 def test_the_cheapest_candidate_wins_and_the_note_says_so(slab):
     options = GrowthOptions(terminals=150, root_candidates=10)
     tree = grow_tree(slab, options)
-    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=1))
+    found = search_root(slab, options, lambda t, o: grow_tree(t, o, attempts=PROBES))
     costs = []
     for point, way in zip(found.points, found.directions, strict=True):
         placed = replace(
             options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
         )
         try:
-            costs.append(oracles.volume(grow_tree(slab, placed, attempts=1)) / np.pi)
+            costs.append(oracles.volume(grow_tree(slab, placed, attempts=PROBES)) / np.pi)
         except DesignError:
             costs.append(np.inf)
     np.testing.assert_allclose(found.cost, costs, rtol=1e-9)

@@ -75,6 +75,10 @@ def test_all_that_growth_knows_can_be_said() -> None:
             {"terminals": 9, "polish": True, "trunk": "a.swc"},
             r"polish wouldn't keep to trunk",
         ),
+        (
+            {"stages": [{"terminals": 9}], "printable": True},
+            r"can't be grown with stages yet; give one of them",
+        ),
     ],
 )
 def test_wrong_growth_names_place_value_and_remedy(keys: dict[str, Any], message: str) -> None:

@@ -1,0 +1,99 @@
+"""Grow what a recipe asks for: a tree, one that can be printed, or a closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from design.hemodynamics import FlowConditions, balance
+from design.network import VesselKind
+from design.tissue import Tissue
+from design.vasculature import (
+    ClosedLoops,
+    GrowthOptions,
+    LoopOptions,
+    RootSpec,
+    VesselTree,
+    close_loops,
+    grow_forest,
+    grow_printable,
+    grow_tree,
+)
+from design.vasculature.polish import PolishOptions, polish
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.growth_source import growth_options, read_trunk
+from printctl.pipeline.printability import printability
+from printctl.recipe.growth import ClosedLoop, GrownNetwork
+
+
+def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
+    """The tree that the recipe asks for, polished if it says so."""
+    seed, folder = context.recipe.seed, context.recipe_folder
+    options = growth_options(part, seed, folder)
+    if part.printable:
+        return printable_tree(context, part, options)
+    tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
+    if not part.polish:
+        return tree
+    polished = polish(context.tissue, tree, polish_options(part, seed)).tree
+    return replace(polished, notes=tree.notes)
+
+
+def printable_tree(context: RunContext, part: GrownNetwork, options: GrowthOptions) -> VesselTree:
+    """As large a tree as needle and method can print; its notes say how far it got and why."""
+    limits = printability(context, part.smallest_diameter_mm)
+    wall = max(options.clearance_mm, limits.wall_mm)
+    done = grow_printable(
+        context.tissue,
+        replace(options, smallest_radius_mm=limits.lumen_mm / 2, clearance_mm=wall),
+        widest_radius_mm=None if limits.widest_mm is None else limits.widest_mm / 2,
+    )
+    kept = (
+        f"lumens of {limits.lumen_mm:.3g} mm and walls of {wall:.3g} mm or more kept "
+        f"({limits.says})"
+    )
+    notes = (kept, done.note) if done.note else (kept,)
+    return replace(done.tree, notes=(*notes, *done.tree.notes))
+
+
+def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
+    """Artery and vein, grown in turn, and every terminal of the one joined to one of the other.
+
+    Where a few had to be pruned, the others are balanced anew, by narrowing alone.
+    """
+    artery = growth_options(part, seed)
+    vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
+    roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
+    arterial, venous = grow_forest(tissue, roots)
+    thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
+    joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
+    closed = close_loops(tissue, arterial, venous, joined)
+    if not closed.pruned:
+        return closed
+    conditions = FlowConditions(
+        artery.viscosity_pa_s, inlet_flow_ul_s=artery.flow_ul_s(tissue.volume_mm3)
+    )
+    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest or 0.0)
+    return replace(closed, network=narrowed)
+
+
+def said_of(closed: ClosedLoops) -> dict[str, int]:
+    """What the report says of how the loops were closed."""
+    return {
+        "connections": closed.connections,
+        "routed": closed.routed,
+        "shortened_terminals": closed.shortened,
+        "pruned_pairs": closed.pruned,
+    }
+
+
+def polish_options(part: GrownNetwork, seed: int) -> PolishOptions:
+    """The constraints the tree was grown with."""
+    return PolishOptions(
+        seed=seed,
+        clearance_mm=part.clearance_mm,
+        clearance_ratio=GrowthOptions.clearance_ratio,
+        length_to_radius=part.length_to_radius,
+        branch_angle_degrees=part.branch_angle_degrees,
+        turn_angle_degrees=part.turn_angle_degrees,
+        flow_ratio=part.flow_ratio,
+    )

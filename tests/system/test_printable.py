@@ -1,0 +1,38 @@
+"""A heart with some 500 branches that the recipe's needle can write."""
+
+import json
+from pathlib import Path
+
+from tests.system.cli import ROOT, printctl, recipe_file
+
+
+def test_heart_keeps_to_what_the_needle_can_write(tmp_path: Path) -> None:
+    recipe = ROOT / "examples" / "heart_printable.yaml"
+    done = printctl("design", recipe, "--out", "heart", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    network = report["network"]
+    assert network["vessels"] == 499
+    assert network["diameter_min_mm"] >= 0.4 - 1e-9
+    assert network["diameter_max_mm"] <= 3.568
+    assert "lumens of 0.4 mm and walls of 0.1 mm or more kept" in network["notes"][0]
+
+
+def test_design_says_how_far_the_tree_could_grow(tmp_path: Path) -> None:
+    vasculature = {"terminals": 3000, "smallest_diameter_mm": 1.0, "clearance_mm": 0.5}
+    tissue = {"=": "replace", "shape": "block", "size_mm": [16.0, 16.0, 12.0]}
+    recipe = recipe_file(tmp_path, "heart_printable", tissue=tissue, vasculature=vasculature)
+    done = printctl("design", recipe, "--out", "block", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    network = json.loads(done.stdout)["network"]
+    assert 1 <= network["terminals"] < 3000
+    said = network["notes"][1]
+    assert f"grew {network['terminals']} of 3000 terminals before printability stopped it" in said
+    assert said in done.stderr
+
+
+def test_printable_finds_its_root_itself(tmp_path: Path) -> None:
+    recipe = recipe_file(tmp_path, "heart_printable", vasculature={"root": "search"})
+    done = printctl("design", recipe, "--out", "heart", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "can't be grown with root" in done.stderr
