@@ -26,6 +26,7 @@ from benchmarks.vasculature_loops import loop_rows, seed_rows
 from benchmarks.vasculature_peer import NoPeerError, grow_svv, ratios_path
 from benchmarks.vasculature_plot import growth_curve, plot_growth, slope_row
 from benchmarks.vasculature_polish import polish_case, polish_rows
+from benchmarks.vasculature_print import print_rows
 from benchmarks.vasculature_runs import (
     Case,
     GrowthFailedError,
@@ -40,8 +41,6 @@ Row = dict[str, Any]
 CUBE_MM = 10.0
 CUBE_ROOT = (CUBE_MM / 2, CUBE_MM / 2, CUBE_MM, 0.0, 0.0, -1.0)
 NOT_BUILT = {
-    "flow spread after printability limits": "not in the product yet",
-    "print-aware growth, 500 terminals in the biventricle at 60 mm": "not in the product yet",
     "volume against OpenCCO": "its sources (GitHub; needs DGtal) can't be fetched here",
 }
 
@@ -171,6 +170,7 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Callabl
     )
     yield "closed loops 2 x 500", lambda: loop_rows_small(data, folder)
     yield "polish", lambda: polish_all(data, folder)
+    yield "printable 500", lambda: print_rows(data, folder)
     if asked.large:
         yield "closed loops 2 x 10,000", lambda: loop_rows_large(data, folder)
         yield "1,000,000", lambda: biventricle_rows(data, folder, 1_000_000, 120.0, 4.0)
