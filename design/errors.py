@@ -6,6 +6,7 @@
     ├── TissueError             mesh empty, open, of absurd size, too thin
     ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
     ├── GrowthError             a tree that can't be grown as asked
+    │   └── RootError           a root where no trunk fits
     ├── FlowError               no inlet, no outlet, isolated part
     ├── SolidError              a surface that isn't watertight
     └── ToolpathError           vessel thinner than the needle, empty path
@@ -28,6 +29,10 @@ class NetworkError(DesignError):
 
 class GrowthError(DesignError):
     """A tree that can't be grown as asked."""
+
+
+class RootError(GrowthError):
+    """A root where no trunk fits: another one may do."""
 
 
 class FlowError(DesignError):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.tissue import Tissue
+from design.vasculature.surface_points import surface_points
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def deep_roots(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, Float
     points, directions : (k, 3) float64
         mm, and inward unit normals.
     """
-    points, normals = _on_surface(tissue, np.random.default_rng([seed, 0xDEEB]))
+    points, normals = surface_points(tissue, _SAMPLES, np.random.default_rng([seed, 0xDEEB]))
     reach = 2.5 * tissue.grid.deepest_mm
     along = np.linspace(0.0, reach, _STEPS + 1)[1:]
     line = points[:, None] + along[None, :, None] * normals[:, None]
@@ -51,17 +52,3 @@ def deep_roots(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, Float
         if len(chosen) == count:
             break
     return points[chosen], normals[chosen]
-
-
-def _on_surface(tissue: Tissue, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Points spread over the surface by area, and the inward normals of their faces."""
-    corner = tissue.vertices[tissue.faces]
-    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    across = np.cross(one, two)
-    size = np.linalg.norm(across, axis=1)
-    face = random.choice(len(size), _SAMPLES, p=size / size.sum())
-    u, v = random.uniform(size=(2, _SAMPLES))
-    over = u + v > 1.0
-    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
-    points = corner[face, 0] + u[:, None] * one[face] + v[:, None] * two[face]
-    return points, -across[face] / size[face, None]

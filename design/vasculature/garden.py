@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError
+from design.errors import GrowthError, RootError
 from design.tissue import Tissue
 from design.vasculature.audit import measure_room, prune
 from design.vasculature.harvest import final_radii, harvest, share_by_demand
@@ -203,7 +203,7 @@ class Garden:
                 self.segments["allowed"][:3] = np.inf
                 return
             apart *= 0.85
-        raise GrowthError(
+        raise RootError(
             "no two branches fit at the end of the root's stem; choose another root_point_mm or "
             "root_direction, fewer terminals, a smaller smallest radius or clearance"
         )
@@ -383,7 +383,7 @@ class Garden:
         """Take away what is wider than allowed."""
         left = prune(self.segments, self.count, self.index, self.room, self.options.law)
         if left == 1 and self.trunk is None:
-            raise GrowthError(
+            raise RootError(
                 "the branches at the root don't fit with their final radii; choose another "
                 "root_point_mm, fewer terminals, a smaller smallest radius or clearance"
             )

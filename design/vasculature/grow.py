@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from design.errors import DesignError, GrowthError, TissueError
+from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
+from design.vasculature.deep_roots import deep_roots
 from design.vasculature.garden import ROUNDS, Garden
 from design.vasculature.options import GrowthOptions
 from design.vasculature.root_search import search_root
@@ -24,6 +25,9 @@ again, nor a wider one."""
 ATTEMPTS = 24
 """Growths from other random numbers, where one gets stuck and nothing else is said."""
 
+DEEP_ROOTS = 3
+"""Deep places tried where the default root is too shallow."""
+
 PROBES = 3
 """The same for the small trees by which a root is searched for."""
 
@@ -39,6 +43,9 @@ def grow_tree(
     trunk: VesselNetwork | VesselTree | None = None,
 ) -> VesselTree:
     """Grow a tree that stays in the tissue and doesn't collide.
+
+    Without a root of the user's the tree enters at the highest vertex, or, where no trunk fits
+    there, at a place where the tissue is deep; its notes say so.
 
     Points are sampled in the tissue by its demand, or given. Each joins the tree at the segment
     and place that cost least (Schreiner & Buxbaum 1993; exact over the whole tree), among those
@@ -72,7 +79,12 @@ def grow_tree(
     """
     stem = None if trunk is None else trunk_of(trunk)
     if not options.root_candidates:
-        return _grown(tissue, options, attempts, stem)
+        try:
+            return grow_from_root(tissue, options, attempts, stem)
+        except RootError as error:
+            if stem is not None or options.root_point_mm is not None:
+                raise
+            return _grow_from_deep_root(tissue, options, attempts, error)
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
     found = search_root(tissue, options, _probed)
@@ -80,19 +92,49 @@ def grow_tree(
     placed = replace(
         options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
     )
-    tree = _grown(tissue, placed, attempts, None)
+    tree = grow_from_root(tissue, placed, attempts, None)
     return replace(tree, notes=(found.note, *tree.notes))
+
+
+def _grow_from_deep_root(
+    tissue: Tissue, options: GrowthOptions, attempts: int, why: RootError
+) -> VesselTree:
+    """Grow from where the tissue is deep, once the default root has turned out to be too shallow.
+
+    Raises ``why`` when none of the places does better.
+    """
+    for point, way in zip(*deep_roots(tissue, DEEP_ROOTS, options.seed), strict=True):
+        x, y, z = point.tolist()
+        dx, dy, dz = way.tolist()
+        placed = replace(options, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
+        try:
+            tree = grow_from_root(tissue, placed, attempts, None)
+        except RootError:
+            continue
+        note = (
+            f"no trunk fits at the highest point, so the root was put at ({x:.4g}, {y:.4g}, "
+            f"{z:.4g}) mm, where the tissue is deep"
+        )
+        return replace(tree, notes=(note, *tree.notes))
+    raise why
 
 
 def _probed(tissue: Tissue, options: GrowthOptions) -> VesselTree:
     """A small tree, to see what a root costs."""
-    return _grown(tissue, options, PROBES, None)
+    return grow_from_root(tissue, options, PROBES, None)
 
 
-def _grown(
+def grow_from_root(
     tissue: Tissue, options: GrowthOptions, attempts: int, trunk: Trunk | None
 ) -> VesselTree:
-    """The first attempt that succeeds."""
+    """The first attempt that succeeds from the root as it is given, or from the highest point.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        As `grow_tree`, but no other root is tried: `RootError` where none of the attempts found
+        room for a trunk.
+    """
     spreads = [options.terminal_spread] if options.terminal_spread else list(SPREADS)
     tried, most = 0, -1
     best: DesignError = GrowthError("not tried")

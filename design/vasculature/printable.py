@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
 from design.vasculature.deep_roots import deep_roots
-from design.vasculature.grow import SPREADS, grow_tree
+from design.vasculature.grow import SPREADS, grow_from_root
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
@@ -134,7 +134,7 @@ def _grown(
     for n, start in enumerate(starts):
         try:
             options = _narrowed(replace(start, terminals=terminals), widest_mm)
-            tree = grow_tree(tissue, options, attempts=ATTEMPTS)
+            tree = grow_from_root(tissue, options, ATTEMPTS, None)
         except DesignError as error:
             why = error
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError, TissueError
+from design.errors import RootError, TissueError
 from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.room import Room
@@ -36,7 +36,7 @@ def stem(
     ------
     TissueError
         When the tissue nowhere holds the children of the root.
-    GrowthError
+    RootError
         When the direction misses the tissue, or is too shallow for the children or too short for
         the root's radius.
     """
@@ -63,14 +63,14 @@ def stem(
             "the surface); ask for fewer terminals, a smaller smallest radius or clearance"
         )
     if depth.max() < need:
-        raise GrowthError(
+        raise RootError(
             f"root at {_say(point)} along {_say(direction)} reaches {depth.max():.3g} mm below the "
             f"surface, and its first branches need {need:.3g} mm; choose another root_point_mm or "
             "root_direction, fewer terminals, a smaller smallest radius or clearance"
         )
     long = along[: len(depth)] >= _STEM_LENGTH * options.length_to_radius * root_radius
     if depth[long].max(initial=-np.inf) < need:
-        raise GrowthError(
+        raise RootError(
             f"root at {_say(point)} along {_say(direction)} leaves no room for a stem "
             f"{options.length_to_radius:g} times as long as its radius of {root_radius:.3g} mm "
             "(length_to_radius); choose another root_point_mm or root_direction, fewer terminals, "
@@ -108,13 +108,13 @@ def _first_stay(
     """Depths up to where the line leaves the tissue for the first time."""
     inside = depth > 0
     if not inside.any():
-        raise GrowthError(
+        raise RootError(
             f"root at {_say(point)} along {_say(direction)} never enters the tissue; give a "
             "root_point_mm on its surface and a root_direction into it"
         )
     first = int(np.argmax(inside))
     if along[first] > 2.0 * near + 4.0 * along[0]:
-        raise GrowthError(
+        raise RootError(
             f"root at {_say(point)} is outside the tissue, {along[first]:.3g} mm before its "
             "surface; give a root_point_mm on the surface"
         )
@@ -130,7 +130,7 @@ def _outward(tissue: Tissue, point: FloatArray) -> FloatArray:
     slope = value[:3] - value[3:]
     size = float(np.linalg.norm(slope))
     if not size > 0:
-        raise GrowthError(f"root at {_say(point)}: no surface near it; give a root_direction too")
+        raise RootError(f"root at {_say(point)}: no surface near it; give a root_direction too")
     unit: FloatArray = slope / size
     return unit
 

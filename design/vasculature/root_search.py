@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions
+from design.vasculature.surface_points import surface_points
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 
@@ -126,15 +127,7 @@ def spread_over_surface(tissue: Tissue, count: int, seed: int) -> tuple[FloatArr
     10.1016/0304-3975(85)90224-5), beginning at the highest.
     """
     random = np.random.default_rng([seed, 0x5EA3])
-    corner = tissue.vertices[tissue.faces]
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    size = np.linalg.norm(across, axis=1)
-    face = random.choice(len(size), _SAMPLES, p=size / size.sum())
-    # Uniform in a triangle: Osada et al. 2002, doi 10.1145/571647.571648, equation 1.
-    u, v = np.sqrt(random.uniform(size=_SAMPLES)), random.uniform(size=_SAMPLES)
-    mix = np.column_stack([1.0 - u, u * (1.0 - v), u * v])
-    points: FloatArray = np.einsum("nk,nkx->nx", mix, corner[face])
-    normals: FloatArray = -across[face] / size[face, None]
+    points, normals = surface_points(tissue, _SAMPLES, random)
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
     while len(chosen) < min(count, _SAMPLES):

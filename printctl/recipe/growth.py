@@ -184,9 +184,7 @@ class GrownNetwork(Growth):
                 raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
         for key in ("polish", "trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
-                raise ValueError(
-                    f"a printable tree can't be grown with {key} yet; give one of them"
-                )
+                raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
                 "root: search finds root and direction itself; give it without root_mm, "

@@ -1,13 +1,16 @@
 """Trees that keep what can be printed, as large as they can be."""
 
+from dataclasses import replace
+
+import manifold3d
 import numpy as np
 import pytest
 
-from design.errors import GrowthError
+from design.errors import GrowthError, RootError
 from design.measures import MeasureOptions, measure_network
 from design.solids import read_solid
 from design.tissue import block, folded_cortex, tissue_from_surface
-from design.vasculature import GrowthOptions, tree_radii, tree_to_network
+from design.vasculature import GrowthOptions, grow_tree, tree_radii, tree_to_network
 from design.vasculature.deep_roots import deep_roots
 from design.vasculature.printable import grow_printable
 from tests.design.vasculature.test_grow import SHARED, check
@@ -80,3 +83,19 @@ def test_a_printable_tree_reaches_the_whole_slab(slab):
     network = tree_to_network(grow_printable(slab, options).tree)
     reach = measure_network(network, slab, MeasureOptions(seed=3))
     assert reach.supply.distance_p95_mm < 2.5
+
+
+def test_a_root_on_a_sliver_gives_way_to_a_deep_one():
+    """A block with a spike on it, too thin for any trunk."""
+    body = manifold3d.Manifold.cube((20.0, 20.0, 10.0))
+    spike = manifold3d.Manifold.cylinder(10.5, 0.6, 0.02, 24).translate((3.0, 3.0, 9.5))
+    mesh = (body + spike).to_mesh()
+    tissue = tissue_from_surface(np.asarray(mesh.vert_properties[:, :3], float), mesh.tri_verts)
+    options = GrowthOptions(terminals=40, smallest_radius_mm=0.2, clearance_mm=0.2)
+    tree = grow_tree(tissue, options)
+    assert tree.notes[0].startswith("no trunk fits at the highest point")
+    assert tree.proximal[0, 2] < 10.5
+    check(tree, tissue, options)
+    given = replace(options, root_point_mm=tuple(tissue.top_vertex()[0]))
+    with pytest.raises(RootError):
+        grow_tree(tissue, given)

@@ -77,7 +77,7 @@ def test_all_that_growth_knows_can_be_said() -> None:
         ),
         (
             {"stages": [{"terminals": 9}], "printable": True},
-            r"can't be grown with stages yet; give one of them",
+            r"printable doesn't go with stages yet",
         ),
     ],
 )
