@@ -30,7 +30,7 @@ from design.network import VesselKind
 from design.network_csv import write_network_csv
 from design.tissue import load_tissue
 from design.vasculature import GrowthOptions, tree_to_network
-from design.vasculature.printable import grow_printable
+from design.vasculature.growth.printable import grow_printable
 
 LONGEST_MM = 60.0
 LUMEN_MM, WALL_MM = 0.4, 0.3

@@ -20,7 +20,7 @@ from design.measures.territories import measure_territories
 from design.measures.ways import Ways, measure_ways
 from design.network import FloatArray, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.territories import SupplyBalance
+from design.vasculature.growth.territories import SupplyBalance
 
 
 @dataclass(frozen=True)

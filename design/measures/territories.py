@@ -6,7 +6,7 @@ import numpy as np
 
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.tissue import Tissue
-from design.vasculature.territories import SupplyBalance, supply_balance
+from design.vasculature.growth.territories import SupplyBalance, supply_balance
 
 
 def measure_territories(

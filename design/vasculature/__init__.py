@@ -1,12 +1,15 @@
 """Vessel trees: grown by constrained constructive optimisation, and networks with a name."""
 
-from design.vasculature.collide import Collisions, check_network, collisions
+from design.vasculature.collisions.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network
-from design.vasculature.forest import RootSpec, forest_to_network, grow_forest
-from design.vasculature.grow import grow_tree
-from design.vasculature.loop_options import LoopOptions
-from design.vasculature.loops import ClosedLoops, close_loops
-from design.vasculature.mixing import mix_trees
+from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
+from design.vasculature.growth.grow import grow_tree
+from design.vasculature.growth.penalty import DepthPenalty
+from design.vasculature.growth.printable import PrintableTree, grow_printable
+from design.vasculature.growth.territories import SupplyBalance, supply_balance
+from design.vasculature.loops.loop_options import LoopOptions
+from design.vasculature.loops.loops import ClosedLoops, close_loops
+from design.vasculature.loops.mixing import mix_trees
 from design.vasculature.named import (
     PLANAR_BLOCK_MM,
     PLANAR_DIMPLES,
@@ -14,9 +17,6 @@ from design.vasculature.named import (
     planar_four_vessel,
 )
 from design.vasculature.options import GrowthOptions, GrowthStage
-from design.vasculature.penalty import DepthPenalty
-from design.vasculature.printable import PrintableTree, grow_printable
-from design.vasculature.territories import SupplyBalance, supply_balance
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
 

@@ -55,3 +55,15 @@ def test_an_unwired_thermistor_reads_nonsense_and_never_gets_there():
     heater.set_target(0.0, 37.0)
     assert heater.read(1e4) == UNWIRED_C
     assert heater.reaches_at(37.0) == math.inf
+
+
+def test_heater_that_lost_its_power_is_stopped_by_thermal_protection():
+    heater = Heater(400.0, 60.0)
+    heater.set_target(0.0, 40.0)
+    assert heater.runs_away_at() == math.inf
+    heater.lose_power(100.0)
+    falls = 60.0 * math.log((40.0 - ROOM_C) / (36.0 - ROOM_C))
+    assert heater.runs_away_at() == pytest.approx(100.0 + falls + 40.0)
+    assert heater.read(100.0 + falls) == pytest.approx(36.0)
+    heater.set_target(120.0, 0.0)
+    assert heater.runs_away_at() == math.inf

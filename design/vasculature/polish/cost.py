@@ -1,7 +1,7 @@
 r"""A finished tree's exact cost, and its gradient with respect to every branch point.
 
 With a mean terminal flow q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
-(q/Δp)^(λ/4) K_root (`design.vasculature.cost`), the volume for u = 1, λ = 2 times π. It depends on
+(q/Δp)^(λ/4) K_root (`growth.cost`), the volume for u = 1, λ = 2 times π. It depends on
 the branch points through the segments' lengths alone. Differentiating the bifurcation's algebra
 from the root down (reverse mode, as for any recursion: Griewank & Walther, Evaluating Derivatives,
 2nd ed. 2008, ch. 3) gives with e = λ/4, S = K_l + K_r, A_c = W_c^(γ/4), W̄ = ∂K_root/∂W and
@@ -13,7 +13,7 @@ K̄ = ∂K_root/∂K, which is 1 at the root, where W̄ = 0:
 
 Viscosities v are held; each audit takes them anew where they depend on the radii.
 
-One pass up for W and K and one down (`design.vasculature.state.spread_down`) are O(n). A branch
+One pass up for W and K and one down (`growth.state.spread_down`) are O(n). A branch
 point then sees the sum of ∂K_root/∂ℓ times the unit vectors along its three segments: where it
 vanishes the point is a weighted Fermat point of its three neighbours.
 """
@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.cost import joined, to_gamma, to_lambda, to_u
+from design.vasculature.growth.cost import joined, to_gamma, to_lambda, to_u
+from design.vasculature.growth.state import SEGMENT, Segments, refresh_all, spread_down
 from design.vasculature.options import Law
-from design.vasculature.state import SEGMENT, Segments, refresh_all, spread_down
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels import jit

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.cost import joined
-from design.vasculature.index import REACH, CellIndex, insert, nearest_segments
+from design.vasculature.growth.cost import joined
+from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
+from design.vasculature.growth.room import Fork, Room, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end
 from design.vasculature.polish.graft_fit import branch_fits, fork_fits, straight_fits, way_fits
 from design.vasculature.polish.relax import GAIN, all_radii
 from design.vasculature.polish.topology import attach, cut, detach, is_below, uncut
-from design.vasculature.room import Fork, Room, neighbours_of
 from kernels import jit
 
 CANDIDATES = 10

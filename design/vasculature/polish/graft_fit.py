@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.fit import seven
-from design.vasculature.index import CellIndex
-from design.vasculature.joints import joint_fits
+from design.vasculature.growth.fit import seven
+from design.vasculature.growth.index import CellIndex
+from design.vasculature.growth.joints import joint_fits
+from design.vasculature.growth.room import Fork, Room, neighbours_of
+from design.vasculature.growth.within import end_fits, losing_fits, start_fits
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,
@@ -19,8 +21,6 @@ from design.vasculature.polish.fit import (
     stretch,
 )
 from design.vasculature.polish.relax import root_radius
-from design.vasculature.room import Fork, Room, neighbours_of
-from design.vasculature.within import end_fits, losing_fits, start_fits
 from kernels import jit
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.vasculature.collide import collisions
+from design.vasculature.collisions.collide import collisions
 from design.vasculature.convert import tree_to_network
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions

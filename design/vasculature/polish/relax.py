@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.cost import joined
-from design.vasculature.index import REACH, CellIndex, insert
+from design.vasculature.growth.cost import joined
+from design.vasculature.growth.index import REACH, CellIndex, insert
+from design.vasculature.growth.room import Room
+from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end, node_fits, node_slack
-from design.vasculature.room import Room
-from design.vasculature.state import place, refresh, refresh_upwards, spread_down
 from kernels import jit
 
 STEPS = np.array([1.0, 0.5, 0.2])

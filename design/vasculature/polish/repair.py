@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.index import CellIndex
+from design.vasculature.growth.index import CellIndex
+from design.vasculature.growth.room import Room
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, node_fits, node_slack
 from design.vasculature.polish.relax import commit_node, node_value
-from design.vasculature.room import Room
 from kernels import jit
 
 STEPS = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from design.vasculature.growth.room import Fork, neighbours_of
+from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, near_end
-from design.vasculature.room import Fork, neighbours_of
-from design.vasculature.state import place, refresh, refresh_upwards
 from kernels import jit
 
 

@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.tissue import Tissue
-from design.vasculature.audit import measure_room
-from design.vasculature.index import CellIndex, empty_index
-from design.vasculature.limits import joint_limits
+from design.vasculature.growth.audit import measure_room
+from design.vasculature.growth.index import CellIndex, empty_index
+from design.vasculature.growth.limits import joint_limits
+from design.vasculature.growth.room import Room
+from design.vasculature.growth.step import list_all
+from design.vasculature.growth.viscosity import settle_root
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import law_of, segments_of
 from design.vasculature.polish.graft import graft
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.relax import relax
 from design.vasculature.polish.repair import push_wide
-from design.vasculature.room import Room
-from design.vasculature.step import list_all
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology
-from design.vasculature.viscosity import settle_root
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,11 +9,11 @@ import pytest
 
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree
-from design.vasculature.bifurcation import split_value
-from design.vasculature.cost import Sprout, climb
-from design.vasculature.penalty import no_penalty
+from design.vasculature.growth.bifurcation import split_value
+from design.vasculature.growth.cost import Sprout, climb
+from design.vasculature.growth.penalty import no_penalty
+from design.vasculature.growth.propose import estimate
 from design.vasculature.polish.cost import law_of, segments_of
-from design.vasculature.propose import estimate
 
 ONE = Sprout(1.0, 1.0)
 EXACT = 10**9

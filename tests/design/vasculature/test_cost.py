@@ -4,11 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.vasculature import GrowthOptions, tree_from_topology, tree_radii
-from design.vasculature.bifurcation import best_place, split_value
-from design.vasculature.cost import Sprout, climb
+from design.vasculature.growth.bifurcation import best_place, split_value
+from design.vasculature.growth.cost import Sprout, climb
+from design.vasculature.growth.propose import trial
+from design.vasculature.growth.state import SEGMENT, place, refresh, spread_down
 from design.vasculature.options import Law
-from design.vasculature.propose import trial
-from design.vasculature.state import SEGMENT, place, refresh, spread_down
 from tests.design.vasculature import oracles
 
 ONE = Sprout(1.0, 1.0)

@@ -13,7 +13,7 @@ from design.vasculature import (
     supply_balance,
     tree_radii,
 )
-from design.vasculature.territories import demand_points, territory_demand
+from design.vasculature.growth.territories import demand_points, territory_demand
 from tests.design.vasculature import oracles
 
 SIZE = (20.0, 16.0, 12.0)

@@ -12,7 +12,7 @@ from design.vasculature import (
     grow_forest,
     tree_radii,
 )
-from design.vasculature.territory import part_tissue
+from design.vasculature.growth.territory import part_tissue
 from tests.design.tissue import surfaces
 from tests.design.vasculature import oracles
 

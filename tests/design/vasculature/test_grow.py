@@ -147,7 +147,7 @@ def test_stem_is_as_long_as_asked_with_its_final_radius(tissues, seed):
 
 
 def test_stem_that_turned_out_too_short_is_lengthened(tissues, monkeypatch):
-    monkeypatch.setattr("design.vasculature.root._STEM_LENGTH", 0.0)
+    monkeypatch.setattr("design.vasculature.growth.root._STEM_LENGTH", 0.0)
     options = GrowthOptions(terminals=100, murray_exponent=2.3, clearance_mm=0.02)
     tree = grow_tree(tissues["folded cortex"], options)
     assert 1.0 <= np.linalg.norm(tree.distal[0] - tree.proximal[0]) / tree_radii(tree)[0] < 1.03

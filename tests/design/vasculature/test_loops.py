@@ -16,8 +16,8 @@ from design.vasculature import (
     grow_forest,
     grow_tree,
 )
-from design.vasculature.curves import tightest_bend
-from design.vasculature.matching import match_terminals
+from design.vasculature.loops.curves import tightest_bend
+from design.vasculature.loops.matching import match_terminals
 from tests.design.tissue import surfaces
 from tests.design.vasculature import oracles
 

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.polish.cost import tree_volume, volume_gradient
 from design.vasculature.polish.graft import fork_cost
 from design.vasculature.polish.relax import best_node, node_value, root_radius
 from design.vasculature.polish.topology import attach, cut, detach, is_below, uncut
-from design.vasculature.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.vasculature.test_cost import as_tree, laws, random_segments
 

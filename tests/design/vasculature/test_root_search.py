@@ -8,8 +8,8 @@ import pytest
 from design.errors import DesignError, GrowthError
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_forest, grow_tree
-from design.vasculature.grow import PROBES
-from design.vasculature.root_search import search_root, spread_over_surface
+from design.vasculature.growth.grow import PROBES
+from design.vasculature.growth.root_search import search_root, spread_over_surface
 from tests.design.vasculature import oracles
 
 

@@ -15,10 +15,10 @@ from design.vasculature import (
     collisions,
     grow_forest,
 )
-from design.vasculature.connect import Web
-from design.vasculature.curve_fit import KIN, Ends, radius_for
-from design.vasculature.loops import open_web, pruned, tree_ends
-from design.vasculature.routes import Crowd, find_route, turned
+from design.vasculature.loops.connect import Web
+from design.vasculature.loops.curve_fit import KIN, Ends, radius_for
+from design.vasculature.loops.loops import open_web, pruned, tree_ends
+from design.vasculature.loops.routes import Crowd, find_route, turned
 from tests.design.tissue import surfaces
 
 RADIUS = 0.1

@@ -16,8 +16,8 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
+from design.vasculature.growth.trunk import straightened, trunk_of
 from design.vasculature.polish import PolishOptions, polish
-from design.vasculature.trunk import straightened, trunk_of
 from tests.design.geometry.oracles import segment_segment
 from tests.design.vasculature import oracles
 

@@ -1,0 +1,1 @@
+"""Vessels that come too near to each other, in any network."""

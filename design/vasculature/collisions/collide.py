@@ -1,0 +1,123 @@
+"""Vessels that come too near to each other: found among all pairs of a network's pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import NetworkError
+from design.network import VesselNetwork
+from design.vasculature.collisions.close_pairs import close_pairs
+from design.vasculature.collisions.ways import ways_between
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """Pairs of straight pieces that share no node and come nearer than the clearance.
+
+    Attributes
+    ----------
+    pieces : (k, 2) int64
+        Colliding pieces, numbered as `VesselNetwork.pieces` gives them, first below second.
+    vessels : (k, 2) int64
+        Their vessels.
+    gap_mm : (k,) float64
+        Between their walls; negative where they overlap.
+    place_mm : (k, 3) float64
+        Midway between their axes where these are nearest.
+    joint_pieces : (j, 2) int64
+        Pairs as near, but within one joint: the way between them along the vessels is no longer
+        than twice the sum of their radii plus the clearance.
+    joint_gap_mm : (j,) float64
+    """
+
+    pieces: IntArray
+    vessels: IntArray
+    gap_mm: FloatArray
+    place_mm: FloatArray
+    joint_pieces: IntArray
+    joint_gap_mm: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Colliding pairs."""
+        return len(self.pieces)
+
+
+def collisions(
+    network: VesselNetwork, clearance_mm: float = 0.0, clearance_ratio: float = 0.0
+) -> Collisions:
+    """Find all pairs of pieces nearer than the clearance.
+
+    The gap is the distance between axes less both radii there (a tapered piece counts with its
+    larger radius). Two pieces that share no node collide when their gap is below the clearance
+    and the way between them along the vessels is longer than twice the sum of their radii plus
+    the clearance; pieces with no way between them always do.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    clearance_mm : float
+    clearance_ratio : float
+        Clearance over the thinner radius of a pair; the larger of the two counts.
+    """
+    start, end, r0, r1, vessel = network.pieces()
+    radius = np.maximum(r0, r1)
+    ends, nodes = _piece_nodes(network, vessel)
+    pairs, gap, place = close_pairs(start, end, radius, ends, clearance_mm, clearance_ratio)
+    both = radius[pairs].sum(axis=1)
+    kept = np.maximum(clearance_mm, clearance_ratio * radius[pairs].min(axis=1))
+    limit = 2.0 * both + kept
+    length = np.linalg.norm(end - start, axis=1)
+    joint = ways_between(pairs, limit, ends, length, nodes) <= limit
+    return Collisions(
+        pairs[~joint], vessel[pairs[~joint]], gap[~joint], place[~joint], pairs[joint], gap[joint]
+    )
+
+
+def check_network(network: VesselNetwork, clearance_mm: float = 0.0) -> None:
+    """Refuse a network whose vessels cross or come nearer than ``clearance_mm``.
+
+    Raises
+    ------
+    NetworkError
+        Naming the two vessels, the place and the gap, or a vessel of no length.
+    """
+    length = network.lengths()
+    short = np.flatnonzero(length <= 0)
+    if len(short):
+        raise NetworkError(f"vessel {short[0]} has no length; remove it or mend its points")
+    found = collisions(network, clearance_mm)
+    if found.count == 0:
+        return
+    worst = int(np.argmin(found.gap_mm))
+    one, two = found.vessels[worst]
+    gap = found.gap_mm[worst]
+    place = "({:.4g}, {:.4g}, {:.4g})".format(*found.place_mm[worst])
+    says = f"overlap by {-gap:.3g} mm" if gap < 0 else f"are only {gap:.3g} mm apart"
+    raise NetworkError(
+        f"vessels {one} and {two} {says} at {place} mm; {clearance_mm:g} mm of clearance is "
+        f"needed ({found.count} such places). Move them apart, join them at a common node, or "
+        "lower the clearance"
+    )
+
+
+def _piece_nodes(network: VesselNetwork, vessel: IntArray) -> tuple[IntArray, int]:
+    """Node at each end of each piece, inner polyline points counted as nodes; and how many."""
+    first = np.flatnonzero(np.diff(_vessel_of_point(network)) == 0)
+    inner = len(network.nodes) + np.arange(len(network.points))
+    node_of_point: Any = inner
+    node_of_point[network.offset[:-1]] = network.vessel_nodes[:, 0]
+    node_of_point[network.offset[1:] - 1] = network.vessel_nodes[:, 1]
+    ends = np.column_stack([node_of_point[first], node_of_point[first + 1]])
+    return ends.astype(np.int64), len(network.nodes) + len(network.points)
+
+
+def _vessel_of_point(network: VesselNetwork) -> IntArray:
+    return np.repeat(np.arange(network.vessel_count), np.diff(network.offset))

@@ -1,0 +1,1 @@
+"""Trees grown by constrained constructive optimisation, one or several in a tissue."""

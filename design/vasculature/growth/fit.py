@@ -1,0 +1,149 @@
+"""Whether a bifurcation fits: into the tissue, between its neighbours, and as a joint."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from design.geometry import point_segment, segment_segment
+from design.tissue.depth import depth_along
+from design.vasculature.growth.index import REACH, CellIndex, cell_range
+from design.vasculature.growth.joints import joint_fits
+from design.vasculature.growth.room import Fork, Room, neighbours_of
+from kernels import jit
+
+Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
+
+
+@jit
+def seven(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
+    """Make a tuple of equal integers, whatever their widths."""
+    wide = np.int64
+    return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
+
+
+@jit
+def widening(
+    index: CellIndex,
+    segments: Any,
+    room: Room,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
+    skip: Seven,
+    record: bool,
+) -> float:
+    """How far a capsule and its neighbours could grow, all by one factor, before they collide.
+
+    Parameters
+    ----------
+    skip : seven int
+        Segments left out (itself, and those that share a node with it), or -1.
+    record : bool
+        Lower the neighbours' ``allowed`` radii to that factor.
+
+    Returns
+    -------
+    float
+        Below 1 when there is a collision; at most `REACH`. Without ``record`` the search ends
+        below the room's reserve.
+    """
+    least = REACH
+    reach = REACH * radius
+    index.query[0] += 1
+    query = index.query[0]
+    for i in skip:
+        if i >= 0:
+            index.stamp[i] = query
+    i0, i1 = cell_range(index, 0, min(ax, bx) - reach, max(ax, bx) + reach)
+    j0, j1 = cell_range(index, 1, min(ay, by) - reach, max(ay, by) + reach)
+    k0, k1 = cell_range(index, 2, min(az, bz) - reach, max(az, bz) + reach)
+    far = reach + 0.8660254037844386 * index.cell
+    several = i1 > i0 or j1 > j0 or k1 > k0
+    for a in range(i0, i1 + 1):
+        x = index.origin[0] + (a + 0.5) * index.cell
+        for b in range(j0, j1 + 1):
+            y = index.origin[1] + (b + 0.5) * index.cell
+            for c in range(k0, k1 + 1):
+                entry = index.head[(a * index.shape[1] + b) * index.shape[2] + c]
+                if entry < 0:
+                    continue
+                if several:
+                    z = index.origin[2] + (c + 0.5) * index.cell
+                    if point_segment(x, y, z, ax, ay, az, bx, by, bz)[0] > far:
+                        continue
+                while entry >= 0:
+                    i = index.item[entry]
+                    entry = index.following[entry]
+                    if index.stamp[i] == query:
+                        continue
+                    index.stamp[i] = query
+                    s = segments[i]
+                    d, _, _ = segment_segment(
+                        ax, ay, az, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz
+                    )
+                    # The fixed part of the clearance doesn't grow with the radii.
+                    thin = min(radius, s.radius)
+                    both = radius + s.radius
+                    factor = d / (both + room.ratio * thin)
+                    if room.clearance > 0.0:
+                        factor = min(factor, (d - room.clearance) / both)
+                    if factor < least:
+                        least = factor
+                        if least < room.reserve and not record:
+                            return least
+                    if record and factor * s.radius < s.allowed:
+                        s.allowed = factor * s.radius
+    return least
+
+
+@jit
+def in_tissue(
+    room: Room, ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float
+) -> bool:
+    """Whether a capsule keeps its distance from the tissue's surface."""
+    need = room.reserve * radius + room.wall
+    return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
+
+
+@jit
+def fits(index: CellIndex, segments: Any, room: Room, fork: Fork) -> bool:
+    """Whether a fork fits everywhere; the cheap tests first."""
+    if not joint_fits(segments, room, fork):
+        return False
+    s = segments[fork.segment]
+    bx, by, bz = fork.bx, fork.by, fork.bz
+    tx, ty, tz = fork.tx, fork.ty, fork.tz
+    if not in_tissue(room, bx, by, bz, tx, ty, tz, fork.new):
+        return False
+    i = fork.segment
+    # A trunk's segment stays where it is; whoever meets it wider must go, as the audit will find.
+    if s.given == 0 and not in_tissue(room, s.px, s.py, s.pz, bx, by, bz, fork.up):
+        return False
+    if s.given == 0 and not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
+        return False
+    parent, sibling, left, right = neighbours_of(segments, i)
+    skip = seven(i, -1, -1, -1, -1, -1, -1)
+    if (
+        widening(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
+        < room.reserve
+    ):
+        return False
+    if s.given != 0:
+        return True
+    skip = seven(i, parent, sibling, -1, -1, -1, -1)
+    if (
+        widening(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
+        < room.reserve
+    ):
+        return False
+    skip = seven(i, left, right, -1, -1, -1, -1)
+    return bool(
+        widening(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
+        >= room.reserve
+    )

@@ -1,0 +1,289 @@
+"""Several trees in one tissue that don't touch: artery, vein and lymph, or competing inlets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import DesignError, GrowthError
+from design.network import VesselKind, VesselNetwork
+from design.tissue import Tissue
+from design.vasculature.convert import tree_to_network
+from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, Garden
+from design.vasculature.growth.root import stem
+from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.territory import part_tissue
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+
+FloatArray = NDArray[np.float64]
+
+STEM_ROOM = 1.5
+"""Stems of trees yet to grow are kept clear with this much larger radii."""
+
+_PLACES = 200
+"""Surface places looked at for a root that isn't given."""
+
+_LIKELY = 2.0
+"""Root radius over that of a straight pipe through the tissue, for a stem's first guess."""
+
+
+@dataclass(frozen=True)
+class RootSpec:
+    """One tree of a forest.
+
+    Attributes
+    ----------
+    options : GrowthOptions
+        Without a root point the first tree begins at the surface's highest vertex, later ones on
+        the surface as far from the earlier roots as their stems allow.
+    kind : VesselKind
+        Trees of the same kind part the tissue among them by their numbers of terminals, so that
+        every terminal of a kind serves the same volume; kinds pervade each other.
+    """
+
+    options: GrowthOptions
+    kind: VesselKind = VesselKind.ARTERY
+
+
+@dataclass(frozen=True)
+class _Stem:
+    """A root's stem before anything grows."""
+
+    begin: FloatArray
+    end: FloatArray
+    radius: float
+
+
+def grow_forest(
+    tissue: Tissue, roots: Sequence[RootSpec | GrowthOptions]
+) -> tuple[VesselTree, ...]:
+    """Grow trees in turn, each clear of the others.
+
+    All stems are placed first. Then each tree in turn grows to twice its terminals among the
+    others as they stand, so that all trunks are there before any twig. What the final audit finds
+    too near, within a tree or between two, is pruned and grown elsewhere. Each tree keeps its own
+    options' clearance from the others.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    roots : sequence of RootSpec or GrowthOptions
+        Bare options make a tree that has the whole tissue to itself.
+
+    Returns
+    -------
+    tuple of VesselTree
+        In the order asked for; same tissue and roots, same bytes.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        As `grow_tree`, naming the tree; and when two stems collide or no root is asked for.
+    """
+    if not roots:
+        raise GrowthError("a forest of no roots was asked for; give at least one")
+    options = [_options(root) for root in roots]
+    stems: list[_Stem] = []
+    for number, wish in enumerate(options):
+        options[number] = _with_root(tissue, wish, stems)
+        stems.append(_stem(tissue, options[number]))
+    plots = _territories(tissue, roots, options, stems)
+    error: DesignError = GrowthError("not tried")
+    for attempt in range(ATTEMPTS):
+        gardens = [
+            # Numbers of its own for each tree: the same points would be taken already.
+            Garden.open(
+                tissue,
+                wish,
+                plot,
+                wish.terminal_spread or _spread(attempt),
+                attempt + ATTEMPTS * number,
+            )
+            for number, (wish, plot) in enumerate(zip(options, plots, strict=True))
+        ]
+        try:
+            return _grow_all(gardens, stems)
+        except DesignError as failed:
+            error = failed
+    raise type(error)(f"{error} (last of {ATTEMPTS} attempts)") from error
+
+
+def _grow_all(gardens: list[Garden], stems: list[_Stem]) -> tuple[VesselTree, ...]:
+    """Let the gardens double in turn, then repair them in turn until all fit."""
+    number = 0
+    try:
+        for number, garden in enumerate(gardens):
+            garden.meet(_others(gardens, stems, number))
+            garden.start()
+        until = 4
+        while any(garden.terminals < garden.options.terminals for garden in gardens):
+            for number, garden in enumerate(gardens):
+                garden.meet(_others(gardens, stems, number))
+                garden.grow(until)
+            until *= 2
+        for _ in range(ROUNDS):
+            left = 0
+            for number, garden in enumerate(gardens):
+                garden.meet(_others(gardens, stems, number))
+                bad = garden.audit()
+                left += bad
+                if bad:
+                    garden.repair()
+                    garden.grow()
+            if left == 0:
+                return tuple(garden.tree() for garden in gardens)
+    except DesignError as error:
+        raise type(error)(f"tree {number} of {len(gardens)}: {error}") from error
+    raise GrowthError(
+        f"{left} vessels of the forest still collide or leave the tissue after {ROUNDS} repairs; "
+        "ask for fewer terminals, a smaller smallest radius or clearance"
+    )
+
+
+def _spread(attempt: int) -> float:
+    return SPREADS[attempt % len(SPREADS)]
+
+
+def forest_to_network(
+    trees: Sequence[VesselTree], kinds: Sequence[VesselKind] | None = None
+) -> VesselNetwork:
+    """All trees as one network, unconnected; veins and lymph flow from terminals to root.
+
+    Parameters
+    ----------
+    kinds : sequence of VesselKind, optional
+        Of each tree; arteries by default.
+    """
+    kinds = kinds or [VesselKind.ARTERY] * len(trees)
+    parts = [
+        directed(tree_to_network(tree, kind, number))
+        for number, (tree, kind) in enumerate(zip(trees, kinds, strict=True))
+    ]
+    return joined_networks(parts)
+
+
+def directed(network: VesselNetwork) -> VesselNetwork:
+    """A network of straight vessels, flow turned round in veins and lymph."""
+    drains = np.isin(network.kind, (VesselKind.VEIN, VesselKind.LYMPH))
+    ends = np.where(drains[:, None], network.vessel_nodes[:, ::-1], network.vessel_nodes)
+    return VesselNetwork.from_segments(
+        network.nodes, ends, network.radius[::2], network.kind, network.tree
+    )
+
+
+def joined_networks(parts: Sequence[VesselNetwork]) -> VesselNetwork:
+    """Several networks as one, nodes numbered on."""
+    first_node = np.cumsum([0] + [len(part.nodes) for part in parts])
+    first_point = np.cumsum([0] + [len(part.points) for part in parts])
+    return VesselNetwork(
+        nodes=np.concatenate([part.nodes for part in parts]),
+        vessel_nodes=np.concatenate(
+            [part.vessel_nodes + first for part, first in zip(parts, first_node, strict=False)]
+        ),
+        kind=np.concatenate([part.kind for part in parts]),
+        tree=np.concatenate([part.tree for part in parts]),
+        offset=np.concatenate(
+            [[0]]
+            + [part.offset[1:] + first for part, first in zip(parts, first_point, strict=False)]
+        ),
+        points=np.concatenate([part.points for part in parts]),
+        radius=np.concatenate([part.radius for part in parts]),
+    )
+
+
+def _options(root: RootSpec | GrowthOptions) -> GrowthOptions:
+    return root.options if isinstance(root, RootSpec) else root
+
+
+def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
+    radius = _likely_radius(tissue, options)
+    wall = options.clearance_mm
+    begin, end = stem(tissue, options, radius, wall)
+    return _Stem(begin, end, radius)
+
+
+def _likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
+    """Root radius before there is a tree, mm."""
+    if options.smallest_radius_mm is not None:
+        spread = options.terminal_spread or 1.5
+        count = float(options.terminals)
+        return options.smallest_radius_mm * spread * count ** (1.0 / options.murray_exponent)
+    across = _LIKELY * float(np.cbrt(tissue.volume_mm3))
+    flow = options.flow_ul_s(tissue.volume_mm3)
+    resistance = 8.0 * options.viscosity_pa_s * across / pi
+    return float((flow * resistance / options.pressure_drop_pa) ** 0.25)
+
+
+def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> GrowthOptions:
+    """The options with a root point, found on the surface where none is given."""
+    if options.root_point_mm is not None or not stems:
+        return options
+    taken = np.array([one.begin for one in stems])
+    away = np.linalg.norm(tissue.vertices[:, None] - taken[None], axis=2).min(axis=1)
+    order = np.argsort(-away, kind="stable")
+    last: DesignError | None = None
+    for vertex in order[:: max(1, len(order) // _PLACES)]:
+        x, y, z = tissue.vertices[vertex]
+        trial = replace(options, root_point_mm=(float(x), float(y), float(z)))
+        try:
+            _stem(tissue, trial)
+        except DesignError as error:
+            last = last or error
+            continue
+        return trial
+    raise GrowthError(
+        f"no place was found on the surface for root {len(stems)}; give a root_point_mm. At the "
+        f"farthest place: {last}"
+    ) from last
+
+
+def _territories(
+    tissue: Tissue,
+    roots: Sequence[RootSpec | GrowthOptions],
+    options: list[GrowthOptions],
+    stems: list[_Stem],
+) -> list[Surroundings]:
+    """For each tree its territory; the whole tissue where it is alone of its kind."""
+    found = [Surroundings() for _ in roots]
+    kinds = {root.kind for root in roots if isinstance(root, RootSpec)}
+    for kind in sorted(kinds):
+        of_kind = [
+            n for n, root in enumerate(roots) if isinstance(root, RootSpec) and root.kind == kind
+        ]
+        if len(of_kind) < 2:
+            continue
+        wanted = np.array([options[n].terminals for n in of_kind], dtype=np.float64)
+        wanted /= wanted.sum()
+        parts = part_tissue(tissue, np.array([stems[n].end for n in of_kind]), wanted)
+        for place, n in enumerate(of_kind):
+            # The flow follows the terminals exactly, so that all of a kind have the same.
+            found[n] = Surroundings(owns=parts.owns(place), share=float(wanted[place]))
+    return found
+
+
+def _others(gardens: list[Garden], stems: list[_Stem], own: int) -> Surroundings:
+    """All other trees as they stand, and the stems of those that haven't begun."""
+    start, end, radius = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    for number, garden in enumerate(gardens):
+        if number == own:
+            continue
+        if garden.count == 0:
+            start.append(stems[number].begin[None])
+            end.append(stems[number].end[None])
+            radius.append(np.array([STEM_ROOM * stems[number].radius]))
+            continue
+        s = garden.segments[: garden.count]
+        start.append(np.column_stack([s["px"], s["py"], s["pz"]]))
+        end.append(np.column_stack([s["dx"], s["dy"], s["dz"]]))
+        radius.append(s["radius"])
+    return replace(
+        gardens[own].others,
+        start=np.concatenate(start),
+        end=np.concatenate(end),
+        radius=np.concatenate(radius),
+    )

@@ -1,0 +1,398 @@
+"""One growing tree: its arrays, and the loop that has it grown, audited and repaired."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import GrowthError, RootError
+from design.tissue import Tissue
+from design.vasculature.growth.audit import measure_room, prune
+from design.vasculature.growth.harvest import final_radii, harvest, share_by_demand
+from design.vasculature.growth.index import CellIndex, empty_index
+from design.vasculature.growth.listing import CELL, just, listed, room_of
+from design.vasculature.growth.penalty import PenaltyArrays, sample_penalty
+from design.vasculature.growth.points import GivenPoints, Sampler, in_the_way
+from design.vasculature.growth.refusals import no_room
+from design.vasculature.growth.retip import retip_thin
+from design.vasculature.growth.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Room
+from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
+from design.vasculature.growth.sample import Samples, depth_first
+from design.vasculature.growth.start import first_pair
+from design.vasculature.growth.state import SEGMENT, place, refresh
+from design.vasculature.growth.step import (
+    CANDIDATES,
+    DONE,
+    FULL_INDEX,
+    MORE_POINTS,
+    PROGRESS,
+    THIN_MARGIN,
+    Scale,
+    derive_radii,
+    grow,
+)
+from design.vasculature.growth.surroundings import Surroundings, clear_of
+from design.vasculature.growth.trunk import Trunk
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+
+ROUNDS = 20
+"""Audits and repairs at most."""
+
+_EAGER, _PATIENT = 6, 400
+"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
+radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
+
+_PATIENCE = 20_000
+_CHUNK = 4096
+_TRIES = 0.5
+"""Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
+grown to them in order is like one grown in random order."""
+_SMALL = 10_000
+"""Terminals below which a tree is in the cache, however it is ordered."""
+
+_WAYS_MADE = 40
+"""How often what is in the way of given points is taken away."""
+
+_ALL_AROUND = 40
+"""Nearest segments considered for given points missed at first, or with a flow ratio."""
+
+
+@dataclass
+class Garden:
+    """The arrays of one growth, and the loop around them."""
+
+    tissue: Tissue
+    options: GrowthOptions
+    others: Surroundings
+    room: Room
+    scale: Scale
+    segments: NDArray[np.void]
+    progress: NDArray[np.void]
+    random: np.random.Generator
+    index: CellIndex
+    sampler: Sampler
+    penalty: PenaltyArrays
+    given: GivenPoints | None
+    trunk: Trunk | None
+    indexed: int = 0
+    stage: int = -1
+    unreached: int = -1
+
+    @classmethod
+    def open(
+        cls,
+        tissue: Tissue,
+        options: GrowthOptions,
+        others: Surroundings,
+        spread: float,
+        attempt: int,
+        trunk: Trunk | None = None,
+    ) -> Garden:
+        """A garden with nothing in it yet; same arguments, same growth."""
+        if options.root_candidates:
+            raise GrowthError(
+                "a root is searched for a tree alone (grow_tree); give each of several trees its "
+                "root_point_mm"
+            )
+        given = GivenPoints.of(tissue, options)
+        goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
+        fixed = options.smallest_radius_mm or 0.0
+        spread = spread if fixed else 0.0
+        root = fixed * spread * goal ** (1.0 / options.murray_exponent)
+        volume = others.share * tissue.volume_mm3
+        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
+        patience = _PATIENT if fixed else _EAGER
+        own = np.zeros(2 * goal + 1 + (len(trunk.parent) if trunk else 0), SEGMENT)
+        own["flow"] = own["thick"] = 1.0
+        progress = np.zeros(1, PROGRESS)
+        progress["apart"], progress["thick"] = 0.9, 1.0
+        progress["candidates"] = _ALL_AROUND if options.flow_ratio else CANDIDATES
+        return cls(
+            tissue,
+            options,
+            others,
+            room_of(tissue, options),
+            Scale(drop, root, spread, goal, volume, patience),
+            np.concatenate([own, others.records()]) if others.count else own,
+            progress,
+            np.random.default_rng([options.seed, attempt]),
+            empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1),
+            Sampler.by(tissue, options, others.owns),
+            sample_penalty(tissue, options.penalty),
+            given,
+            trunk,
+        )
+
+    @property
+    def count(self) -> int:
+        """Segments grown."""
+        return int(self.progress["count"][0])
+
+    @property
+    def goal(self) -> int:
+        """Terminals of the finished tree; with given points, a trunk's own besides."""
+        return self.scale.goal
+
+    @property
+    def terminals(self) -> int:
+        """Terminals grown."""
+        return int(self.progress["terminals"][0])
+
+    def meet(self, others: Surroundings) -> None:
+        """Take the vessels of others as they are now."""
+        own = self.segments[: len(self.segments) - self.others.count]
+        self.others, self.segments = others, np.concatenate([own, others.records()])
+
+    def run(self) -> VesselTree:
+        """Grow, audit and repair until everything fits."""
+        self.start()
+        for _ in range(ROUNDS):
+            self.grow()
+            left = self.audit()
+            if left == 0:
+                return self.tree()
+            self.repair()
+        raise GrowthError(
+            f"{left} of {self.count} vessels still collide or leave the tissue after {ROUNDS} "
+            "repairs; ask for fewer terminals, a smaller smallest radius or clearance"
+        )
+
+    def start(self) -> None:
+        """Plant the trunk, or place the stem and the first two terminals."""
+        law = self.options.law
+        if self.trunk is not None:
+            self._plant(self.trunk)
+            return
+        wish = self._enter_stage()
+        begin, end = stem(self.tissue, wish, self._first_guess(), self.room.wall)
+        self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
+        place(self.segments, 0, tuple(begin), tuple(end))
+        refresh(self.segments, 0, law)
+        self.segments[0]["allowed"] = np.inf
+        if self.others.count and not self._clear(begin, end[None], self._first_guess())[0]:
+            raise GrowthError(
+                "the root's stem from ({:.4g}, {:.4g}, {:.4g}) ".format(*begin)
+                + "meets another tree's vessel; choose another root_point_mm or root_direction"
+            )
+        self.progress["count"], self.progress["terminals"] = 1, 1
+        if self.options.terminals > 1:
+            self._first_pair()
+        derive_radii(self.segments, self.progress, law, self.scale)
+
+    def _plant(self, trunk: Trunk) -> None:
+        trunk.check(self.goal, self.options)
+        trunk.plant(self.segments, self.options.law)
+        self.progress["count"], self.progress["terminals"] = len(trunk.parent), trunk.tips
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+    def _first_pair(self) -> None:
+        law, root = self.options.law, self._first_guess()
+        apart = 0.5 * float(np.cbrt(self.scale.volume))
+        at = np.array([self.segments[name][0] for name in ("dx", "dy", "dz")])
+        for _ in range(40):
+            samples = self._samples(_CHUNK)
+            if self.others.count:
+                clear = self._clear(at, samples.at, root)
+                samples = Samples(*(column[clear] for column in samples))
+            if first_pair(self.segments, self.room, law, root, samples, apart):
+                self.progress["count"], self.progress["terminals"] = 3, 2
+                self.segments["allowed"][:3] = np.inf
+                return
+            apart *= 0.85
+        raise RootError(
+            "no two branches fit at the end of the root's stem; choose another root_point_mm or "
+            "root_direction, fewer terminals, a smaller smallest radius or clearance"
+        )
+
+    def _first_guess(self) -> float:
+        """Root radius before there is a tree, mm: that of a pipe twice as long as the tissue."""
+        if self.scale.root_radius > 0:
+            return self.scale.root_radius
+        load = 2.0 * self.options.law.k * float(np.cbrt(self.tissue.volume_mm3))
+        return float((self.scale.flow_over_drop * load) ** 0.25)
+
+    def _samples(self, tries: int) -> Samples:
+        """Points to grow to: so many tries at new ones, or the given ones that are left."""
+        if self.given is not None:
+            return self.given.samples(self.random.permutation(self._missing(self.given)))
+        return self.sampler.draw(self.random, tries, self.terminals > _SMALL)
+
+    def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
+        """Given points that aren't reached."""
+        s = self.segments[: self.count]
+        tips = s[(s["left"] < 0) & (s["given"] == 0)]
+        return given.missing(np.column_stack([tips["dx"], tips["dy"], tips["dz"]]))
+
+    @property
+    def _per_wanted(self) -> float:
+        """Points in the bounds for each that is wanted."""
+        box = float(np.prod(np.ptp(self.tissue.bounds, axis=0)))
+        return box / (self.scale.volume * self.sampler.kept)
+
+    def _clear(self, begin: Any, points: Any, radius: float) -> Any:
+        """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
+        self._reindex(own=0)
+        return clear_of(self.segments, self.index, self.room, begin, points, radius)
+
+    def _reindex(self, own: int | None = None) -> None:
+        """List everything anew, in cells that suit the tree until it has doubled.
+
+        Of the tree's own segments ``own`` are listed, or all.
+        """
+        self.indexed = max(4, self.terminals)
+        if self.terminals > _SMALL:
+            self.segments = depth_first(self.segments, self.count)
+        goal = min(self.goal, 2 * self.terminals)
+        cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
+        count = self.count if own is None else own
+        self.index = listed(
+            self.tissue.bounds, cell, self.segments, count, self.others.count, self.room
+        )
+
+    def grow(self, until: int | None = None) -> None:
+        """Grow up to the goal, wherever growth stands, or to so many terminals on the way."""
+        goal = min(until or self.goal, self.goal)
+        while self.terminals < goal:
+            self._enter_stage()
+            stages = self.options.stages
+            self._grow_to(min(goal, stages[self.stage].terminals) if stages else goal)
+
+    def _enter_stage(self) -> GrowthOptions:
+        """Take the parameters of the stage that growth is in, and return them."""
+        stages, wish, now = self.options.stages, self.options, -1
+        if stages:
+            ends = [stage.terminals for stage in stages[:-1]]
+            now = int(np.searchsorted(ends, self.terminals, side="right"))
+            wish = self.options.at_stage(stages[now])
+        self.room = room_of(self.tissue, wish)
+        if now != self.stage:
+            self.stage = now
+            self.sampler = Sampler.by(self.tissue, wish, self.others.owns)
+            self.penalty = sample_penalty(self.tissue, wish.penalty)
+        return wish
+
+    def _grow_to(self, goal: int) -> None:
+        self.progress["since"] = 0
+        samples, first = self.sampler.none(), 0
+        status = FULL_INDEX
+        while status != DONE and self.terminals < goal:
+            if status == MORE_POINTS:
+                samples, first = self._more(), 0
+            else:
+                self._relist()
+            status, first = grow(
+                self.segments,
+                self.index,
+                self.room._replace(reserve=self._reserve()),
+                self.options.law,
+                self.scale,
+                self.penalty,
+                self.progress,
+                samples,
+                first,
+                min(2 * self.indexed, goal),
+            )
+            if self.given is None and self.progress["since"][0] > _PATIENCE:
+                raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
+
+    def _relist(self) -> None:
+        """List everything anew, and measure the room that each segment has."""
+        self._reindex()
+        # Neighbours' shares have changed since each segment's room was measured.
+        measure_room(self.segments, self.count, self.index, self.room, 0.0)
+
+    def _more(self) -> Samples:
+        """More points to grow to."""
+        if self.given is None:
+            tries = _TRIES * self._per_wanted * self.terminals
+            return self._samples(int(np.clip(tries, _CHUNK, 1 << 21)))
+        missing = self._missing(self.given)
+        if len(missing) == self.unreached:
+            # A whole pass reached none of them.
+            return self._made_way(self.given, missing)
+        self.unreached = len(missing)
+        return self.given.samples(self.random.permutation(missing))
+
+    def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
+        """Take away what lies nearest to points that can't be reached, and put these first."""
+        passes = given.stuck_on(missing)
+        self.progress["candidates"] = _ALL_AROUND
+        if passes > _WAYS_MADE:
+            raise given.unreached(missing, self.tissue)
+        s = self.segments[: self.count]
+        s["allowed"] = np.inf
+        s["allowed"][in_the_way(s, given.at[missing], 1 + passes // 5)] = 0.0
+        self._reindex()
+        try:
+            self._prune()
+        except GrowthError as error:
+            raise given.unreached(missing, self.tissue) from error
+        self._relist()
+        freed = np.setdiff1d(self._missing(given), missing)
+        self.unreached = len(missing) + len(freed)
+        order = [self.random.permutation(some) for some in (missing, freed)]
+        return given.samples(np.concatenate(order))
+
+    def _reserve(self) -> float:
+        """How much wider than predicted trial forks must be able to grow."""
+        if self.scale.root_radius > 0:
+            return MARGIN
+        left = float(np.log(self.goal / self.terminals))
+        return min(MARGIN + MARGIN_LEFT * left, MARGIN_AT_MOST)
+
+    def audit(self) -> int:
+        """Derive the final radii; return how many segments don't fit with them.
+
+        With a smallest radius, a thinner terminal doesn't fit either; nor does a stem too short
+        for its radius, nor a joint that breaks the limits.
+        """
+        smallest = self.options.smallest_radius_mm
+        self.room = room_of(self.tissue, self.options.mildest())
+        if self.sampler.flows:
+            share_by_demand(self.segments, self.count, self.tissue, self.options, self.others.owns)
+        final_radii(self.segments, self.count, self.options, self.scale)
+        self._reindex()
+        left = measure_room(self.segments, self.count, self.index, self.room, just(smallest or 0.0))
+        return int(left) + self._stem_is_short()
+
+    def _stem_is_short(self) -> bool:
+        return self.trunk is None and stem_is_short(self.segments, self.room)
+
+    def repair(self) -> None:
+        """Lengthen the stem, or move tips that are too thin and take away what else doesn't fit."""
+        if self._stem_is_short():
+            lengthen_stem(self.segments, self.room, self.options.law)
+            return
+        if self.options.smallest_radius_mm is not None and self.given is None:
+            retip_thin(
+                self.segments,
+                self.count,
+                self.index,
+                self.room,
+                self.options.law,
+                self._samples(_CHUNK).at,
+                THIN_MARGIN * self.options.smallest_radius_mm,
+            )
+        self._prune()
+
+    def _prune(self) -> None:
+        """Take away what is wider than allowed."""
+        left = prune(self.segments, self.count, self.index, self.room, self.options.law)
+        if left == 1 and self.trunk is None:
+            raise RootError(
+                "the branches at the root don't fit with their final radii; choose another "
+                "root_point_mm, fewer terminals, a smaller smallest radius or clearance"
+            )
+        self.progress["count"] = left
+        self.progress["terminals"] = self.segments["terminals"][0]
+        self.progress["apart"] = 0.9
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+    def tree(self) -> VesselTree:
+        """The finished tree, its ratios computed afresh from geometry and topology."""
+        s = self.segments[: self.count]
+        return harvest(s, self.tissue, self.options, self.scale, self.trunk)

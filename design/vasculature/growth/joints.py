@@ -1,0 +1,125 @@
+"""Whether the vessels of a joint part: those that share a node, which no collision test sees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from design.geometry import point_segment
+from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.room import Fork, Room, kept_apart, neighbours_of
+from design.vasculature.growth.within import fork_within_limits, joint_within_limits
+from kernels import jit
+
+GOES = -1.0
+"""Allowed radius of a branch that must go as a whole."""
+
+
+@jit
+def ends_clear(room: Room, tip: Any, radius: float, begin: Any, end: Any, other: float) -> bool:
+    """Whether a vessel's end keeps clear of a vessel that it shares its other node with.
+
+    Parameters
+    ----------
+    tip : (float, float, float), mm
+        The end away from the joint of a vessel of ``radius``.
+    begin, end : (float, float, float), mm
+        The other vessel, of radius ``other``.
+    """
+    away, _ = point_segment(
+        tip[0], tip[1], tip[2], begin[0], begin[1], begin[2], end[0], end[1], end[2]
+    )
+    return bool(away >= radius + other + kept_apart(room, radius, other))
+
+
+@jit
+def joint_fits(segments: Any, room: Room, fork: Fork) -> bool:
+    """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
+    s = segments[fork.segment]
+    p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
+    b, t = (fork.bx, fork.by, fork.bz), (fork.tx, fork.ty, fork.tz)
+    k = room.length_to_radius
+    if distance(p[0], p[1], p[2], b[0], b[1], b[2]) < k * fork.up:
+        return False
+    if distance(b[0], b[1], b[2], d[0], d[1], d[2]) < k * fork.low:
+        return False
+    if distance(b[0], b[1], b[2], t[0], t[1], t[2]) < k * fork.new:
+        return False
+    if not ends_clear(room, t, fork.new, b, d, fork.low):
+        return False
+    if not ends_clear(room, d, fork.low, b, t, fork.new):
+        return False
+    if not ends_clear(room, t, fork.new, p, b, fork.up):
+        return False
+    if not ends_clear(room, d, fork.low, p, b, fork.up):
+        return False
+    if s.given == 0 and not _still_parted(segments, room, fork, p, b, d):
+        return False
+    return not room.limits.on or fork_within_limits(segments, room.limits, fork)
+
+
+@jit
+def _still_parted(segments: Any, room: Room, fork: Fork, p: Any, b: Any, d: Any) -> bool:
+    """Whether the joints at either end of the parted segment bear the pieces it leaves there."""
+    parent, sibling, left, right = neighbours_of(segments, fork.segment)
+    if parent >= 0:
+        o = segments[parent]
+        begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
+        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+            return False
+    if sibling >= 0:
+        o = segments[sibling]
+        begin, end = (o.px, o.py, o.pz), (o.dx, o.dy, o.dz)
+        if not ends_clear(room, b, fork.up, begin, end, o.radius):
+            return False
+        if not ends_clear(room, end, o.radius, p, b, fork.up):
+            return False
+    for child in (left, right):
+        if child >= 0:
+            o = segments[child]
+            if not ends_clear(room, (o.dx, o.dy, o.dz), o.radius, b, d, fork.low):
+                return False
+    return True
+
+
+@jit
+def limit_smaller_child(segments: Any, room: Room, i: int) -> None:
+    """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
+    if not room.limits.on or joint_within_limits(segments, room.limits, i):
+        return
+    one, two = segments[segments[i].left], segments[segments[i].right]
+    if one.given != 0 and two.given != 0:
+        return
+    small = one
+    if one.given != 0 or (two.flow < one.flow and two.given == 0):
+        small = two
+    small.allowed = GOES
+
+
+@jit
+def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any) -> None:
+    """Lower the ``allowed`` radii of a segment's children to where they still part.
+
+    Each must end clear of its sibling and its parent, and be long enough for its radius. Where
+    siblings don't part the thinner is held to blame: to take it costs fewest terminals. A given
+    trunk's segment never is.
+    """
+    one, two = segments[left], segments[right]
+    both = min(_parting(room, one, two), _parting(room, two, one))
+    thin = one
+    if one.given != 0 or (two.radius < one.radius and two.given == 0):
+        thin = two
+    thin.allowed = min(thin.allowed, both * thin.radius)
+    for child in (left, right):
+        c = segments[child]
+        c.allowed = min(c.allowed, _parting(room, c, parent) * c.radius)
+        if room.length_to_radius > 0.0:
+            c.allowed = min(c.allowed, c.length / room.length_to_radius)
+
+
+@jit
+def _parting(room: Room, tip: Any, other: Any) -> float:
+    """Factor on both radii at which a vessel's far end touches a neighbour, clearance included."""
+    o = other
+    away, _ = point_segment(tip.dx, tip.dy, tip.dz, o.px, o.py, o.pz, o.dx, o.dy, o.dz)
+    both, thin = tip.radius + o.radius, min(tip.radius, o.radius)
+    return min((away - room.clearance) / both, away / (both + room.ratio * thin))

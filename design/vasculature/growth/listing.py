@@ -1,0 +1,47 @@
+"""The room that a growing tree has, and the cells in which it is listed."""
+
+from __future__ import annotations
+
+from design.tissue import Tissue
+from design.vasculature.growth.index import CellIndex, empty_index
+from design.vasculature.growth.room import MARGIN, Room
+from design.vasculature.growth.state import Segments
+from design.vasculature.growth.step import list_all, list_from
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import FloatArray
+
+CELL = 1.2
+"""Edge of a cell over the mean spacing of terminals."""
+
+
+def listed(
+    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Room
+) -> CellIndex:
+    """An index of the first ``own`` segments and the last ``others``, with room to spare."""
+    end = len(segments)
+    entries = 16 * end + 4096
+    while True:
+        index = empty_index(bounds, cell_mm, entries, end)
+        done = list_all(segments, own, index, room)
+        done = done and list_from(segments, end - others, end, index, room)
+        if done and index.used[0] < 0.5 * entries:
+            return index
+        entries *= 2
+
+
+def room_of(tissue: Tissue, options: GrowthOptions) -> Room:
+    """The distances and limits that the options ask for."""
+    return Room(
+        tissue.grid.arrays,
+        options.clearance_mm,
+        options.clearance_mm,
+        options.clearance_ratio,
+        options.length_to_radius,
+        MARGIN,
+        options.limits,
+    )
+
+
+def just(value: float) -> float:
+    """A hair below a value: what meets it to rounding passes."""
+    return value * (1.0 - 1e-9)

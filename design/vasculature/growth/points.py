@@ -1,0 +1,177 @@
+"""Where new terminals may go: points sampled by demand, or points that the user gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import GrowthError
+from design.tissue import Tissue
+from design.tissue.demand import UniformDemand
+from design.vasculature.growth.sample import Samples, inside, plain_samples
+from design.vasculature.growth.state import Segments
+from design.vasculature.options import GrowthOptions
+
+FloatArray = NDArray[np.float64]
+
+LEAST_FLOW = 0.05
+"""Of a terminal, over the mean terminal's, where flows follow demand."""
+
+NAMED = 5
+"""Points at most that a message names."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Points in the tissue: uniform, or by the tissue's demand.
+
+    Attributes
+    ----------
+    tissue : Tissue
+    dense : bool
+        Points are denser where the demand is higher, and let in as near to the tree as befits.
+    flows : bool
+        Points are uniform, and each terminal's flow follows the demand there.
+    owns : function of (k, 3) float64 to (k,) bool, optional
+        Which points lie in the tree's territory.
+    """
+
+    tissue: Tissue
+    dense: bool
+    flows: bool
+    owns: Callable[[FloatArray], NDArray[np.bool_]] | None
+
+    @classmethod
+    def by(
+        cls,
+        tissue: Tissue,
+        options: GrowthOptions,
+        owns: Callable[[FloatArray], NDArray[np.bool_]] | None,
+    ) -> Sampler:
+        """As the options ask for."""
+        flows = options.terminal_flow == "demand"
+        uneven = not isinstance(tissue.demand, UniformDemand)
+        return cls(tissue, uneven and options.follow_demand and not flows, flows, owns)
+
+    @property
+    def kept(self) -> float:
+        """Part of the points inside that sampling by demand keeps."""
+        return self.tissue.demand.mean_weight if self.dense else 1.0
+
+    def none(self) -> Samples:
+        """No points."""
+        return plain_samples(np.empty((0, 3)))
+
+    def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
+        """Those of so many points in the tissue's bounds that lie inside and are wanted."""
+        low, high = self.tissue.bounds
+        points = random.uniform(low, high, (tries, 3))
+        if self.owns is not None:
+            points = points[self.owns(points)]
+        points = inside(self.tissue.grid.arrays, points, low, high, in_order)
+        if not (self.dense or self.flows):
+            return plain_samples(points)
+        weight, mean = self.tissue.demand.weight(points), self.tissue.demand.mean_weight
+        least = random.uniform(size=len(points)) if self.dense else np.zeros(len(points))
+        wanted = weight > least
+        points, share = points[wanted], weight[wanted] / mean
+        ones = np.ones(len(points))
+        if self.dense:
+            return Samples(points, share ** (-1.0 / 3.0), ones)
+        return Samples(points, ones, np.maximum(share, LEAST_FLOW))
+
+
+@dataclass(frozen=True)
+class GivenPoints:
+    """Points that must all be reached.
+
+    Attributes
+    ----------
+    at : (n, 3) float64, mm
+    flow : (n,) float64
+        Over the mean.
+    stuck : (n,) int64
+        In how many passes each couldn't be reached where none could.
+    """
+
+    at: FloatArray
+    flow: FloatArray
+    stuck: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, tissue: Tissue, options: GrowthOptions) -> GivenPoints | None:
+        """The options' points, or None.
+
+        Raises
+        ------
+        GrowthError
+            When some lie outside the tissue.
+        """
+        if options.terminal_points_mm is None:
+            return None
+        at = np.array(options.terminal_points_mm, dtype=np.float64)
+        flow = np.ones(len(at))
+        if options.terminal_flows is not None:
+            flow = np.array(options.terminal_flows, dtype=np.float64)
+        away = tissue.grid.distance(at)
+        if (away >= 0.0).any():
+            out = np.flatnonzero(away >= 0.0)
+            raise GrowthError(
+                f"{len(out)} of {len(at)} given terminals lie outside the tissue: "
+                f"{_named(at, out, away)} from it; move them inside, or check the file's unit"
+            )
+        return cls(at, flow / flow.mean(), np.zeros(len(at), dtype=np.int64))
+
+    def missing(self, tips: FloatArray) -> NDArray[np.int64]:
+        """Which points no tip (k, 3) has reached."""
+        reached = {tip.tobytes() for tip in np.ascontiguousarray(tips)}
+        return np.array(
+            [n for n, point in enumerate(self.at) if point.tobytes() not in reached], dtype=np.int64
+        )
+
+    def samples(self, which: NDArray[np.int64]) -> Samples:
+        """Some of the points as samples that must be reached."""
+        return Samples(self.at[which], np.zeros(len(which)), self.flow[which])
+
+    def stuck_on(self, which: NDArray[np.int64]) -> int:
+        """Count a pass that reached none of ``which``; the most that any point has failed."""
+        self.stuck[which] += 1
+        return int(self.stuck.max())
+
+    def unreached(self, which: NDArray[np.int64], tissue: Tissue) -> GrowthError:
+        """The error that names the points of ``which`` that failed most, and how deep they lie."""
+        which = which[2 * self.stuck[which] > self.stuck[which].max()]
+        depth = -tissue.grid.distance(self.at)
+        return GrowthError(
+            f"{len(which)} of {len(self.at)} given terminals can't be joined: "
+            f"{_named(self.at, which, depth)} below the surface; move them apart or deeper, "
+            "or ask for thinner vessels or less clearance"
+        )
+
+
+def _named(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> str:
+    parts = [
+        f"number {n} at ({at[n, 0]:.4g}, {at[n, 1]:.4g}, {at[n, 2]:.4g}) mm, {away[n]:.3g} mm"
+        for n in which[:NAMED]
+    ]
+    more = len(which) - NAMED
+    return "; ".join(parts) + (f" (and {more} more)" if more > 0 else "")
+
+
+def in_the_way(segments: Segments, points: FloatArray, most: int) -> NDArray[np.int64]:
+    """Segments nearest to any of the points, ``most`` for each; of those that may go."""
+    free = np.flatnonzero((segments["given"] == 0) & (segments["parent"] >= 0))
+    begin, end = (
+        np.column_stack([segments[f"{side}{axis}"] for axis in "xyz"])[free] for side in "pd"
+    )
+    way = end - begin
+    size = np.maximum((way * way).sum(axis=1), 1e-300)
+    found = []
+    for point in points:
+        along = np.clip(((point - begin) * way).sum(axis=1) / size, 0.0, 1.0)
+        away = np.linalg.norm(point - begin - along[:, None] * way, axis=1)
+        found.append(free[np.argsort(away, kind="stable")[:most]])
+    return np.unique(np.concatenate(found))

@@ -1,0 +1,283 @@
+"""Propose where a new terminal joins the tree: the cheapest place that fits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from design.vasculature.growth.bifurcation import best_place, distance, split_value
+from design.vasculature.growth.cost import ENOUGH, Sprout, climb
+from design.vasculature.growth.fit import fits
+from design.vasculature.growth.index import CellIndex
+from design.vasculature.growth.penalty import PenaltyArrays, weighed
+from design.vasculature.growth.room import Fork, Room
+from design.vasculature.options import Law
+from kernels import jit
+
+TRIED = 4
+"""Of the segments considered the cheapest, for which other places than the best are tried."""
+
+ITERATIONS = 8
+"""Weiszfeld steps at most."""
+
+ON_AXIS = 7
+"""Places tried along a segment that mustn't bend, before the best is refined."""
+
+HALVINGS = 8
+"""Steps in which a place is refined."""
+
+
+@jit
+def trial(
+    segments: Any,
+    i: int,
+    b: Any,
+    t: Any,
+    sprout: Sprout,
+    law: Law,
+) -> tuple[Any, float]:
+    """Fork with its radii, and the rise of the cost, of a terminal at ``t`` by way of ``b``."""
+    s = segments[i]
+    up = distance(s.px, s.py, s.pz, b[0], b[1], b[2])
+    low = distance(b[0], b[1], b[2], s.dx, s.dy, s.dz)
+    new = distance(b[0], b[1], b[2], t[0], t[1], t[2])
+    load, spend, _, _, _, _, _, _, low_load, m = split_value(s, up, low, new, sprout, law)
+    rise, _, _, r_up = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
+    r_low = r_up * np.sqrt(np.sqrt(low_load / m))
+    r_new = r_up * np.sqrt(np.sqrt(sprout.flow * sprout.thick * law.k * new / m))
+    fork = Fork(
+        np.int64(i),
+        b[0],
+        b[1],
+        b[2],
+        t[0],
+        t[1],
+        t[2],
+        r_up,
+        r_low,
+        r_new,
+        sprout.flow,
+        sprout.thick,
+    )
+    return fork, rise
+
+
+@jit
+def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
+    """Whether the new terminal, and the parted segment if it is one, are wide enough."""
+    if fork.new < limit:
+        return False
+    return bool(segments[fork.segment].left >= 0 or fork.low >= limit)
+
+
+@jit
+def estimate(
+    segments: Any,
+    i: int,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """Best place on segment ``i`` by the linear model, and the model's cost there.
+
+    ``place_out`` (3,) receives the place, ``slopes`` (3,) the model: the cost at no load and
+    spend, and its derivatives by the two. A trunk's segment is left on its axis.
+    """
+    s = segments[i]
+    bx = (s.px + s.dx + t[0]) / 3.0
+    by = (s.py + s.dy + t[1]) / 3.0
+    bz = (s.pz + s.dz + t[2]) / 3.0
+    load, spend, _, _, _, _, _, _, _, _ = split_value(
+        s,
+        distance(s.px, s.py, s.pz, bx, by, bz),
+        distance(bx, by, bz, s.dx, s.dy, s.dz),
+        distance(bx, by, bz, t[0], t[1], t[2]),
+        sprout,
+        law,
+    )
+    rise, by_load, by_spend, _ = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
+    slopes[0] = rise - by_load * load - by_spend * spend
+    slopes[1] = by_load
+    slopes[2] = by_spend
+    if s.given != 0:
+        return best_on_axis(segments, s, t, sprout, penalty, place_out, slopes, law)
+    bx, by, bz = best_place(s, t[0], t[1], t[2], by_load, by_spend, ITERATIONS, sprout, law)
+    place_out[0], place_out[1], place_out[2] = bx, by, bz
+    if penalty.on:
+        return best_penalised(segments, s, t, sprout, penalty, place_out, slopes, law)
+    return model(s, place_out, t, slopes, sprout, law)
+
+
+@jit
+def value_at(
+    segments: Any,
+    s: Any,
+    b: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """What place ``b`` is compared by: the model's rise of the cost, a penalty included."""
+    rise = model(s, b, t, slopes, sprout, law)
+    return weighed(penalty, b, segments[0].spend, rise)
+
+
+@jit
+def best_on_axis(
+    segments: Any,
+    s: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """Best place on a segment's axis: the best of some, then halving steps about it."""
+    best, along = np.inf, 0.5
+    step = 1.0 / (ON_AXIS + 1)
+    for n in range(ON_AXIS):
+        at = (n + 1) * step
+        value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+        if value < best:
+            best, along = value, at
+    for _ in range(HALVINGS):
+        step *= 0.5
+        middle = along
+        for at in (middle - step, middle + step):
+            value = value_at(segments, s, along_axis(s, at), t, sprout, penalty, slopes, law)
+            if value < best:
+                best, along = value, at
+    place_out[0], place_out[1], place_out[2] = along_axis(s, along)
+    return best
+
+
+@jit
+def along_axis(s: Any, part: float) -> tuple[float, float, float]:
+    """The point a part of the way along a segment."""
+    return (
+        s.px + part * (s.dx - s.px),
+        s.py + part * (s.dy - s.py),
+        s.pz + part * (s.dz - s.pz),
+    )
+
+
+@jit
+def other_place(s: Any, t: Any, kind: int, at: Any) -> None:
+    """Write the place of a kind (0 to 5) into ``at`` (3,): on the axis, or towards the terminal."""
+    along, pull = 0.25 + 0.25 * (kind % 3), 0.3 * (kind // 3)
+    at[0] = (1.0 - pull) * (s.px + along * (s.dx - s.px)) + pull * t[0]
+    at[1] = (1.0 - pull) * (s.py + along * (s.dy - s.py)) + pull * t[1]
+    at[2] = (1.0 - pull) * (s.pz + along * (s.dz - s.pz)) + pull * t[2]
+
+
+@jit
+def best_penalised(
+    segments: Any,
+    s: Any,
+    t: Any,
+    sprout: Sprout,
+    penalty: PenaltyArrays,
+    place_out: Any,
+    slopes: Any,
+    law: Law,
+) -> float:
+    """From the best place without a penalty to the best with it.
+
+    The better of that and six others, then steps along the axes that halve where none helps.
+    """
+    best = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
+    at = np.empty(3)
+    for kind in range(6):
+        other_place(s, t, kind, at)
+        value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
+        if value < best:
+            best = value
+            place_out[:] = at
+    step = 0.25 * (s.length + distance(place_out[0], place_out[1], place_out[2], t[0], t[1], t[2]))
+    for _ in range(HALVINGS):
+        better = False
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                at[:] = place_out
+                at[axis] += sign * step
+                value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
+                if value < best:
+                    best = value
+                    place_out[:] = at
+                    better = True
+        if not better:
+            step *= 0.5
+    return best
+
+
+@jit
+def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> float:
+    """Cost of place ``b`` by the linear model."""
+    load, spend, _, _, _, _, _, _, _, _ = split_value(
+        s,
+        distance(s.px, s.py, s.pz, b[0], b[1], b[2]),
+        distance(b[0], b[1], b[2], s.dx, s.dy, s.dz),
+        distance(b[0], b[1], b[2], t[0], t[1], t[2]),
+        sprout,
+        law,
+    )
+    return slopes[0] + slopes[1] * load + slopes[2] * spend
+
+
+@jit
+def propose(
+    segments: Any,
+    index: CellIndex,
+    room: Room,
+    penalty: PenaltyArrays,
+    law: Law,
+    limit: float,
+    t: Any,
+    sprout: Sprout,
+    found: Any,
+    size: int,
+) -> tuple[bool, Any]:
+    """The cheapest fork that fits, of the segments ``found[:size]``."""
+    fork = Fork(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    costs = np.full(size, np.inf)
+    places = np.empty((size, 3))
+    slopes = np.empty((size, 3))
+    for n in range(size):
+        # The root's own segment is the stem: it stays as the user placed it.
+        free = found[n] > 0 or segments[0].given != 0
+        if free and segments[found[n]].full == 0:
+            costs[n] = estimate(segments, found[n], t, sprout, penalty, places[n], slopes[n], law)
+    order = np.argsort(costs, kind="mergesort")
+    for n in order:
+        if costs[n] < np.inf:
+            fork, _ = trial(segments, found[n], places[n], t, sprout, law)
+            if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+                return True, fork
+    others = np.empty((TRIED * 6, 3))
+    values = np.full(TRIED * 6, np.inf)
+    for rank in range(min(TRIED, size)):
+        n = order[rank]
+        if costs[n] == np.inf:
+            break
+        s = segments[found[n]]
+        for kind in range(6):
+            if s.given != 0 and kind > 2:
+                continue
+            at = others[rank * 6 + kind]
+            other_place(s, t, kind, at)
+            values[rank * 6 + kind] = value_at(segments, s, at, t, sprout, penalty, slopes[n], law)
+    for n in np.argsort(values, kind="mergesort"):
+        if values[n] == np.inf:
+            break
+        i = found[order[n // 6]]
+        fork, _ = trial(segments, i, others[n], t, sprout, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+            return True, fork
+    return False, fork

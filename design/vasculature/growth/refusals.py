@@ -1,0 +1,28 @@
+"""What is said where growth can't go on."""
+
+from __future__ import annotations
+
+from design.errors import GrowthError
+from design.vasculature.growth.room import Room
+from design.vasculature.growth.step import Scale
+from design.vasculature.options import GrowthOptions
+
+
+def no_room(
+    terminals: int, options: GrowthOptions, scale: Scale, room: Room, patience: int
+) -> GrowthError:
+    """The error that says how many terminals fit, and what might help."""
+    smallest = options.smallest_radius_mm
+    wish = f" of radius {smallest:g} mm or more" if smallest else ""
+    asked, root = scale.goal, scale.root_radius
+    reserved = (
+        f" beside a trunk from {root:.3g} mm radius, reserved because {asked} terminals need it"
+    )
+    limits = ", milder limits on angles or flows" if room.limits.on else ""
+    hint = " (their thinner trunk leaves more room: more than here may then fit)"
+    return GrowthError(
+        f"only {terminals} of {asked} terminals{wish} fit with clearance "
+        f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
+        f"row found no place; ask for fewer terminals{hint if root else ''}, a smaller "
+        f"smallest radius or clearance{limits}"
+    )

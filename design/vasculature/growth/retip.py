@@ -1,0 +1,100 @@
+"""Give terminals that became too thin a new tip: a longer one at the same pressures is wider."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from design.geometry import point_segment
+from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.cost import from_gamma, to_gamma
+from design.vasculature.growth.fit import in_tissue, seven, widening
+from design.vasculature.growth.index import REACH, CellIndex, insert
+from design.vasculature.growth.room import Room, kept_apart, neighbours_of
+from design.vasculature.growth.state import place, refresh, refresh_upwards
+from design.vasculature.growth.within import start_fits
+from design.vasculature.options import Law
+from kernels import jit
+
+
+@jit
+def retip_thin(
+    segments: Any, count: int, index: CellIndex, room: Room, law: Law, points: Any, least: float
+) -> None:
+    """Move each terminal whose allowed radius is 0 to one of ``points`` that makes it wide enough.
+
+    Of the points that fit and give a radius of at least ``least`` (mm) the nearest is taken;
+    where there is none, the terminal stays as it is.
+    """
+    for i in range(1, count):
+        if segments[i].left < 0 and segments[i].allowed == 0.0 and segments[i].given == 0:
+            best = _nearest_tip(segments, i, index, room, law, points, least)
+            if best >= 0:
+                _move_tip(segments, i, index, room, law, points[best])
+
+
+@jit
+def _nearest_tip(
+    segments: Any, i: int, index: CellIndex, room: Room, law: Law, points: Any, least: float
+) -> int:
+    s = segments[i]
+    shortest = np.inf
+    best = -1
+    for n in range(len(points)):
+        t = points[n]
+        length = distance(s.px, s.py, s.pz, t[0], t[1], t[2])
+        if length >= shortest:
+            continue
+        radius = _tip_radius(segments, i, length, law)
+        if radius < least or length < room.length_to_radius * radius:
+            continue
+        if _tip_fits(segments, i, index, room, t, radius):
+            shortest = length
+            best = n
+    return best
+
+
+@jit
+def _tip_radius(segments: Any, i: int, length: float, law: Law) -> float:
+    """Radius that a terminal of this length would have beside its sibling."""
+    parent, sibling, _, _ = neighbours_of(segments, i)
+    load = segments[i].flow * segments[i].thick * law.k * length
+    m = from_gamma(to_gamma(load, law) + to_gamma(segments[sibling].load, law), law)
+    return float(segments[parent].radius * np.sqrt(np.sqrt(load / m)))
+
+
+@jit
+def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radius: float) -> bool:
+    s = segments[i]
+    parent, sibling, _, _ = neighbours_of(segments, i)
+    for n in (parent, sibling):
+        o = segments[n]
+        gap = radius + o.radius + kept_apart(room, radius, o.radius)
+        away, _ = point_segment(t[0], t[1], t[2], o.px, o.py, o.pz, o.dx, o.dy, o.dz)
+        if away < gap:
+            return False
+    o = segments[sibling]
+    gap = radius + o.radius + kept_apart(room, radius, o.radius)
+    away, _ = point_segment(o.dx, o.dy, o.dz, s.px, s.py, s.pz, t[0], t[1], t[2])
+    if away < gap:
+        return False
+    if room.limits.on and not start_fits(segments, room.limits, i, (t[0], t[1], t[2])):
+        return False
+    if not in_tissue(room, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
+        return False
+    skip = seven(i, parent, sibling, -1, -1, -1, -1)
+    free = widening(index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False)
+    return bool(free >= room.reserve)
+
+
+@jit
+def _move_tip(segments: Any, i: int, index: CellIndex, room: Room, law: Law, t: Any) -> None:
+    s = segments[i]
+    place(segments, i, (s.px, s.py, s.pz), (t[0], t[1], t[2]))
+    s.radius = _tip_radius(segments, i, s.length, law)
+    s.allowed = np.inf
+    refresh(segments, i, law)
+    refresh_upwards(segments, s.parent, law)
+    # Without room in the index the audit that follows still sees what meets the new tip.
+    insert(index, i, s, REACH * s.radius + room.clearance)

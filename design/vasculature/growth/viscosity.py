@@ -1,0 +1,89 @@
+r"""Blood's viscosity in narrow vessels, over that in wide ones.
+
+Pries et al. 1994 (doi 10.1161/01.RES.75.5.904), the in vivo law, with D in µm and the discharge
+haematocrit H:
+
+- μ_0.45 = 6 e^(-0.085 D) + 3.2 - 2.44 e^(-0.06 D^0.645)
+- C = (0.8 + e^(-0.075 D)) (-1 + 1/(1 + 10^-11 D^12)) + 1/(1 + 10^-11 D^12)
+- μ(D, H) = μ_plasma [1 + (μ_0.45 - 1) ((1-H)^C - 1)/(0.55^C - 1) s] s,  s = (D/(D - 1.1))²
+
+For D to infinity C = -0.8, μ_0.45 = 3.2 and s = 1. Here μ(D, H)/μ(∞, H) is used, so that the
+viscosity asked for is that of wide vessels: 4 mPa·s at H = 0.45 means a plasma of 1.25 mPa·s. The
+law rests on measurements in vessels of some 4 to 60 µm and on glass tubes up to 1 mm; below 4 µm
+its value at 4 µm is taken.
+"""
+
+from __future__ import annotations
+
+from math import exp, sqrt
+from typing import Any
+
+from design.vasculature.growth.state import refresh_all, spread_down
+from design.vasculature.options import Law
+from kernels import jit
+
+NARROWEST_UM = 4.0
+"""Diameter below which the law isn't followed further."""
+
+SETTLED = 1e-13
+"""Viscosities are settled when none changes by more, relatively."""
+
+ROUNDS = 200
+"""Of settling, at most."""
+
+
+@jit
+def relative_viscosity(radius_mm: float, haematocrit: float) -> float:
+    """Viscosity at a radius over that in wide vessels; 1 for ``haematocrit`` below 0."""
+    if haematocrit < 0.0:
+        return 1.0
+    d = max(2e3 * radius_mm, NARROWEST_UM)
+    at_45 = 6.0 * exp(-0.085 * d) + 3.2 - 2.44 * exp(-0.06 * d**0.645)
+    wide = 1.0 / (1.0 + 1e-11 * d**12)
+    c = (0.8 + exp(-0.075 * d)) * (wide - 1.0) + wide
+    s = (d / (d - 1.1)) ** 2
+    here = (1.0 + (at_45 - 1.0) * _cells(c, haematocrit) * s) * s
+    return float(here / (1.0 + 2.2 * _cells(-0.8, haematocrit)))
+
+
+@jit
+def _cells(c: float, haematocrit: float) -> float:
+    """Dependence on the haematocrit, 1 at 0.45."""
+    return float(((1.0 - haematocrit) ** c - 1.0) / (0.55**c - 1.0))
+
+
+@jit
+def follow_radii(segments: Any, count: int, law: Law) -> tuple[float, float]:
+    """Take every segment's viscosity at its radius, and recompute the tree.
+
+    Returns
+    -------
+    float, float
+        Largest relative change; mean viscosity of the terminals, over μ.
+    """
+    change, total, tips = 0.0, 0.0, 0
+    for i in range(count):
+        s = segments[i]
+        thick = relative_viscosity(s.radius, law.haematocrit)
+        change = max(change, abs(thick / s.thick - 1.0))
+        s.thick = thick
+        if s.left < 0:
+            total += thick
+            tips += 1
+    refresh_all(segments, count, law)
+    return change, total / tips
+
+
+@jit
+def settle_root(segments: Any, count: int, flow_over_drop: float, slack: float, law: Law) -> float:
+    """Radii by the pressure drop, in one pass or until viscosities and radii agree.
+
+    Returns the smallest radius of a terminal.
+    """
+    smallest = 0.0
+    for _ in range(ROUNDS):
+        root = sqrt(sqrt(flow_over_drop * segments[0].load / segments[0].flow))
+        smallest = spread_down(segments, count, root, slack, law)
+        if law.haematocrit < 0.0 or follow_radii(segments, count, law)[0] < SETTLED:
+            break
+    return smallest

@@ -1,0 +1,1 @@
+"""Trees joined to closed loops: terminals matched, ways found, curves laid."""

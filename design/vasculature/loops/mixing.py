@@ -1,0 +1,272 @@
+"""Mixing networks: terminals of three and more trees that meet at shared nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import GrowthError
+from design.network import VesselKind, VesselNetwork
+from design.tissue import Tissue
+from design.vasculature.growth.forest import forest_to_network
+from design.vasculature.loops.connect import Web, empty_capsules, fill_capsules
+from design.vasculature.loops.curve_fit import KIN
+from design.vasculature.loops.loop_options import LoopOptions
+from design.vasculature.loops.loops import (
+    ClosedLoops,
+    joined_at,
+    moved_tips,
+    open_web,
+    polylines,
+    refuse_collisions,
+    refuse_too_many,
+    tip_nodes,
+    tree_ends,
+)
+from design.vasculature.loops.matching import match_terminals
+from design.vasculature.loops.tips import Tips
+from design.vasculature.tree import VesselTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_ROOMIER = (0.0, 2.0, 8.0, 32.0)
+"""Least weights of clearance tried in turn: a mixing node in a narrow place takes no limb."""
+
+_SAME = 1e-9
+"""Part of a connection's length within which two places along it are one."""
+
+
+def mix_trees(
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    kinds: Sequence[VesselKind],
+    options: LoopOptions | None = None,
+) -> ClosedLoops:
+    """Join the terminals of three or more trees, one of each, at mixing nodes.
+
+    The first artery and the first tree that drains (vein or lymph) are closed as in
+    `close_loops`. Every further tree's terminals are joined to the middles of those connections,
+    which become nodes: what several arteries bring mixes there, or one artery's flow is shared
+    by several drains. The limbs of each tree's terminals have the same resistance among
+    themselves, so that with trees of equal terminal pressures every node gets the same shares.
+    Where limbs find no way, all is laid anew with more weight on clearance.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    trees : sequence of VesselTree
+        All with the same number of terminals; they don't touch (`grow_forest`).
+    kinds : sequence of VesselKind
+        Of each; at least one artery and one vein or lymph.
+    options : LoopOptions, optional
+        ``prune_part`` is taken as 0: no node is left without one of its limbs.
+
+    Returns
+    -------
+    ClosedLoops
+        ``connections`` counts the mixing nodes.
+
+    Raises
+    ------
+    GrowthError
+        When there are fewer than three trees, no artery or nothing that drains, numbers of
+        terminals differ, or limbs find no way (with the count).
+    NetworkError
+        When the audit finds collisions (with the count).
+
+    Examples
+    --------
+    Two arteries that both pervade the tissue, and a vein that drains what they mix::
+
+        kinds = [VesselKind.ARTERY, VesselKind.ARTERY, VesselKind.VEIN]
+        wish = GrowthOptions(terminals=40)
+        trees = grow_forest(tissue, [wish, wish, RootSpec(wish, VesselKind.VEIN)])
+        network = mix_trees(tissue, trees, kinds).network
+    """
+    options = options or LoopOptions()
+    order = _order(trees, kinds)
+    for weight in _ROOMIER[:-1]:
+        try:
+            return _mix(tissue, trees, kinds, order, _roomier(options, weight))
+        except GrowthError:
+            continue
+    return _mix(tissue, trees, kinds, order, _roomier(options, _ROOMIER[-1]))
+
+
+def _roomier(options: LoopOptions, weight: float) -> LoopOptions:
+    return replace(options, weight_clearance=max(options.weight_clearance, weight))
+
+
+def _mix(
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    kinds: Sequence[VesselKind],
+    order: Sequence[int],
+    options: LoopOptions,
+) -> ClosedLoops:
+    """One attempt: the first pair's connections, then each further tree's limbs."""
+    ends, vessels = tree_ends(trees)
+    first, second = order[:2]
+    pair = [ends[first], ends[second]]
+    partner = match_terminals(tissue, pair[0].point, pair[1].point)
+    web = open_web(tissue, pair, partner, vessels, options)
+    web.lay_all()
+    refuse_too_many(web, 0, options)
+    half = _halve(web)
+    crowd, nodes = _mixing_nodes(web, half)
+    webs: list[Web] = []
+    for number in order[2:]:
+        partner = match_terminals(tissue, ends[number].point, nodes.point)
+        limbs = open_web(tissue, [ends[number], nodes], partner, crowd, options)
+        limbs.lay_all()
+        refuse_too_many(limbs, 0, options)
+        crowd, nodes = _with_limbs(limbs, nodes)
+        webs.append(limbs)
+    closed = _mixed(web, half, webs, trees, kinds, order)
+    refuse_collisions(closed, options)
+    every = [web, *webs]
+    routed = sum(int(one.routed.sum()) for one in every)
+    return ClosedLoops(closed, len(partner), routed, sum(one.shortened for one in every))
+
+
+def _order(trees: Sequence[VesselTree], kinds: Sequence[VesselKind]) -> list[int]:
+    """Trees in the order they are joined: an artery, a drain, the others."""
+    if len(trees) < 3 or len(kinds) != len(trees):
+        raise GrowthError(
+            f"{len(trees)} trees of {len(kinds)} kinds can't be mixed; give three or more trees "
+            "and the kind of each (two are joined by close_loops)"
+        )
+    sizes = [int((tree.children[:, 0] < 0).sum()) for tree in trees]
+    if len(set(sizes)) > 1:
+        raise GrowthError(
+            f"trees of {', '.join(map(str, sizes))} terminals can't be mixed; grow all with the "
+            "same number"
+        )
+    artery = [n for n, kind in enumerate(kinds) if kind == VesselKind.ARTERY]
+    drain = [n for n, kind in enumerate(kinds) if kind in (VesselKind.VEIN, VesselKind.LYMPH)]
+    if not artery or not drain or len(artery) + len(drain) < len(kinds):
+        raise GrowthError(
+            "mixing takes arteries and veins or lymph, at least one of each that brings and that "
+            f"drains; the kinds given are {', '.join(VesselKind(k).name.lower() for k in kinds)}"
+        )
+    return [artery[0], drain[0], *artery[1:], *drain[1:]]
+
+
+def _halve(web: Web) -> list[int]:
+    """Give each connection a point at half its resistance; its place among the curve's points."""
+    half = []
+    whole = web.rule.length / web.rule.radius**4
+    for n in range(len(web.curve)):
+        # What a terminal lost where it was drawn back is made up for on its own side.
+        lost = web.one.lost(n), web.other.lost(int(web.partner[n]))
+        part = (0.5 * whole + lost[0]) / (whole + sum(lost))
+        curve, at = _with_point(web.curve[n], part)
+        # Best in the place of the point nearest by: two short pieces would crowd the joint.
+        nearest = int(np.argmin(np.linalg.norm(web.curve[n][1:-1] - curve[at], axis=1))) + 1
+        fewer, there = _with_point(np.delete(web.curve[n], nearest, axis=0), part)
+        if len(fewer) == len(web.curve[n]) and there == nearest and web.may_be(n, fewer):
+            curve, at = fewer, there
+        web.alter(n, curve)
+        half.append(at)
+    return half
+
+
+def _with_point(curve: FloatArray, share: float) -> tuple[FloatArray, int]:
+    """A polyline with a point at a share of its length, and which it is."""
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    middle = share * arc[-1]
+    nearest = int(np.argmin(np.abs(arc - middle)))
+    if abs(arc[nearest] - middle) < _SAME * arc[-1]:
+        return curve, nearest
+    at = int(np.searchsorted(arc, middle))
+    part = (middle - arc[at - 1]) / (arc[at] - arc[at - 1])
+    place = curve[at - 1] + part * (curve[at] - curve[at - 1])
+    return np.insert(curve, at, place, axis=0), at
+
+
+def _mixing_nodes(web: Web, half: Sequence[int]) -> tuple[NDArray[np.void], Tips]:
+    """All vessels with the connections laid, and the connections' middles as ends."""
+    crowd, first = _crowd(web)
+    count = len(web.curve)
+    kin, way = np.full((count, KIN), -1, dtype=np.int64), np.zeros((count, KIN))
+    point, ahead = np.empty((count, 3)), np.empty((count, 3))
+    for n, (curve, h) in enumerate(zip(web.curve, half, strict=True)):
+        point[n] = curve[h]
+        across = curve[h + 1] - curve[h - 1]
+        ahead[n] = across / np.linalg.norm(across)
+        at = int(first[n]) + h
+        # The two pieces on either side, nearest first.
+        kin[n, :4] = at - 1, at, at - 2, at + 1
+        way[n, 2] = np.linalg.norm(curve[h] - curve[h - 1])
+        way[n, 3] = np.linalg.norm(curve[h + 1] - curve[h])
+        # A short connection's own terminals.
+        kin[n, 4:6] = web.one.kin[n, 0], web.other.kin[web.partner[n], 0]
+        way[n, 4:6] = 0.5 * np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
+    none = np.zeros(count)
+    return crowd, Tips(point, ahead, kin, way, none, web.radius.copy(), none.copy(), mixing=True)
+
+
+def _with_limbs(web: Web, nodes: Tips) -> tuple[NDArray[np.void], Tips]:
+    """The same after a further tree's limbs were laid: they are kin of their nodes."""
+    crowd, first = _crowd(web)
+    for n, curve in enumerate(web.curve):
+        node, last = int(web.partner[n]), int(first[n]) + len(curve) - 2
+        free = np.flatnonzero(nodes.kin[node] < 0)[:2]
+        ways = np.array([0.0, np.linalg.norm(curve[-1] - curve[-2])])
+        nodes.kin[node, free] = np.array([last, last - 1])[: len(free)]
+        nodes.way[node, free] = ways[: len(free)]
+    return crowd, nodes
+
+
+def _crowd(web: Web) -> tuple[NDArray[np.void], IntArray]:
+    """The fixed vessels of a web and its connections' pieces, and where each connection's begin."""
+    size = np.array([len(curve) - 1 for curve in web.curve])
+    first = web.fixed + np.concatenate([[0], np.cumsum(size)[:-1]])
+    pieces = empty_capsules(int(size.sum()))
+    start = np.concatenate([curve[:-1] for curve in web.curve])
+    end = np.concatenate([curve[1:] for curve in web.curve])
+    fill_capsules(pieces, start, end, np.repeat(web.radius, size))
+    return np.concatenate([web.capsules[: web.fixed], pieces]), first
+
+
+def _mixed(
+    web: Web,
+    half: Sequence[int],
+    webs: Sequence[Web],
+    trees: Sequence[VesselTree],
+    kinds: Sequence[VesselKind],
+    order: Sequence[int],
+) -> VesselNetwork:
+    """Trees, halves of the first connections, and the limbs between trees and their middles."""
+    grown = forest_to_network(trees, kinds)
+    nodes = tip_nodes(trees)
+    sides = [web.one, web.other, *(limbs.one for limbs in webs)]
+    grown = moved_tips(grown, np.concatenate([nodes[n] for n in order]), sides)
+    count, base = len(web.curve), len(grown.nodes)
+    middle = base + np.arange(count)
+    places = np.array([curve[h] for curve, h in zip(web.curve, half, strict=True)])
+    curves = [curve[: h + 1] for curve, h in zip(web.curve, half, strict=True)]
+    curves += [curve[h:] for curve, h in zip(web.curve, half, strict=True)]
+    ends = [
+        np.column_stack([nodes[order[0]], middle]),
+        np.column_stack([middle, nodes[order[1]][web.partner]]),
+    ]
+    radius = [web.radius, web.radius]
+    for number, limbs in zip(order[2:], webs, strict=True):
+        inward = kinds[number] == VesselKind.ARTERY
+        pair = np.column_stack([nodes[number], middle[limbs.partner]])
+        ends.append(pair if inward else pair[:, ::-1])
+        curves += [curve if inward else curve[::-1] for curve in limbs.curve]
+        radius.append(limbs.radius)
+    lines = polylines(
+        curves,
+        np.concatenate(radius),
+        np.concatenate(ends),
+        np.concatenate([grown.nodes, places]),
+        len(trees),
+    )
+    return joined_at(grown, lines)

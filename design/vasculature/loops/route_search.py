@@ -1,0 +1,190 @@
+"""The shortest clear way between two ends on a lattice: A* with lazily checked steps."""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+from typing import Any
+
+import numpy as np
+
+from design.vasculature.growth.index import CellIndex
+from design.vasculature.loops.curve_fit import Ends, Rule, away, heading, piece_clear
+from kernels import jit
+
+NO_WAY, UNDECIDED = 0, -1
+"""What a search says that found none: it saw all there is, or its steps ran out."""
+
+_NEAR = 2.5
+"""Lattice points within this many spacings of an end are joined to it directly."""
+
+_TURN = 0.5
+"""Cosine of the sharpest turn between two steps: sharper ones can't be smoothed."""
+
+_EASE = 8.0
+"""Radii from an end within which the extra width is given up: terminals are crowded."""
+
+
+@jit
+def node_place(node: int, low: Any, shape: Any, cell: float, out: Any) -> None:
+    """Coordinates of a lattice point, mm."""
+    out[2] = low[2] + cell * (node % shape[2])
+    node = node // shape[2]
+    out[1] = low[1] + cell * (node % shape[1])
+    out[0] = low[0] + cell * (node // shape[1])
+
+
+@jit
+def wide_at(radius: float, inflate: float, gone: float, left: float) -> float:
+    """Radius with which a step is checked: ``inflate`` times as wide away from both ends."""
+    return radius * min(inflate, 1.0 + min(gone, left) / (_EASE * radius))
+
+
+@jit
+def search(
+    ends: Ends,
+    radius: float,
+    inflate: float,
+    low: Any,
+    shape: Any,
+    cell: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+    most: int,
+    path: Any,
+) -> int:
+    """Shortest clear way from end to end over a lattice with 26 neighbours to each point.
+
+    A* (Hart, Nilsson & Raphael 1968, doi 10.1109/TSSC.1968.300136), distance to the far end as
+    the heuristic. A step is checked only when it would be taken: checks cost far more than the
+    heap. First and last steps keep within the rule's kink.
+
+    Parameters
+    ----------
+    radius : float, mm
+        Of the vessel that is to go the way.
+    inflate : float
+        Room kept, as a multiple of it.
+    low : (3,) float64, mm
+        Lattice point (0, 0, 0).
+    shape : (3,) int64
+    cell : float, mm
+    most : int
+        Steps checked at most.
+    path : (k, 3) float64, mm
+        Receives the way, ends included.
+
+    Returns
+    -------
+    int
+        Points of the way; `NO_WAY`, or `UNDECIDED` after ``most`` steps.
+    """
+    total = shape[0] * shape[1] * shape[2]
+    until = len(capsules)
+    gone = np.full(total + 1, np.inf)
+    came = np.full(total + 1, -2, np.int64)
+    state = np.zeros(total, np.int8)
+    here, there = np.empty(3), np.empty(3)
+    here[:], there[:] = ends.point[0], ends.point[0]
+    goal = ends.point[1]
+    # Typed by an entry that is taken out again.
+    heap = [(0.0, 0.0, -1, -1)]
+    heap.pop()
+    reach = int(_NEAR) + 1
+    centre = np.empty(3, np.int64)
+    for x in range(3):
+        centre[x] = round((here[x] - low[x]) / cell)
+    for i in range(max(0, centre[0] - reach), min(shape[0], centre[0] + reach + 1)):
+        for j in range(max(0, centre[1] - reach), min(shape[1], centre[1] + reach + 1)):
+            for k in range(max(0, centre[2] - reach), min(shape[2], centre[2] + reach + 1)):
+                node = (i * shape[1] + j) * shape[2] + k
+                node_place(node, low, shape, cell, there)
+                far = away(here, there)
+                if far <= _NEAR * cell and heading(ends, 0, here, there) >= rule.straight:
+                    heappush(heap, (far + away(there, goal), far, node, -1))
+    steps = 0
+    while len(heap) > 0:
+        _, g, node, before = heappop(heap)
+        if came[node] != -2:
+            continue
+        steps += 1
+        if steps > most:
+            return UNDECIDED
+        if before < 0:
+            here[:] = ends.point[0]
+        else:
+            node_place(before, low, shape, cell, here)
+        if node == total:
+            there[:] = goal
+        else:
+            node_place(node, low, shape, cell, there)
+        start = gone[before] if before >= 0 else 0.0
+        left = away(there, goal)
+        wide = wide_at(radius, inflate, min(start, g), min(left, away(here, goal)))
+        if not piece_clear(ends, here, there, start, left, wide, rule, index, capsules, until):
+            continue
+        if hairpin(ends, came, before, low, shape, cell, there):
+            continue
+        came[node], gone[node] = before, g
+        if node == total:
+            return trace(came, node, low, shape, cell, ends, path)
+        if left <= _NEAR * cell and heading(ends, 1, goal, there) >= rule.straight:
+            heappush(heap, (g + left, g + left, total, node))
+        c = node % shape[2]
+        b = (node // shape[2]) % shape[1]
+        a = node // (shape[1] * shape[2])
+        for i in range(max(0, a - 1), min(shape[0], a + 2)):
+            for j in range(max(0, b - 1), min(shape[1], b + 2)):
+                for k in range(max(0, c - 1), min(shape[2], c + 2)):
+                    other = (i * shape[1] + j) * shape[2] + k
+                    if came[other] != -2 or state[other] == 2:
+                        continue
+                    node_place(other, low, shape, cell, here)
+                    onward = away(here, goal)
+                    far = g + away(here, there)
+                    if state[other] == 0:
+                        wide = wide_at(radius, inflate, far, onward)
+                        free = piece_clear(
+                            ends, here, here, far, onward, wide, rule, index, capsules, until
+                        )
+                        state[other] = 1 if free else 2
+                        if not free:
+                            continue
+                    heappush(heap, (far + onward, far, other, node))
+    return NO_WAY
+
+
+@jit
+def hairpin(
+    ends: Ends, came: Any, node: int, low: Any, shape: Any, cell: float, onward: Any
+) -> bool:
+    """Whether a step from ``node`` to ``onward`` turns too sharply from the one before."""
+    if node < 0:
+        return False
+    here, there = np.empty(3), np.empty(3)
+    node_place(node, low, shape, cell, here)
+    if came[node] < 0:
+        there[:] = ends.point[0]
+    else:
+        node_place(came[node], low, shape, cell, there)
+    dot = 0.0
+    for x in range(3):
+        dot += (here[x] - there[x]) * (onward[x] - here[x])
+    return dot < _TURN * away(here, there) * away(here, onward)
+
+
+@jit
+def trace(came: Any, node: int, low: Any, shape: Any, cell: float, ends: Ends, path: Any) -> int:
+    """Write the way that ends at the goal's ``node``; `NO_WAY` where it has no room."""
+    count, at = 2, came[node]
+    while at >= 0:
+        count += 1
+        at = came[at]
+    if count > len(path):
+        return NO_WAY
+    path[0], path[count - 1] = ends.point[0], ends.point[1]
+    at = came[node]
+    for n in range(count - 2, 0, -1):
+        node_place(at, low, shape, cell, path[n])
+        at = came[at]
+    return count

@@ -1,0 +1,175 @@
+"""A composite cubic through a way: uniform B-spline, relaxed where its vessels stay clear."""
+
+from __future__ import annotations
+
+from math import acos
+from typing import Any
+
+import numpy as np
+
+from design.vasculature.growth.index import CellIndex
+from design.vasculature.loops.curve_fit import (
+    APART,
+    Ends,
+    Rule,
+    away,
+    heading,
+    piece_clear,
+    radius_for,
+)
+from design.vasculature.loops.curves import bezier, tightest_bend
+from design.vasculature.loops.route_search import wide_at
+from kernels import jit
+
+_PER_SPAN = 8
+"""Points of a span of which some become the polyline's."""
+
+_TURN = 0.35
+"""By how much a curve turns within a piece, radians."""
+
+_LONGEST = 10.0
+"""Length of a straight piece over its radius, unless there are too many."""
+
+_SPARE = 1.15
+"""Width, over the connection's, with which a spline is relaxed: pieces cut its bends."""
+
+_CHECKED = 4
+"""Pieces of a span that are checked while relaxing."""
+
+
+@jit
+def span(control: Any, i: int, out: Any) -> None:
+    """Bézier control points (4, 3) of the B-spline's part between controls i and i + 1.
+
+    Beyond an end the controls go on as mirrored at it, so that the curve passes through its ends
+    along the first and last leg without curvature.
+    """
+    last = len(control) - 1
+    for x in range(3):
+        q, r = control[i, x], control[i + 1, x]
+        p = control[i - 1, x] if i > 0 else 2.0 * q - r
+        s = control[i + 2, x] if i + 1 < last else 2.0 * r - q
+        out[0, x] = (p + 4.0 * q + r) / 6.0
+        out[1, x] = (2.0 * q + r) / 3.0
+        out[2, x] = (q + 2.0 * r) / 3.0
+        out[3, x] = (q + 4.0 * r + s) / 6.0
+
+
+@jit
+def spline_points(
+    control: Any, ends: Ends, rule: Rule, most: int, points: Any
+) -> tuple[int, float]:
+    """Write a spline's polyline; return its pieces, at most ``most``, and least bend, mm.
+
+    A piece ends where the curve has turned by `_TURN` since it began, or gets too long; but it
+    has the least length that keeps the pieces before and after it apart (see `stations`).
+    """
+    dense = (len(control) - 1) * _PER_SPAN + 1
+    line, arc = np.empty((dense, 3)), np.zeros(dense)
+    part = np.empty((4, 3))
+    bend = np.inf
+    line[0] = ends.point[0]
+    for n in range(1, dense):
+        i, m = divmod(n - 1, _PER_SPAN)
+        span(control, i, part)
+        if m == 0:
+            bend = min(bend, tightest_bend(part))
+        bezier(part, (m + 1) / _PER_SPAN, line[n])
+        arc[n] = arc[n - 1] + away(line[n - 1], line[n])
+    length = arc[dense - 1]
+    radius = radius_for(length, ends, rule)
+    kept = max(rule.clearance, rule.ratio * radius)
+    shortest = APART * (radius + ends.radius[0] + kept)
+    last = APART * (radius + ends.radius[1] + kept)
+    longest = max(1.5 * length / most, _LONGEST * radius)
+    count, begun, turn = 0, 0.0, 0.0
+    points[0] = ends.point[0]
+    for n in range(1, dense - 1):
+        turn += turning(line[n - 1], line[n], line[n + 1])
+        size = arc[n] - begun
+        if length - arc[n] < last or count == most - 1:
+            break
+        if size >= shortest and (turn >= _TURN or size + arc[n + 1] - arc[n] > longest):
+            count += 1
+            points[count] = line[n]
+            begun, turn = arc[n], 0.0
+            shortest = APART * (2.0 * radius + kept)
+    count += 1
+    points[count] = ends.point[1]
+    return count, bend
+
+
+@jit
+def turning(a: Any, b: Any, c: Any) -> float:
+    """Angle between the ways from a to b and from b to c, radians."""
+    dot = 0.0
+    for x in range(3):
+        dot += (b[x] - a[x]) * (c[x] - b[x])
+    return acos(max(-1.0, min(1.0, dot / max(away(a, b) * away(b, c), 1e-300))))
+
+
+@jit
+def spans_clear(
+    control: Any,
+    first: int,
+    last: int,
+    arc: Any,
+    ends: Ends,
+    radius: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+) -> bool:
+    """Whether spans ``first`` to ``last`` are in the tissue and clear of all vessels."""
+    part = np.empty((4, 3))
+    here, there = np.empty(3), np.empty(3)
+    length = arc[len(control) - 1]
+    for i in range(max(first, 0), min(last, len(control) - 2) + 1):
+        span(control, i, part)
+        here[:] = part[0]
+        for n in range(_CHECKED):
+            bezier(part, (n + 1) / _CHECKED, there)
+            step = (arc[i + 1] - arc[i]) / _CHECKED
+            gone = arc[i] + n * step
+            left = length - gone - step
+            wide = wide_at(radius, _SPARE, gone, left)
+            if not piece_clear(
+                ends, here, there, gone, left, wide, rule, index, capsules, len(capsules)
+            ):
+                return False
+            here[:] = there
+    return True
+
+
+@jit
+def relax(
+    control: Any,
+    sweeps: int,
+    ends: Ends,
+    radius: float,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+) -> None:
+    """Draw each inner control towards its neighbours' middle, as far as its spans stay clear."""
+    last = len(control) - 1
+    arc = np.zeros(last + 1)
+    kept = np.empty(3)
+    for _ in range(sweeps):
+        for n in range(last):
+            arc[n + 1] = arc[n] + away(control[n], control[n + 1])
+        for i in range(1, last):
+            kept[:] = control[i]
+            for part in (0.8, 0.3):
+                for x in range(3):
+                    middle = 0.5 * (control[i - 1, x] + control[i + 1, x])
+                    control[i, x] = kept[x] + part * (middle - kept[x])
+                turned = (i == 1 and heading(ends, 0, control[0], control[1]) < rule.straight) or (
+                    i == last - 1
+                    and heading(ends, 1, control[last], control[last - 1]) < rule.straight
+                )
+                if not turned and spans_clear(
+                    control, i - 2, i + 1, arc, ends, radius, rule, index, capsules
+                ):
+                    break
+                control[i] = kept
