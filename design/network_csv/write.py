@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import csv
-import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from design.errors import NetworkError
-from design.files import write_text
+from design.files import replacing
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_csv.pieces import COLUMNS, GAP_MM
+
+_ROWS = 100_000
+"""Rows made at a time: as Python's numbers they take ten times the network's own memory."""
+
+_KINDS = np.array([kind.name.lower() for kind in VesselKind])
 
 
 def write_network_csv(path: Path, network: VesselNetwork) -> None:
@@ -32,7 +37,19 @@ def write_network_csv(path: Path, network: VesselNetwork) -> None:
     vessel_of_point = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
     first = np.flatnonzero(vessel_of_point[:-1] == vessel_of_point[1:])
     vessel = vessel_of_point[first]
-    kind_names = np.array([kind.name.lower() for kind in VesselKind])
+    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+        # The csv module writes floats by repr, the shortest text that gives the same bits.
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for begin in range(0, len(first), _ROWS):
+            at = first[begin : begin + _ROWS]
+            writer.writerows(_rows(network, vessel[begin : begin + _ROWS], at, number, points))
+
+
+def _rows(
+    network: VesselNetwork, vessel: IntArray, first: IntArray, number: IntArray, points: FloatArray
+) -> Iterator[tuple[object, ...]]:
+    """The pieces that begin at the points ``first``, as the file has them."""
     columns: list[list[object]] = [
         vessel.tolist(),
         number[first].tolist(),
@@ -41,15 +58,10 @@ def write_network_csv(path: Path, network: VesselNetwork) -> None:
         *points[first + 1].T.tolist(),
         network.radius[first].tolist(),
         network.radius[first + 1].tolist(),
-        kind_names[network.kind[vessel]].tolist(),
+        _KINDS[network.kind[vessel]].tolist(),
         network.tree[vessel].tolist(),
     ]
-    out = io.StringIO()
-    # The csv module writes floats by repr, the shortest text that gives the same bits.
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(zip(*columns, strict=True))
-    write_text(path, out.getvalue())
+    return zip(*columns, strict=True)
 
 
 def _ends(network: VesselNetwork) -> IntArray:
