@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test lint bench bench-vasculature bench-tissue clean
+.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -29,6 +29,10 @@ bench-vasculature: $(VENV)/.ready
 # Minutes: how exact and fast tissues answer, and a battery of them.
 bench-tissue: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.tissue
+
+# Minutes: every promise of the printer link, on the simulated printer; BENCH="--quick" for one or two.
+bench-link: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.link $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

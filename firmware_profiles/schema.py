@@ -56,7 +56,10 @@ class Printer(Facts):
     E is the plunger's travel in mm on every printer of ours.
     """
 
-    firmware: Literal["marlin"] = Field(description="Firmware family, which sets the protocol.")
+    firmware: Literal["marlin", "prusa", "reprapfirmware", "klipper", "smoothieware"] = Field(
+        description="Firmware family, which sets the protocol. All but marlin are built after "
+        "public sources and not verified against a real recording."
+    )
     baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
     x_mm: Span
     y_mm: Span
@@ -88,6 +91,19 @@ class Printer(Facts):
     safe_state_on: tuple[str, ...] = Field(
         default=(), description="What must stay on after a stop (cooling of ink and bath)."
     )
+    starting_values: tuple[str, ...] = Field(
+        default=(),
+        description="Keys whose numbers have no source: measure them, or compare with the "
+        "printer's own, before the first print.",
+    )
+
+    @model_validator(mode="after")
+    def _starting_values_are_keys(self) -> Printer:
+        for name in self.starting_values:
+            key, _, axis = name.partition(".")
+            if key not in type(self).model_fields or (axis and axis not in Axes.model_fields):
+                raise ValueError(f"starting_values names {name!r}, which is no key of a printer")
+        return self
 
 
 class Needle(Facts):

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError, load
+from sim.dialects import simulated_printer
 from sim.errors import ServeError, SimError
-from sim.marlin import MarlinPrinter
 from sim.marlin_board import Board, parse_fault
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving
@@ -25,7 +25,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line's options."""
     options = argparse.ArgumentParser(
         prog="python -m sim",
-        description="A simulated Marlin printer. Its port's address is the first line it prints.",
+        description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
+        "address is the first line it prints.",
     )
     options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
     port = options.add_mutually_exclusive_group()
@@ -47,7 +48,8 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="KIND@LINE",
-        help="unplug, reset, kill or drop_ok when the firmware takes line number LINE; repeatable",
+        help="unplug, reset, kill, drop_ok or runaway when the firmware takes line number LINE; "
+        "repeatable",
     )
     options.add_argument(
         "--no-thermistors", action="store_true", help="temperature inputs aren't wired"
@@ -71,8 +73,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(arguments)
     try:
-        printer = MarlinPrinter(
-            load(Printer, given.printer),
+        profile = load(Printer, given.printer)
+        printer = simulated_printer(profile)(
+            profile,
             given.start,
             Board(thermistors=not given.no_thermistors),
             tuple(parse_fault(text) for text in given.fault),

@@ -18,6 +18,10 @@ ROOM_C: Final = 21.0
 UNWIRED_C: Final = -15.0
 """What a thermistor input reads that nothing is connected to."""
 FULL_DUTY: Final = 127
+RUNAWAY_S: Final = 40.0
+RUNAWAY_C: Final = 4.0
+"""THERMAL_PROTECTION_PERIOD and _HYSTERESIS as Marlin's default configuration has them
+(Configuration_adv.h)."""
 
 
 @dataclass
@@ -32,12 +36,15 @@ class Heater:
         τ of warming and cooling.
     wired : bool
         Whether its thermistor is connected.
+    powered : bool
+        Whether power reaches it when it is switched on.
     """
 
     hottest_c: float
     time_constant_s: float
     wired: bool = True
     target_c: float = 0.0
+    powered: bool = True
     _since_s: float = field(default=0.0, repr=False)
     _from_c: float = field(default=ROOM_C, repr=False)
 
@@ -46,6 +53,21 @@ class Heater:
         self._from_c = self._true(now)
         self._since_s = now
         self.target_c = target_c
+
+    def lose_power(self, now: float) -> None:
+        """From ``now`` on, s, it only cools; the firmware doesn't know."""
+        self._from_c = self._true(now)
+        self._since_s = now
+        self.powered = False
+
+    def runs_away_at(self) -> float:
+        """When thermal protection stops it, s; infinity where it has its power or is off.
+
+        `RUNAWAY_S` after the temperature fell by `RUNAWAY_C` below a target that it had reached.
+        """
+        if self.powered or self.target_c <= ROOM_C:
+            return math.inf
+        return self.reaches_at(self.target_c - RUNAWAY_C) + RUNAWAY_S
 
     def read(self, now: float) -> float:
         """Temperature that the firmware sees, °C."""
@@ -70,7 +92,7 @@ class Heater:
         return self._since_s - self.time_constant_s * math.log(share)
 
     def _end(self) -> float:
-        return self.hottest_c if self._from_c < self.target_c else ROOM_C
+        return self.hottest_c if self.powered and self._from_c < self.target_c else ROOM_C
 
     def _true(self, now: float) -> float:
         end = self._end()
@@ -78,4 +100,4 @@ class Heater:
         free = end + (self._from_c - end) * decay
         if end == self.hottest_c:
             return min(free, self.target_c)
-        return max(free, self.target_c) if self.target_c > ROOM_C else free
+        return max(free, self.target_c) if self.powered and self.target_c > ROOM_C else free

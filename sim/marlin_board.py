@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.errors import ServeError
 
-FaultKind = Literal["unplug", "reset", "kill", "drop_ok"]
+FaultKind = Literal["unplug", "reset", "kill", "drop_ok", "runaway"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,11 @@ class Board:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong when the firmware takes line ``line`` (its N word)."""
+    """Something that goes wrong when the firmware takes line ``line`` (its N word).
+
+    ``runaway``: the hotend's heater loses its power while the firmware believes it is on, which
+    its thermal protection finds.
+    """
 
     kind: FaultKind
     line: int

@@ -10,25 +10,24 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from typing import Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from sim.gcode import Command, command_of, split_line
-from sim.gcode_modal import BAD, arc_points, interpret, speed
+from sim.gcode_modal import BAD, interpret, speed
 from sim.gcode_words import WORDS
+from sim.marlin_arc import arc_of
 from sim.marlin_board import Board, Fault, FaultKind
-from sim.marlin_codes import is_known
-from sim.marlin_commands import HANDLERS
+from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader, Refused
 from sim.marlin_machine import Machine, Place, Task, Wait
 from sim.marlin_tells import planned_position
 from sim.marlin_texts import BANNER
 from sim.marlin_waits import Steps, quickstop
 from sim.marlin_wire import Wire
-from sim.planner_state import Records
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
@@ -73,7 +72,6 @@ class MainLoop:
         self._command = b""
         self._answered = False
         self._busy_at = math.inf
-        self._sensor_fault_at = math.inf
         self._hush = False
 
     # -- reset and kill
@@ -84,18 +82,32 @@ class MainLoop:
         self._forget()
         self.lines.clear()
         self.machine.power_up()
-        for line in BANNER:
+        for line in self.banner:
             self.machine.say(line)
 
     def kill(self, reason: str) -> None:
         """Stop everything and fall silent."""
         self.machine.stop()
         self.machine.heaters_off()
+        self.say_halted(reason)
+        self._forget()
+        self.machine.dead = True
+
+    # -- what dialects say otherwise
+
+    handlers: ClassVar[Mapping[str, Handler]] = HANDLERS
+    too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
+    banner: ClassVar[tuple[str, ...]] = BANNER
+
+    def say_unknown(self, command: Command) -> None:
+        """There is no such command."""
+        self.machine.say(b'echo:Unknown command: "' + command.text + b'"')
+
+    def say_halted(self, reason: str) -> None:
+        """It stops for good."""
         self.machine.say(f"echo:{reason}")
         self.machine.say("Error:Printer halted. kill() called!")
         self.machine.say("//action:poweroff")
-        self._forget()
-        self.machine.dead = True
 
     # -- what commands need
 
@@ -117,10 +129,6 @@ class MainLoop:
     def hold_busy(self) -> None:
         """Say nothing of being busy until the present command is done."""
         self._busy_at = math.inf
-
-    def sensor_fails_at(self, time: float) -> None:
-        """A heater was switched on whose thermistor reads nonsense."""
-        self._sensor_fault_at = min(self._sensor_fault_at, time)
 
     # -- the general road
 
@@ -163,7 +171,7 @@ class MainLoop:
         """When the main loop next has something to say or do of its own, s."""
         machine = self.machine
         reports = machine.reports
-        soon = min(reports.temperature_at, reports.position_at, self._sensor_fault_at)
+        soon = min(reports.temperature_at, reports.position_at, machine.heat_alarm().at)
         if self._tasks:
             soon = min(soon, self._busy_at)
         if machine.idle_limit_s > 0:
@@ -230,6 +238,8 @@ class MainLoop:
             self.kill("THERMAL RUNAWAY")
         elif fault == "unplug":
             self.unplugged = True
+        elif fault == "runaway":
+            self.machine.hotend.lose_power(self.machine.now)
         else:
             self._mute.add(number)
         return fault in ("reset", "kill")
@@ -255,9 +265,10 @@ class MainLoop:
         machine = self.machine
         reports = machine.reports
         now = machine.now
-        if now >= self._sensor_fault_at:
-            machine.say("Error:MINTEMP triggered, system stopped! Heater_ID: E0")
-            self.kill("Err: MINTEMP")
+        heat = machine.heat_alarm()
+        if now >= heat.at:
+            machine.say(f"Error:{heat.error}, system stopped! Heater_ID: E0")
+            self.kill(heat.reason)
             return
         if self._tasks and now >= self._busy_at:
             machine.say(f"echo:busy: {self._tasks[-1][1].busy}")
@@ -299,11 +310,10 @@ class MainLoop:
         if command.letter == "T":
             return None
         name = f"{command.letter}{command.number}"
-        if not is_known(command.letter, command.number):
-            shown = b'echo:Unknown command: "' + command.text + b'"'
-            self.machine.say(shown)
-            return None
-        return HANDLERS[name](self, command)
+        if name in self.handlers:
+            return self.handlers[name](self, command)
+        self.say_unknown(command)
+        return None
 
     def _move(self, command: Command) -> Task:
         machine = self.machine
@@ -318,7 +328,7 @@ class MainLoop:
             machine.set_plunger(float(target[3]))
         points = target[None]
         if command.number >= 2:
-            points = _arc(begin, target, self.words, float(machine.modal["unit"][0]))
+            points = arc_of(begin, target, self.words, float(machine.modal["unit"][0]))
         feed = float(speed(machine.modal[0]))
         for point in points:
             yield Place()
@@ -328,7 +338,7 @@ class MainLoop:
     def _no_extrusion(self, travel_mm: float) -> bool:
         """Whether the firmware drops the plunger's part of a move; it says why."""
         if self.machine.too_cold:
-            self.machine.say("echo: cold extrusion prevented")
+            self.machine.say(self.too_cold_words)
             return True
         if travel_mm > _LONGEST_EXTRUSION_MM:
             self.machine.say("echo: too long extrusion prevented")
@@ -384,15 +394,3 @@ class MainLoop:
         self._mute.clear()
         self._hush = False
         self._busy_at = math.inf
-        self._sensor_fault_at = math.inf
-
-
-def _arc(
-    begin: NDArray[np.float64], target: NDArray[np.float64], words: Records, unit: float
-) -> NDArray[np.float64]:
-    points = np.empty((256, 4))
-    count = arc_points(begin, target, words[0], unit, points)
-    if count > len(points):
-        points = np.empty((count, 4))
-        arc_points(begin, target, words[0], unit, points)
-    return points[:count]

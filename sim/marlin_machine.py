@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
@@ -136,6 +137,18 @@ class JobTimer:
         return self.gathered_s + running
 
 
+@dataclass(frozen=True)
+class HeatAlarm:
+    """When a heater makes the firmware stop, s, and what it says then."""
+
+    at: float = math.inf
+    error: str = ""
+    reason: str = ""
+
+
+_NO_ALARM: Final = HeatAlarm()
+
+
 @dataclass
 class Machine:
     """Clock, motors, heaters and settings of the board.
@@ -190,6 +203,7 @@ class Machine:
         self.stalled_until = 0.0
         self.waits_for_user = False
         self.waits_for_heat = False
+        self.sensor_fault_at = math.inf
         self.debug = 0
         self.filament_mm = 1.75
         self.home_offset = [0.0, 0.0, 0.0]
@@ -268,8 +282,21 @@ class Machine:
 
     def heaters_off(self) -> None:
         """Switch both heaters off."""
+        self.sensor_fault_at = math.inf
         self.hotend.set_target(self.now, 0.0)
         self.bed.set_target(self.now, 0.0)
+
+    def sensor_fails_at(self, time: float) -> None:
+        """A heater was switched on whose thermistor reads nonsense."""
+        self.sensor_fault_at = min(self.sensor_fault_at, time)
+
+    def heat_alarm(self) -> HeatAlarm:
+        """The next stop because of a heater."""
+        if math.isfinite(self.sensor_fault_at):
+            return HeatAlarm(self.sensor_fault_at, "MINTEMP triggered", "Err: MINTEMP")
+        if self.hotend.powered:
+            return _NO_ALARM
+        return HeatAlarm(self.hotend.runs_away_at(), "Thermal Runaway", "THERMAL RUNAWAY")
 
     @property
     def too_cold(self) -> bool:

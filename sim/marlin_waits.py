@@ -82,7 +82,7 @@ def m104(board: MainLoop, command: Command) -> None:
     if target is not None:
         heater.set_target(board.machine.now, target)
         if not heater.wired and target > 0:
-            board.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
+            board.machine.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
 
 
 def m109(board: MainLoop, command: Command) -> Iterator[Wait]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
@@ -86,9 +86,10 @@ class Channel:
         self._wishes: deque[str] = deque()
         self._commands: deque[tuple[bytes, Callable[[tuple[bytes, ...]], None]]] = deque()
         self._next_note = 0.0
-        self._noted = 0
+        self._noted = self._checked = self._errors_seen = 0
         self._alarms = 0
         self._fault = ""
+        self._final: Status | None = None
         self._journal_lost = self._resumed = self._unverified = False
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
@@ -142,6 +143,8 @@ class Channel:
     @property
     def status(self) -> Status:
         """The print as it stands."""
+        if self._final is not None:
+            return self._final
         done = self.protocol.lines_done
         return Status(
             state=self._state,
@@ -357,10 +360,15 @@ class Channel:
         self._record("alarm", text=text)
 
     def _record_end(self, over: Over) -> Status:
-        self._state, self._message = over.state, over.message
-        values: dict[str, Any] = self.status.to_dict()
-        values.update(position_known=over.known, error=over.error)
-        status = Status.from_dict(values)
+        # Whoever asks meanwhile must see the print either running or ended with all that is known.
+        status = replace(
+            self.status,
+            state=over.state,
+            message=over.message,
+            position_known=over.known,
+            error=over.error,
+        )
+        self._state, self._final = over.state, status
         self._record(
             "end",
             state=status.state,

@@ -118,6 +118,8 @@ class PrintClient:
         for message in self._messages(_ANSWER_LIMIT_S):
             if message["event"] == "status":
                 self._last = Status.from_dict(message)
+                if self._last.ended:
+                    self.detach()
                 if message.get("asked") or self._last.ended:
                     return self._last
         if self._reach():
@@ -128,6 +130,7 @@ class PrintClient:
     def events(self) -> Iterator[Status]:
         """Give each status as it comes; the last one has ended."""
         if self._last is not None and self._last.ended:
+            self.detach()
             yield self._last
             return
         while self._reach():
@@ -164,6 +167,7 @@ class PrintClient:
             else:
                 if time.monotonic() >= limit:
                     raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
+        self.detach()
         return PrintOutcome.of(self._last)
 
     # --- the wire --------------------------------------------------------------------------

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from firmware_profiles import Printer
 
 _CAP = re.compile(rb"Cap:(\w+):(\d)$")
-_STEPS = re.compile(rb"([XYZE])(\d+\.\d+)")
+_NAME = re.compile(rb"FIRMWARE_NAME: ?(.*?)(?:,? [A-Z-]+_[A-Z_]+:.*|,? ELECTRONICS:.*)?$")
+_STEPS = re.compile(rb"([XYZE]):? ?(\d+\.\d+)")
 
 
 @dataclass(frozen=True)
@@ -26,19 +27,17 @@ class Firmware:
     name: str = ""
     capabilities: dict[str, bool] = field(default_factory=dict)
 
-    @property
-    def is_marlin(self) -> bool:
-        """Whether it calls itself Marlin (forks do)."""
-        return "marlin" in self.name.lower()
+    def is_a(self, says: str) -> bool:
+        """Whether its name contains ``says``, as every family's does (Marlin's forks too)."""
+        return says in self.name.lower()
 
 
 def parse_firmware(replies: Sequence[bytes]) -> Firmware:
     """Read the reply to M115."""
     name, capabilities = "", {}
     for text in replies:
-        if text.startswith(b"FIRMWARE_NAME:"):
-            said = text.removeprefix(b"FIRMWARE_NAME:")
-            name = said.split(b" SOURCE_CODE_URL")[0].decode("ascii", "replace")
+        if said := _NAME.search(text):
+            name = said[1].decode("ascii", "replace")
         elif found := _CAP.match(text):
             capabilities[found[1].decode()] = found[2] == b"1"
     return Firmware(name, capabilities)
@@ -62,7 +61,7 @@ def differences(firmware: Firmware, steps: Sequence[bytes], printer: Printer) ->
             f"{'on' if printer.emergency_parser else 'off'} in the profile"
         )
     for text in steps:
-        if b"M92" in text:
+        if b"M92" in text or text.startswith(b"Steps/mm:"):
             for axis, value in _STEPS.findall(text):
                 expected = getattr(printer.steps_per_mm, axis.decode().lower())
                 if abs(float(value) - expected) > 0.006:

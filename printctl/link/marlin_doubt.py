@@ -82,6 +82,8 @@ class Doubt:
         The command in flight.
     conclusive : bool
         Whether "taken" alone will do as acknowledgement, because an ok can't come any more.
+    two_resends : bool
+        Whether the answer to a question is twice the same ``Resend``, each without an ok.
     last, resend : int
         The answer to the last question: ``Last Line`` and ``Resend``; -1 until heard.
     confirmed : int
@@ -98,6 +100,7 @@ class Doubt:
     number: int = 0
     flight: bytes | None = None
     conclusive: bool = False
+    two_resends: bool = False
     last: int = -1
     resend: int = -1
     confirmed: int = -1
@@ -126,8 +129,12 @@ class Doubt:
         kind = reply.kind
         if kind is Kind.OK:
             self._hear_ok(reply)
-        elif kind is Kind.RESEND:
+        elif kind is Kind.RESEND and not self.two_resends:
             self.resend, self._foreign_ok = reply.number, True
+        elif kind is Kind.RESEND and self.last < 0:
+            self.last = reply.number - 1
+        elif kind is Kind.RESEND:
+            self.resend = reply.number
         elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
             self.last = reply.number
         elif kind is Kind.UNKNOWN_COMMAND:

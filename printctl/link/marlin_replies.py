@@ -56,6 +56,7 @@ _OK = re.compile(rb"ok(?: N(\d+)(?: P\d+)?(?: B\d+)?| P\d+ B\d+| T:.*| [ BC]:?.*
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
 _LAST_LINE = re.compile(rb"Error:.*Last Line: (\d+)$")
 _UNKNOWN = re.compile(rb'echo:Unknown command: "(.*)"$', re.DOTALL)
+_UNKNOWN_PRUSA = re.compile(rb"(?:echo:)?Unknown [GMTD] code: (.*)$", re.DOTALL)
 _REPORT = re.compile(rb"(?: ?T:| ?B:|X:)-?\d")
 _PLAIN = re.compile(rb"[ -~]{5,}$")
 
@@ -110,7 +111,7 @@ def _error(text: bytes) -> Reply | None:
 def _echo(text: bytes) -> Reply | None:
     if text.startswith((b"echo:busy:", b"busy:")):
         return Reply(Kind.BUSY, text)
-    if _UNKNOWN.match(text):
+    if _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text):
         return Reply(Kind.UNKNOWN_COMMAND, text)
     if text.startswith(b"echo:") and text.endswith(_FAULTS):
         return Reply(Kind.FAULT, text)
@@ -129,7 +130,7 @@ def _plain(text: bytes) -> Reply | None:
 
 def unknown_command(text: bytes) -> bytes:
     """Give the command that an ``Unknown command`` echo quotes."""
-    found = _UNKNOWN.match(text)
+    found = _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text)
     return found[1] if found else b""
 
 

@@ -59,7 +59,7 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
     """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
     for text in replies:
-        if text.startswith(b"X:") and b"Count" in text:
+        if text.startswith(b"X:") and b" Z:" in text:
             words = text.split(b"Count")[0]
             return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
     return {}

@@ -21,9 +21,10 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
+from printctl.link.families import family_of
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
-from printctl.link.protocol_marlin import MarlinProtocol, Timing
+from printctl.link.marlin_doubt import Timing
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -127,7 +128,7 @@ def _print(order: Order, record: LinkRecord) -> Status:
         streamer = Streamer(
             Wiring(
                 transport=transport,
-                protocol=MarlinProtocol(Timing(quiet_s=transport.quiet_s)),
+                protocol=family_of(printer).make(Timing(quiet_s=transport.quiet_s)),
                 clock=RealClock(),
                 journal=journal,
                 printer=printer,

@@ -50,14 +50,15 @@ class MarlinProtocol:
     """
 
     kill_bytes: bytes = b"\nM112\n"
+    question: bytes = QUESTION
+    classify = staticmethod(classify)
+    two_resends: bool = False  # the answer to the question: twice the same, no "Last Line"
 
     def __init__(self, timing: Timing | None = None) -> None:
         self.timing = timing or Timing()
         self.deadline = math.inf
-        self.lines_done = 0
-        self.number = 0
-        self.held = True
-        self.keepalive = True
+        self.lines_done = self.number = 0
+        self.held = self.keepalive = True
         self._lines: Sequence[bytes] = ()
         self._count = 0
         self._phase = Phase.READY
@@ -147,7 +148,7 @@ class MarlinProtocol:
             self.deadline = now + self.timing.quiet_s
         for text in texts:
             if text.strip():
-                self._hear(classify(text.rstrip(b"\r")), now, events)
+                self._hear(self.classify(text.rstrip(b"\r")), now, events)
         return events
 
     def tick(self, now: float) -> Sequence[Event]:
@@ -265,7 +266,7 @@ class MarlinProtocol:
     def _begin(self, goal: Goal, now: float, conclusive: bool = False) -> None:
         self._fast = False
         self._goal, self._phase = goal, Phase.DRAIN
-        self._doubt = Doubt(now, self.number + 1, self._flight, conclusive)
+        self._doubt = Doubt(now, self.number + 1, self._flight, conclusive, self.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def _hear_in_doubt(self, reply: Reply, now: float) -> None:
@@ -286,7 +287,7 @@ class MarlinProtocol:
             self._end(said.Silent(now - self._doubt.since), events)
             return
         self._doubt.ask_again()
-        self._out.append(QUESTION)
+        self._out.append(self.question)
         self._phase, self.deadline = Phase.ASK, now + self.timing.answer_s
 
     def _unanswered(self, now: float, events: list[Event]) -> None:
@@ -333,12 +334,12 @@ class MarlinProtocol:
         noisy = self._errors.count(self.number)
         if noisy:
             events.append(noisy)
-        if self._doubt.oks and not self._flight_control:
-            events.append(said.Stray(self.number + 1))
-            self.held = True
-            self._send_next(now)
-        else:
+        if not self._doubt.oks or self._flight_control:
             self._fly(now)
+            return
+        events.append(said.Stray(self.number + 1))
+        self.held = True
+        self._send_next(now)
 
     def _was_taken(self, now: float, events: list[Event]) -> None:
         doubt = self._doubt

@@ -11,6 +11,7 @@ from typing import Final
 
 from printctl.link.channel import POLL_S, Channel, Over, Wiring
 from printctl.link.errors import HandshakeError, LinkError
+from printctl.link.families import family_of
 from printctl.link.firmware import differences, parse_firmware
 from printctl.link.journal import History
 from printctl.link.modal import Modal, disagreement, modal_state, parse_position
@@ -24,6 +25,9 @@ BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
 RETRIES: Final = 8
+CHECK_LINES: Final = 100
+"""On a line that makes errors, the position is compared after so many lines: a word garbled past
+the checksum (X to Z) stays wrong until a later line gives it again."""
 PAUSE_SIGN_S: Final = 20.0
 """Interval of M105 in a pause: it shows that the printer is there and restarts M85's timer."""
 
@@ -103,6 +107,7 @@ class Streamer(Channel):
                 self._handle(protocol.tick(now))
             if now >= self._next_note:
                 self._note(now)
+                self._doubt_a_noisy_line()
             if self._fault:
                 self._settle()
                 self._retreat_and_end(LinkState.FAILED, self._fault)
@@ -110,6 +115,12 @@ class Streamer(Channel):
                 self._verify_in_passing()
             if self._killed.is_set():
                 self._await_halt()
+
+    def _doubt_a_noisy_line(self) -> None:
+        """Have the position compared where lines were sent again since it last was."""
+        errors, done = self.protocol.line_errors, self.protocol.lines_done
+        if errors != self._errors_seen and done - self._checked >= CHECK_LINES:
+            self._errors_seen, self._checked, self._unverified = errors, done, True
 
     def _verify_in_passing(self) -> None:
         """Compare positions between two lines; the planner isn't drained for it."""
@@ -161,9 +172,10 @@ class Streamer(Channel):
                 self._pump(until)
 
     def _check(self) -> None:
+        family = family_of(self.wiring.printer)
         for _ in range(RETRIES):
             self.firmware = parse_firmware(self._command(b"M115", journalled=False))
-            if self.firmware.is_marlin:
+            if self.firmware.is_a(family.says):
                 break
         else:
             name = self.firmware.name or "nothing"
@@ -172,7 +184,10 @@ class Streamer(Channel):
                 f"{self.wiring.printer.firmware}; choose the profile of this printer"
             )
         self._check_keepalive(journalled=False)
-        self._check_steps()
+        if family.tells_steps:
+            self._check_steps()
+        else:
+            self._record("notice", text="this firmware doesn't tell its steps per mm (M92)")
         for mode in (b"G21", b"G90", b"M82"):  # what an earlier job may have left otherwise
             self._command(mode, journalled=False)
         if not self._journal_lost:
@@ -180,6 +195,9 @@ class Streamer(Channel):
 
     def _check_keepalive(self, journalled: bool) -> None:
         """Have the firmware say every second that it is busy, and see that it will."""
+        if not family_of(self.wiring.printer).keepalive:
+            self.protocol.keepalive = False
+            return
         for _ in range(RETRIES):
             self._command(b"M113 S1", journalled)
             if any(b"M113 S1" in text for text in self._command(b"M113", journalled)):
@@ -206,6 +224,13 @@ class Streamer(Channel):
     def _find_again(self, history: History) -> None:
         """Ask a printer in mid-job for its last line, and go on from there if all agrees."""
         self._resumed = True
+        if not family_of(self.wiring.printer).remembers:
+            raise Over(
+                LinkState.POSITION_UNKNOWN,
+                f"{self.wiring.printer.firmware} can't tell which line it took last; at least "
+                f"{history.done} job lines were taken; home the printer and print anew",
+                known=False,
+            )
         number = self._agree(self.protocol.ask)
         done = history.job_line(number)
         reset = self._booted or (number == 0 and history.done > 0)

@@ -15,6 +15,7 @@ from firmware_profiles import (
     load,
     shipped,
 )
+from firmware_profiles.load import DATA
 
 MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath)
 SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]
@@ -65,3 +66,26 @@ def test_wrong_value_is_refused_with_its_key(
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="doesn't exist"):
         load(Needle, str(tmp_path / "none.yaml"))
+
+
+@pytest.mark.parametrize("name", shipped(Printer))
+def test_family_that_was_never_recorded_is_labelled_in_the_profile(name: str) -> None:
+    text = (DATA / "printers" / f"{name}.yaml").read_text(encoding="utf-8")
+    recorded = load(Printer, name).firmware == "marlin"
+    assert ("not verified" in text) == (not recorded)
+
+
+def test_starting_value_that_is_no_key_is_refused(tmp_path: Path) -> None:
+    text = (DATA / "printers" / "generic_marlin.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "printer.yaml"
+    path.write_text(text + "starting_values: [stepz]\n")
+    with pytest.raises(ProfileError, match="stepz"):
+        load(Printer, str(path))
+
+
+def test_printers_of_the_issue_ship_with_their_family() -> None:
+    families = {name: load(Printer, name).firmware for name in shipped(Printer)}
+    assert families["ender5_duet3_replistruder5"] == "reprapfirmware"
+    assert families["makergear_m2_duet2"] == "reprapfirmware"
+    assert families["lulzbot_taz6_replistruder4"] == "marlin"
+    assert families["klipper_bioprinter"] == "klipper"

@@ -31,6 +31,15 @@ def test_lost_doubled_and_swapped_lines_are_counted():
     assert counts(taken(b"G1 X2", b"G1 X1", b"G1 X3")) == (0, 0, 1, 0, 0)
 
 
+def test_lines_after_the_end_are_unfinished_not_lost():
+    found = judge(FILE, taken(b"G1 X1", b"G1 X2"))
+    assert (found.lost, found.unfinished) == (0, 1)
+
+
+def test_fragment_with_a_control_character_in_front_has_no_number():
+    assert body_of(b"\x0bN999\x199 M105*23")[0] is None
+
+
 def test_what_came_before_the_last_renumbering_is_no_part_of_the_print():
     rows = [*taken(b"G1 X1"), Taken(0.0, b"N0 M110 N0*1", b"M110 N0"), *taken(*FILE)]
     assert counts(rows) == (0, 0, 0, 0, 0)

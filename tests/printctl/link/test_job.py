@@ -97,6 +97,6 @@ def test_firmware_that_differs_from_the_profile_is_told():
         [b"FIRMWARE_NAME:Marlin 2.1 SOURCE_CODE_URL:x", b"Cap:EMERGENCY_PARSER:0"]
     )
     assert firmware.name == "Marlin 2.1"
-    assert firmware.is_marlin
+    assert firmware.is_a("marlin")
     found = differences(firmware, [b"  M92 X80.00 Y80.00 Z400.00 E500.00"], PRINTER)
     assert [text.split()[0] for text in found] == ["EMERGENCY_PARSER", "E"]

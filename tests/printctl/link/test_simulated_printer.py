@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from functools import reduce
+from operator import xor
 from pathlib import Path
 
 import numpy as np
@@ -296,3 +298,28 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert np.array_equal(motion.end, foreseen.end)
     assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
+
+
+class SlippingTransport(SimTransport):
+    """Once, an X becomes a Z on its way, and the checksum is right; replies are garbled often."""
+
+    slipped = False
+
+    def write(self, data: bytes) -> None:
+        if b"N300 G1 X" in data and not self.slipped:
+            self.slipped = True
+            body = data.split(b"*")[0].replace(b"X", b"Z")
+            data = b"%b*%d\n" % (body, reduce(xor, body))
+        super().write(data)
+
+
+def test_word_that_slipped_through_is_found_soon_on_a_noisy_line(tmp_path):
+    printer = MarlinPrinter(PRINTER, START)
+    transport = SlippingTransport(
+        printer, VirtualClock(), np.random.default_rng(1), noise=0.0004, drop_ok=0.01
+    )
+    status, _ = printed(gcode(2000), tmp_path, transport)
+    assert transport.slipped
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "Z is 5" in status.message
+    assert status.lines_done < 500

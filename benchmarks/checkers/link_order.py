@@ -1,0 +1,136 @@
+"""Was every line of a file done once and in order? Judged from what the printer took and moved."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+_COMMAND = re.compile(rb"[GMT]\d")
+_NUMBERED = re.compile(rb" *N(-?\d+) *")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A line that the printer took.
+
+    Attributes
+    ----------
+    time_s : float
+    text : bytes
+        As it arrived, number and checksum included.
+    meant : bytes or None
+        What the host had last sent under that number; None for a line without a number.
+    """
+
+    time_s: float
+    text: bytes
+    meant: bytes | None
+
+
+@dataclass(frozen=True)
+class Order:
+    """What became of a file.
+
+    Attributes
+    ----------
+    lost, doubled, swapped : int
+        Lines before the last taken one that never were; taken again; taken after a later one.
+    unfinished : int
+        Lines after the last taken one: the print ended before them.
+    slipped : int
+        Lines of the file taken with another text than was sent: the checksum didn't show it.
+    strays : int
+        Lines without a number that were taken.
+    unverified : int
+        Strays that read like a command after which no M114 was asked before the file went on.
+    longest_gap_s : float
+        Between two lines of the file.
+    """
+
+    lost: int
+    doubled: int
+    swapped: int
+    unfinished: int
+    slipped: int
+    strays: int
+    unverified: int
+    longest_gap_s: float
+
+
+def body_of(text: bytes) -> tuple[int | None, bytes]:
+    """A line's number (None without) and its command without number and checksum."""
+    found = _NUMBERED.match(text)
+    rest = text[found.end() :] if found else text
+    return (int(found[1]) if found else None), rest.rpartition(b"*")[0] or rest
+
+
+def since_renumbering(taken: Iterable[Taken]) -> list[Taken]:
+    """What came after the last M110, with which a print's own lines begin."""
+    rows = list(taken)
+    begins = [k for k, one in enumerate(rows) if b"M110" in one.text]
+    return rows[begins[-1] + 1 :] if begins else rows
+
+
+def judge(file: Sequence[bytes], taken: Sequence[Taken]) -> Order:
+    """Compare a file, no two lines of which are alike, with what the printer took."""
+    place = {line: k for k, line in enumerate(file)}
+    order, times, slipped, strays = [], [], 0, 0
+    for one in since_renumbering(taken):
+        number, text = body_of(one.text)
+        if number is None or one.meant is None:
+            strays += 1
+            continue
+        if one.meant in place:
+            order.append(place[one.meant])
+            times.append(one.time_s)
+            slipped += text.strip() != one.meant
+    count, last = Counter(order), max(order, default=-1)
+    return Order(
+        lost=sum(k not in count for k in range(last)),
+        unfinished=len(file) - 1 - last,
+        doubled=sum(n - 1 for n in count.values()),
+        swapped=sum(b < a for a, b in pairwise(order)),
+        slipped=slipped,
+        strays=strays,
+        unverified=_unverified(place, since_renumbering(taken)),
+        longest_gap_s=float(np.max(np.diff(times), initial=0.0)),
+    )
+
+
+def _unverified(place: dict[bytes, int], taken: list[Taken]) -> int:
+    """Fragments that may have been done, and after which nobody looked before going on."""
+    found, open_now = 0, 0
+    for one in taken:
+        _, text = body_of(one.text)
+        if one.meant is None:
+            open_now += _COMMAND.match(text.strip()) is not None
+        elif text.strip().startswith(b"M114"):
+            open_now = 0
+        elif one.meant in place:
+            found, open_now = found + open_now, 0
+    return found
+
+
+def unreached(expected: NDArray[np.int64], executed: NDArray[np.int64]) -> tuple[int, int]:
+    """How many of the expected ends of moves weren't reached in order, and how many more there are.
+
+    Parameters
+    ----------
+    expected, executed : (n, 4) and (m, 4) int64, steps
+    """
+    rows = [tuple(row) for row in executed.tolist()]
+    last_at: dict[tuple[int, ...], list[int]] = {}
+    for index, row in enumerate(rows):
+        last_at.setdefault(row, []).append(index)
+    at, found = -1, 0
+    for row in map(tuple, expected.tolist()):
+        later = next((index for index in last_at.get(row, []) if index > at), None)
+        if later is not None:
+            at, found = later, found + 1
+    return len(expected) - found, len(rows) - found

@@ -1,0 +1,142 @@
+"""Prints of the product on the simulated printer in virtual time, broken off and gone on with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.checkers.link_order import Order, judge, unreached
+from benchmarks.link_files import START_MM, STEPS_PER_MM, PrintFile
+from benchmarks.link_wire import Ledger, Troubles, Wire
+from firmware_profiles import Printer, load
+from printctl.link import LinkState, Status
+from printctl.link.channel import Wiring
+from printctl.link.clock import VirtualClock
+from printctl.link.job import parse_job
+from printctl.link.journal import Journal, read_journal
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.streamer import Streamer
+from sim.executed import ExecutedMotion
+from sim.marlin import MarlinPrinter
+from sim.marlin_board import parse_fault
+
+MOST_BREAKS = 200
+
+
+@dataclass(frozen=True)
+class Run:
+    """One print.
+
+    Attributes
+    ----------
+    status : Status
+        Of its end.
+    order : Order
+    unreached, surplus : int
+        Ends of moves that the motors never came to in order, and moves beyond the file's.
+    begun, pauses, again : int
+        How often it was begun or gone on with, and paused for noise; lines sent again.
+    ended_s : float, s
+        On the printer's clock.
+    ledger : Ledger
+    """
+
+    status: Status
+    order: Order
+    unreached: int
+    surplus: int
+    begun: int
+    pauses: int
+    again: int
+    ended_s: float
+    ledger: Ledger
+
+    @property
+    def faults(self) -> int:
+        """Lines lost, doubled or swapped, or a print that ended early for no good reason.
+
+        A good reason is a line that slipped through the checksum and was noticed.
+        """
+        order = self.order
+        early = self.status.state is not DONE and not order.slipped
+        return order.lost + order.doubled + order.swapped + early
+
+
+DONE = LinkState.DONE
+
+
+def facts() -> Printer:
+    """The printer of all these runs."""
+    return load(Printer, "generic_marlin")
+
+
+def ends_of(motion: ExecutedMotion) -> NDArray[np.int64]:
+    """Where executed moves ended, (n, 4), steps."""
+    ends = np.column_stack([motion.end, motion.plunger_end])
+    return np.round(ends * STEPS_PER_MM).astype(np.int64)
+
+
+def new_printer(*faults: str, printer: Printer | None = None) -> Ledger:
+    """A simulated printer that is watched."""
+    parsed = tuple(parse_fault(text) for text in faults)
+    return Ledger(MarlinPrinter(printer or facts(), START_MM, faults=parsed))
+
+
+def run(
+    file: PrintFile,
+    folder: Path,
+    seed: int = 0,
+    troubles: Troubles = Troubles(),  # noqa: B008
+    ledger: Ledger | None = None,
+    wire: Callable[[Ledger, VirtualClock, int], Wire] | None = None,
+) -> Run:
+    """Print a file; whenever the connection breaks, go on from the journal.
+
+    Parameters
+    ----------
+    wire : callable, optional
+        Makes the wire of each beginning (0, 1, ...), in place of one with ``troubles``.
+    """
+    rng, clock = np.random.default_rng(seed), VirtualClock()
+    ledger = ledger or new_printer()
+    job, path = parse_job(file.data, "bench.gcode"), folder / f"journal-{seed}.log"
+    path.unlink(missing_ok=True)
+    pauses, again, begun, streamer = 0, 0, 0, None
+
+    def on_status(status: Status) -> None:
+        nonlocal pauses
+        if status.state is LinkState.PAUSED and streamer is not None:
+            pauses += 1
+            streamer.resume()
+
+    while True:
+        made = wire(ledger, clock, begun) if wire else Wire(ledger, clock, rng, troubles)
+        history = read_journal(path) if begun else None
+        if history is not None and not history.begun:
+            history = None  # it broke in the handshake: begin anew
+        journal = Journal(path)
+        wiring = Wiring(made, MarlinProtocol(), clock, journal, facts(), on_status=on_status)
+        streamer = Streamer(wiring, job)
+        try:
+            status = streamer.run(history)
+        except HostDiedError:
+            status = None
+        journal.close()
+        again += streamer.status.line_errors
+        begun += 1
+        lost = status is None or status.error == "PortLost"
+        if not lost or ledger.printer.unplugged or begun > MOST_BREAKS:
+            break
+    if status is None:
+        raise ValueError(f"the host died {begun} times and wasn't started again")
+    missing, surplus = unreached(file.ends, ends_of(ledger.printer.executed()))
+    order = judge(file.lines, ledger.taken)
+    return Run(status, order, missing, surplus, begun, pauses, again, clock.now(), ledger)
+
+
+class HostDiedError(BaseException):
+    """In place of kill -9: nothing of the host runs after it."""

@@ -1,0 +1,217 @@
+"""Rows of the link's benchmark that run on the simulated printer's clock."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.link_files import PrintFile, zigzag
+from benchmarks.link_runs import DONE, HostDiedError, Run, new_printer, run
+from benchmarks.link_wire import Ledger, Troubles, Wire
+from benchmarks.machine import row
+from firmware_profiles import Printer, load
+from printctl.link.clock import VirtualClock
+from sim.dryrun import dry_run
+
+Row = dict[str, Any]
+VIRTUAL = {"clock": "virtual"}
+M85_S = 600.0
+"""The firmware's own switch-off after its last move, as the file sets it."""
+
+
+def noise_rows(
+    name: str, lines: int, seeds: int, troubles: Troubles, folder: Path, gap_s: float | None
+) -> Iterator[Row]:
+    """Noisy prints, judged line by line."""
+    file, runs = zigzag(lines), []
+    for seed in range(seeds):
+        runs.append(run(file, folder, seed, troubles))
+        if seed % 5 == 4:
+            print(f"{name}: {seed + 1} of {seeds}", file=sys.stderr, flush=True)
+    total = lines * seeds
+    about = VIRTUAL | {"seeds": seeds, "lines": lines, "troubles": vars(troubles)}
+    about |= {
+        "connections lost and gone on": sum(r.begun - 1 for r in runs),
+        "lines sent again": sum(r.again for r in runs),
+        "pauses for noise": sum(r.pauses for r in runs),
+    }
+    wrong = sum(r.faults for r in runs)
+    states = sorted({str(r.status.state) for r in runs})
+    measure = f"{name}: lines lost, doubled or swapped; prints ended early without a slipped line"
+    made = row(measure, wrong, "", "0", not wrong)
+    yield made | about | {"states": states}
+    early = [r.status.message for r in runs if r.status.state is not DONE]
+    made = row(f"{name}: prints ended early because a slipped line was noticed", len(early), "")
+    yield made | {"of": seeds, "messages": sorted(set(early))[:4]}
+    slipped = sum(r.order.slipped for r in runs)
+    made = row(f"{name}: lines that an 8-bit XOR let through", 1e6 * slipped / total, "in 10^6")
+    yield made | {"lines": slipped, "expected": "about 13 in 10^6 at 0.04 %"}
+    unexplained = sum(max(r.unreached - r.order.slipped - r.order.unfinished, 0) for r in runs)
+    goal = "0 beyond those lines"
+    yield row(f"{name}: moves not made by the motors", unexplained, "", goal, not unexplained)
+    strays = sum(r.order.strays for r in runs)
+    blind = sum(r.order.unverified for r in runs)
+    measure = f"{name}: stray commands after which no M114 was asked before going on"
+    yield row(measure, blind, "", "0", not blind) | {"unnumbered fragments in all": strays}
+    if gap_s is not None:
+        clean = [r.order.longest_gap_s for r in runs if not r.order.slipped]
+        longest = max(clean, default=0.0)
+        measure, goal = f"{name}: longest time without progress", f"<= {gap_s:g}"
+        made = row(measure, longest, "s", goal, longest <= gap_s)
+        slow = max((r.order.longest_gap_s for r in runs if r.order.slipped), default=0.0)
+        yield made | VIRTUAL | {"prints with a slipped line (it may be a slow move)": slow}
+
+
+class _Doomed(Wire):
+    """The host dies in mid-write at its ``last``-th write."""
+
+    def __init__(self, ledger: Ledger, clock: VirtualClock, last: int, part: float) -> None:
+        super().__init__(ledger, clock, np.random.default_rng(0))
+        self._left, self._part = last, part
+
+    def write(self, data: bytes) -> None:
+        """Write, or write a part and die."""
+        self._left -= 1
+        if self._left > 0:
+            super().write(data)
+            return
+        super().write(data[: round(len(data) * self._part)])
+        self.printer.settle()
+        self.printer.take_output()
+        raise HostDiedError
+
+
+def kill_rows(moments: int, folder: Path) -> Iterator[Row]:
+    """The host dies at random moments, half of them soon after it was started again."""
+    file, exact, deaths = zigzag(120), 0, 0
+    for seed in range(moments // 2):
+        rng = np.random.default_rng(seed)
+        last = (8 + int(rng.integers(1, 120)), int(rng.integers(1, 20)))
+        part = rng.random()
+
+        def wire(ledger: Ledger, clock: VirtualClock, begun: int) -> Wire:
+            if begun < 2:
+                return _Doomed(ledger, clock, last[begun], part)  # noqa: B023
+            return Wire(ledger, clock, np.random.default_rng(0))
+
+        found = run(file, folder, seed, wire=wire)
+        deaths += found.begun - 1
+        exact += not found.faults and not found.unreached and not found.surplus
+    made = row(
+        "host killed at random moments and resumed: prints exact",
+        exact,
+        f"of {moments // 2}",
+        "all",
+        exact == moments // 2,
+    )
+    yield made | VIRTUAL | {"deaths": deaths}
+
+
+def uart_rows(lines: int, folder: Path) -> Iterator[Row]:
+    """The product's time on the line against a loop by hand that has one line in flight."""
+    for name, feed in (("empty", 12000), ("full", 600)):
+        file = zigzag(lines, feed)
+        ours = run(file, folder)
+        if ours.status.state is not DONE:
+            raise ValueError(f"the print ended as {ours.status}")
+        took = _span([t.time_s for t in ours.ledger.taken if t.meant in set(file.lines)])
+        least = _by_hand(file)
+        ratio = took / least
+        made = row(
+            f"line at 115,200 Bd, queues {name}: over one line in flight by hand",
+            round(ratio, 5),
+            "ratio",
+            "within 3 %",
+            abs(ratio - 1) <= 0.03,
+        )
+        yield made | VIRTUAL | {"seconds": took, "by_hand_s": least, "lines": lines}
+
+
+def _span(times: list[float]) -> float:
+    return times[-1] - times[0]
+
+
+def _by_hand(file: PrintFile) -> float:
+    """Write a line, wait for its ok, write the next."""
+    ledger = new_printer()
+    printer = ledger.printer
+    lines = [b"M110 N0", *file.lines]
+    for number, text in enumerate(lines):
+        body, xor = b"N%d %b" % (number, text), 0
+        for byte in body:
+            xor ^= byte
+        printer.receive(b"%b*%d\n" % (body, xor))
+        while b"ok" not in printer.take_output():
+            printer.settle()
+    return _span([t.time_s for t in ledger.taken[1:]])
+
+
+FAULTS = {
+    "reset": ("position_unknown", 0.5),
+    "kill": ("killed", 0.5),
+    "unplug": ("failed", 0.5),
+    "runaway": ("killed", 0.5),
+}
+"""Fault, documented state, and the limit from the printer's stop to the host's knowing it, s."""
+
+
+def fault_rows(folder: Path) -> Iterator[Row]:
+    """Each fault ends in the state that `docs/link.md` names, in time, with heaters off."""
+    file = zigzag(1500, 1800, b"M140 S37", b"M109 S40")
+    for kind, (state, limit_s) in FAULTS.items():
+        ledger = new_printer(f"{kind}@200")
+        found = run(file, folder, ledger=ledger)
+        stopped = _stopped_at(kind, found)
+        late = found.ended_s - stopped
+        right = found.status.state == state and late <= limit_s
+        made = row(f"{kind} in mid-print: ends as", late, "s until known", f"{state}", right)
+        yield made | VIRTUAL | {"state": str(found.status.state), "message": found.status.message}
+        off_s = _heaters_off_after(found, stopped)
+        limit = M85_S + 30.0 if kind == "unplug" else 0.0
+        made = row(f"{kind}: heaters off after", off_s, "s", f"<= {limit:g}", off_s <= limit)
+        yield made | VIRTUAL | ({"by": "M85, after the last move"} if kind == "unplug" else {})
+
+
+def _stopped_at(kind: str, found: Run) -> float:
+    ledger = found.ledger
+    if kind == "unplug":
+        return ledger.taken[-1].time_s
+    return (ledger.resets if kind == "reset" else ledger.kills)[-1]
+
+
+def _heaters_off_after(found: Run, since: float) -> float:
+    """Let time pass until both heaters are off; from the fault on, s (infinite for never)."""
+    printer = found.ledger.printer
+    printer.finish()
+    while printer.machine.hotend.target_c or printer.machine.bed.target_c:
+        printer.advance(1.0)
+        if printer.now - since > 2 * M85_S:
+            return float("inf")
+    return max(found.ledger.kills[-1] - since, 0.0) if found.ledger.kills else 0.0
+
+
+def dry_run_rows(record: Path) -> Iterator[Row]:
+    """The dry run against a real Marlin's own clock and counters."""
+    words = next(
+        line.split()
+        for line in (record / "avr_duration.txt").read_text().splitlines()
+        if line.startswith("fresh.gcode") and "M114" not in line and "," in line
+    )
+    seconds, steps = float(words[5]), [int(v) for v in words[6].split(",")]
+    data = (record / "fresh.gcode").read_bytes()
+    profile = load(Printer, "marlin_avr")
+    found = dry_run(data, profile, (50.0, 50.0, 0.0), cold_extrusion=True, in_flight=2)
+    off = found.duration_s / seconds - 1
+    measure = "dry run of fresh.gcode against a real Marlin"
+    made = row(measure, round(100 * off, 4), "%", "within 0.1", abs(off) <= 1e-3)
+    yield made | VIRTUAL | {"seconds": found.duration_s, "recorded_s": seconds}
+    per_mm = np.array([80, 80, 400, 500])
+    begin = np.append(found.executed.start[0], found.executed.plunger_start[0])
+    end = np.append(found.executed.end[-1], found.executed.plunger_end[-1])
+    moved = np.round((end - begin) * per_mm).astype(int).tolist()
+    worst = int(np.abs(np.subtract(moved, steps)).max())
+    yield row("steps at its end, largest difference", worst, "steps", "0", worst == 0)

@@ -1,0 +1,65 @@
+"""Firmware families: which state machine speaks to each, and what may be asked of it.
+
+``verified`` families were tried against the transcripts of a real firmware; the others are built
+after its public source or documentation, which each protocol's module names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles import Printer
+from printctl.link.marlin_doubt import Timing
+from printctl.link.protocol import LinkProtocol
+from printctl.link.protocol_klipper import KlipperProtocol
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.protocol_rrf import RrfProtocol
+from printctl.link.protocol_smoothie import SmoothieProtocol
+
+
+@dataclass(frozen=True)
+class Family:
+    """A firmware family.
+
+    Attributes
+    ----------
+    says : str
+        What its FIRMWARE_NAME (M115) contains, in small letters.
+    make : callable
+        Makes its state machine.
+    verified : bool
+        Whether a real one's transcripts were replayed against it.
+    keepalive : bool
+        Whether it can be told to say that it is busy (M113).
+    tells_steps : bool
+        Whether M92 tells the steps per mm.
+    remembers : bool
+        Whether it can be asked which line it took last, so that a print can be gone on with
+        after the host died.
+    """
+
+    says: str
+    make: Callable[[Timing], LinkProtocol]
+    verified: bool = False
+    keepalive: bool = True
+    tells_steps: bool = True
+    remembers: bool = True
+
+
+FAMILIES: Final[dict[str, Family]] = {
+    "marlin": Family("marlin", MarlinProtocol, verified=True),
+    "prusa": Family("prusa", MarlinProtocol),
+    "smoothieware": Family("smoothie", SmoothieProtocol, keepalive=False, tells_steps=False),
+    "reprapfirmware": Family("reprapfirmware", RrfProtocol, keepalive=False, remembers=False),
+    "klipper": Family(
+        "klipper", KlipperProtocol, keepalive=False, tells_steps=False, remembers=False
+    ),
+}
+"""By the profile's ``firmware``."""
+
+
+def family_of(printer: Printer) -> Family:
+    """The family that a profile names."""
+    return FAMILIES[printer.firmware]

@@ -1,0 +1,133 @@
+"""RepRapFirmware (Duet): a state machine after its source, not tried on a real board.
+
+Facts (RepRapFirmware `StringParser.cpp`, 3.x): with ``N`` in front a line is checked, by an XOR of
+one to three digits or a CRC-16 of five; one that fails is dropped without a word, neither ok nor
+resend; the order of numbers isn't looked at, so that a line sent twice is done twice. The line
+number that M409 tells is stored before the check, so it is no evidence of what was done.
+
+What is evidence: the position. After silence M400 and M114 are sent behind the line in flight.
+Lines are worked on in turn, so the answer, whenever it comes, is of a time when that line's fate
+was sealed. Where its end is, it was taken; where the line before it ended, it was not and is sent
+again; elsewhere, ask again. Where the line changes no position, it is sent again if doing it
+twice is doing it once (temperatures, modes, a move to where the needle is), else the print ends:
+nobody knows. Silence alone is never followed by a repeat.
+
+The five digits of the CRC-16 find what the XOR lets through. A line cut in two by noise is done
+half by half, unless the board is told to want a checksum (M575 P0 S1); USB has a CRC of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from printctl.link import protocol as said
+from printctl.link.crc16 import crc16
+from printctl.link.marlin_doubt import Timing
+from printctl.link.modal import Modal, modal_state, parse_position
+from printctl.link.protocol import Event
+from printctl.link.protocol_acks import AckProtocol, Sort
+
+QUESTION: Final = (b"M400", b"M114")
+WITHIN_MM: Final = 0.0016
+"""M114 has three decimals, of a 32-bit float."""
+_HARMLESS: Final = frozenset(
+    b"G0 G1 G4 G21 G90 G92 M82 M92 M104 M105 M106 M107 M109 M114 M115 M116 M140 M190 M191 M201 M203"
+    b" M204 M220 M221 M302 M400".split()
+)
+"""Done twice is done once, where no position changes (a dwell is only longer)."""
+_WORD: Final = re.compile(rb"([GM])0*(\d+)(?![.\d])")
+
+
+def _harmless(command: bytes) -> bool:
+    found = _WORD.match(command)
+    return found is not None and found[1] + found[2] in _HARMLESS
+
+
+class RrfProtocol(AckProtocol):
+    """See the module.
+
+    Parameters
+    ----------
+    timing : Timing
+    """
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        super().__init__(timing)
+        self._asking = False
+        self._position: dict[str, float] = {}
+
+    def frame(self, number: int, command: bytes) -> bytes:
+        """``N<number> <command>*<CRC-16 in five digits>`` and line end."""
+        body = b"N%d %b" % (number, command)
+        return b"%b*%05d\n" % (body, crc16(body))
+
+    def sort(self, text: bytes) -> Sort:
+        """Tell what a line from the printer is."""
+        if text == b"ok" or text.startswith(b"ok "):
+            return Sort.OK
+        if text.startswith((b"Emergency Stop", b"Printer halted")):
+            return Sort.HALT
+        if text.startswith(b"Error:") or b"was not driven because" in text:
+            return Sort.FAULT
+        return Sort.TEXT
+
+    def _fly(self, now: float) -> None:
+        self._asking = False
+        super()._fly(now)
+
+    # --- doubt -----------------------------------------------------------------------------
+
+    def _on_silence(self, now: float, events: list[Event]) -> None:
+        if self._probing:
+            self._send_again(now, events)
+            return
+        if self._asking and self._position:
+            self._settle(now, events)
+            return
+        self._asking = True
+        self._out += [self.frame(self.number + 2 + k, text) for k, text in enumerate(QUESTION)]
+        self.deadline = now + 4 * self.timing.answer_s
+
+    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+        if not self._asking:
+            super()._hear(text, now, events)
+            return
+        if self.sort(text) is Sort.OK:
+            self._said += [] if text == b"ok" else [text]
+        elif position := parse_position((text,)):
+            self._position = position
+        else:
+            super()._hear(text, now, events)
+        if self._position:
+            self.deadline = now + self.timing.quiet_s
+
+    def _settle(self, now: float, events: list[Event]) -> None:
+        """Decide whether the line in flight was taken: the printer has answered and is quiet."""
+        position, self._position = self._position, {}
+        self._asking = False
+        after, before = (self._there(position, self.lines_done + k) for k in (1, 0))
+        if self._in_job and after and not before:
+            events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
+            self._acknowledge(now, events)
+        elif self._in_job and not after and not before:
+            self._on_silence(now, events)
+        elif (self._in_job and not after) or _harmless(self._flight or b""):
+            self._send_again(now, events)
+        else:
+            self._end(said.Silent(now - self._sent_at), events)
+
+    def _there(self, position: dict[str, float], done: int) -> bool:
+        at: Modal = modal_state(self._lines, done)
+        wanted = {axis: getattr(at, axis.lower()) for axis in "XYZE"}
+        return all(
+            value is None or axis not in position or abs(position[axis] - value) <= WITHIN_MM
+            for axis, value in wanted.items()
+        )
+
+    def _send_again(self, now: float, events: list[Event]) -> None:
+        noisy = self._errors.count(self.number)
+        if noisy:
+            events.append(noisy)
+        self._said = []
+        self._write(now)

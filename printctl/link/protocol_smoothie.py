@@ -1,0 +1,32 @@
+"""Smoothieware: Marlin's state machine with another answer, after its source; not tried on one.
+
+Facts (Smoothieware `GcodeDispatch.cpp`): lines are numbered and checked as in Marlin. What is out
+of order (a repeat too) or fails its checksum is answered by ``rs N<next>`` alone: no error, no
+ok, nothing thrown away. So the question is asked twice in a row, and two answers must agree. The
+``ok`` to a G1 comes before the move is planned; a halted firmware answers ``!!`` until M999; ^X
+halts it out of band. Unknown commands are answered by ok: nobody learns of them. A line whose
+``*`` is garbled away is taken unchecked: use USB, not a UART.
+"""
+
+from __future__ import annotations
+
+from printctl.link.marlin_doubt import QUESTION
+from printctl.link.marlin_replies import Kind, Reply, classify
+from printctl.link.protocol_marlin import MarlinProtocol
+
+
+def _classify(text: bytes) -> Reply:
+    if text.startswith((b"!!", b"ok Emergency Stop")) or b"HALT" in text:
+        return Reply(Kind.HALT, text)
+    if text.startswith(b"Smoothie"):
+        return Reply(Kind.START, text)
+    return classify(text)
+
+
+class SmoothieProtocol(MarlinProtocol):
+    """See the module."""
+
+    kill_bytes: bytes = b"\x18\nM112\n"
+    question: bytes = QUESTION + QUESTION
+    classify = staticmethod(_classify)
+    two_resends: bool = True

@@ -1,0 +1,83 @@
+"""A simulated Klipper: what it does otherwise than Marlin on the wire. Not verified.
+
+Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
+off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
+command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:`` Ready and
+Shutdown; few commands (no M85, M92, M113, M302); no busy messages.
+
+Not modelled: its motion (Marlin's planner runs here), macros and extended commands, that G-code
+commands wait for room in seconds of motion, not in blocks. After a shutdown a real one still
+answers, by ``!!``; this one is silent.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from sim.dialect_duet import DuetPrinter, g92_silent
+from sim.gcode import Command
+from sim.marlin_commands import HANDLERS, Handler
+from sim.marlin_lines import LineReader
+from sim.marlin_loop import MainLoop
+
+_NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
+_G: Final = (4, 20, 21, 28, 90, 91)
+_M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
+_KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 400)])
+
+
+class KlipperLines(LineReader):
+    """Takes everything."""
+
+    def accept(self, line: bytes) -> bytes:
+        """The command without number and checksum."""
+        found = _NUMBER.match(line)
+        self.last_number += 1
+        return (line[found.end() :] if found else line).partition(b"*")[0]
+
+
+def _m114(board: MainLoop, command: Command) -> None:
+    machine = board.machine
+    at, shift = machine.modal["position"][0], machine.modal["shift"][0]
+    x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
+    machine.say(f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}")
+
+
+def _m115(board: MainLoop, command: Command) -> None:
+    board.say_ok(" FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13.0")
+
+
+class KlipperPrinter(DuetPrinter):
+    """See the module; parameters as `sim.marlin.MarlinPrinter`'s.
+
+    The heater's least temperature for extrusion is off, as bioprinters set it in printer.cfg.
+    """
+
+    handlers: ClassVar[Mapping[str, Handler]] = {
+        **{name: HANDLERS[name] for name in _KNOWN},
+        "G92": g92_silent,
+        "M114": _m114,
+        "M115": _m115,
+    }
+    too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
+    banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
+
+    def __init__(self, *given: object, **named: object) -> None:
+        super().__init__(*given, **named)
+        self.lines = KlipperLines(self.machine.printer.max_line_bytes)
+        self.machine.cold_allowed = True
+
+    def reset(self) -> None:
+        """FIRMWARE_RESTART, or power."""
+        super().reset()
+        self.machine.cold_allowed = True
+
+    def say_unknown(self, command: Command) -> None:
+        """There is no such command."""
+        self.machine.say(f'// Unknown command:"{command.name}"')
+
+    def say_halted(self, reason: str) -> None:
+        """It stops for good."""
+        self.machine.say("// Klipper state: Shutdown")

@@ -1,0 +1,136 @@
+"""Prints on small printers of the other families, through the streamer, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.link.channel import Wiring
+from printctl.link.clock import VirtualClock
+from printctl.link.crc16 import crc16
+from printctl.link.families import FAMILIES
+from printctl.link.firmware import parse_firmware
+from printctl.link.job import parse_job
+from printctl.link.journal import Journal, read_journal
+from printctl.link.marlin_replies import Kind, classify, unknown_command
+from printctl.link.states import LinkState
+from printctl.link.streamer import Streamer
+from printctl.link.transport_scripted import ScriptedTransport
+from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
+from tests.printctl.link.fake_marlin import zigzag
+
+FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
+JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
+
+
+def facts(firmware: str) -> Printer:
+    changes = {"firmware": firmware, "resets_on_connect": False}
+    return load(Printer, "generic_marlin").model_copy(update=changes)
+
+
+def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
+    clock = VirtualClock()
+    printer = facts(firmware)
+    wiring = Wiring(
+        transport=ScriptedTransport(answer or fake.receive, clock),
+        protocol=FAMILIES[firmware].make(None),
+        clock=clock,
+        journal=Journal(folder / "journal.log"),
+        printer=printer,
+    )
+    return Streamer(wiring, parse_job(b"\n".join(job), "test.gcode"))
+
+
+def after_handshake(executed: list[str]) -> list[str]:
+    ours = {line.decode() for line in JOB}
+    begin = len(executed) - 1 - executed[::-1].index("G92 E0")
+    return [line for line in executed[begin - 2 :] if line in ours]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_family_prints_a_whole_job(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    status = streamer_of(firmware, fake, tmp_path).run()
+    assert status.state is LinkState.DONE, status
+    assert after_handshake(fake.executed) == [line.decode() for line in JOB]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_firmware_than_the_profile_says_is_refused(firmware, tmp_path):
+    other = FAKES["klipper" if firmware != "klipper" else "reprapfirmware"]()
+    other.last = -1
+
+    def answer(data: bytes) -> bytes:
+        said = other.receive(data)
+        return said or b"rs N1\r\nrs N1\r\n"
+
+    status = streamer_of(firmware, other, tmp_path, answer=answer).run()
+    assert status.state is LinkState.FAILED
+    assert status.lines_done == 0
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
+    assert status.state is LinkState.FAILED
+    assert "G999" in status.message
+    assert fake.executed[-1] == "M400"
+
+
+def test_klipper_move_out_of_range_is_a_fault(tmp_path):
+    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
+    status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
+    assert status.state is LinkState.FAILED
+    assert "out of range" in status.message
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_kill_halts_each_family(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    streamer = streamer_of(firmware, fake, tmp_path)
+    protocol = streamer.wiring.protocol
+    assert b"M112" in protocol.kill_bytes
+    events = protocol.feed(fake.receive(protocol.kill_bytes), 0.0)
+    assert fake.halted
+    assert type(events[0]).__name__ == "Halted"
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
+    fake = FAKES[firmware]()
+    streamer_of(firmware, fake, tmp_path).run()
+    before = list(fake.executed)
+    history = read_journal(tmp_path / "journal.log")
+    status = streamer_of(firmware, fake, tmp_path).run(history)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "can't tell which line" in status.message
+    assert fake.executed == before
+
+
+def test_crc_is_that_of_xmodem():
+    assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
+
+
+def test_names_of_all_families_are_read():
+    replies = {
+        b"FIRMWARE_NAME:Marlin 2.1 (Nov 20 2026 03:35:05) SOURCE_CODE_URL:x": "marlin",
+        b"FIRMWARE_NAME:Prusa-Firmware 3.13.0 based on Marlin FIRMWARE_URL:y": "prusa",
+        b"FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0": "reprapfirmware",
+        b"ok FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13": "klipper",
+        b"FIRMWARE_NAME:Smoothieware, FIRMWARE_URL:http%3A//s": "smoothieware",
+    }
+    for text, family in replies.items():
+        firmware = parse_firmware([text])
+        assert firmware.is_a(FAMILIES[family].says), text
+        assert ":" not in firmware.name.replace("03:35:05", "")
+
+
+def test_only_marlin_is_called_verified():
+    assert [name for name, family in FAMILIES.items() if family.verified] == ["marlin"]
+
+
+def test_prusas_unknown_code_is_known_as_such():
+    reply = classify(b"Unknown M code: M999 S1")
+    assert reply.kind is Kind.UNKNOWN_COMMAND
+    assert unknown_command(reply.text) == b"M999 S1"

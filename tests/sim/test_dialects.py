@@ -1,0 +1,117 @@
+"""The Duet and Klipper dialects: what they do otherwise than Marlin, and whole prints on them."""
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.link.channel import Wiring
+from printctl.link.clock import VirtualClock
+from printctl.link.crc16 import crc16 as crc_of_the_link
+from printctl.link.families import FAMILIES
+from printctl.link.job import parse_job
+from printctl.link.journal import Journal
+from printctl.link.states import LinkState
+from printctl.link.streamer import Streamer
+from sim.dialect_duet import DuetPrinter, crc16
+from sim.dialects import simulated_printer
+from sim.errors import ServeError
+from sim.executed import ExecutedMotion
+from sim.gcode import checksum
+from tests.printctl.link.sim_transport import SimTransport
+
+START = (50.0, 50.0, 10.0)
+HEADER = b"G90\nM82\nG92 X50 Y50 Z10 E0\n"
+
+
+def printer_of(firmware: str):
+    facts = load(Printer, "generic_marlin").model_copy(
+        update={"firmware": firmware, "resets_on_connect": False}
+    )
+    return simulated_printer(facts)(facts, START), facts
+
+
+def said(printer, data: bytes) -> bytes:
+    printer.receive(data)
+    printer.settle()
+    return printer.take_output()
+
+
+def sealed(body: bytes, check=checksum) -> bytes:
+    return (
+        b"%b*%05d\n" % (body, check(body)) if check is crc16 else b"%b*%d\n" % (body, check(body))
+    )
+
+
+def test_duet_drops_a_garbled_line_without_a_word():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, sealed(b"N1 G90")) == b"ok\n"
+    assert said(printer, sealed(b"N2 G90", crc16)) == b"ok\n"
+    assert said(printer, b"N3 G90*77\n") == b""
+    assert said(printer, b"N3 G90*0000\n") == b""
+
+
+def test_duet_does_a_line_sent_twice_twice():
+    printer, _ = printer_of("reprapfirmware")
+    line = sealed(b"N1 G92 X5")
+    assert said(printer, line) == said(printer, line) == b"ok\n"
+
+
+def test_both_ends_know_the_same_crc():
+    text = b"N12 G1 X5 E0.25"
+    assert crc16(text) == crc_of_the_link(text)
+    assert crc16(b"123456789") == 0x31C3
+
+
+def test_klipper_does_a_garbled_line():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"N7 G92 X5*1\n") == b"ok\n"
+    assert said(printer, b"M114\n").startswith(b"X:5.000 Y:50.000")
+    assert said(printer, b"M92\n") == b'// Unknown command:"M92"\nok\n'
+
+
+def test_smoothieware_has_no_simulated_printer():
+    with pytest.raises(ServeError, match="no simulated printer"):
+        printer_of("smoothieware")
+
+
+def gcode(moves: int, firmware: str) -> bytes:
+    first = b"M302 P1\n" if firmware == "reprapfirmware" else b""
+    lines = [
+        b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0034375 * (i + 1))
+        for i in range(moves)
+    ]
+    return first + HEADER + b"\n".join(lines) + b"\n"
+
+
+def printed(firmware: str, folder, seed: int = 0, **troubles) -> tuple[object, ExecutedMotion]:
+    printer, facts = printer_of(firmware)
+    transport = SimTransport(printer, VirtualClock(), np.random.default_rng(seed), **troubles)
+    wiring = Wiring(
+        transport=transport,
+        protocol=FAMILIES[firmware].make(None),
+        clock=transport.clock,
+        journal=Journal(folder / f"journal-{seed}.log"),
+        printer=facts,
+    )
+    status = Streamer(wiring, parse_job(gcode(150, firmware), "test.gcode")).run()
+    return status, printer.executed()
+
+
+@pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])
+def test_print_through_the_link_ends_where_the_file_does(firmware, tmp_path):
+    status, motion = printed(firmware, tmp_path)
+    assert status.state is LinkState.DONE, status
+    assert len(motion) == 150
+    assert np.round(motion.plunger_end[-1] * 6400) == 150 * 22
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_duet_over_a_line_that_loses_oks_neither_loses_nor_doses_twice(seed, tmp_path):
+    status, motion = printed("reprapfirmware", tmp_path, seed, drop_ok=0.02)
+    assert status.state is LinkState.DONE, status
+    assert np.round(motion.plunger_end * 6400).tolist() == [22 * (k + 1) for k in range(150)]
+
+
+def test_kinds_are_those_of_the_profile():
+    printer, _ = printer_of("reprapfirmware")
+    assert type(printer) is DuetPrinter
