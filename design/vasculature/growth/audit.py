@@ -24,12 +24,20 @@ FEW = 4
 
 
 @jit
-def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smallest: float) -> int:
+def measure_room(
+    segments: Any, count: int, index: CellIndex, room: Room, smallest: float, joints: bool
+) -> int:
     """Derive every segment's allowed radius from tissue and neighbours.
 
     The index must list all segments with their present radii. A terminal thinner than
     ``smallest`` is allowed no radius at all, nor is the smaller branch of a joint that breaks the
     room's limits. A given trunk's segments are allowed any: whoever meets them must go.
+
+    Parameters
+    ----------
+    joints : bool
+        Whether joints limit radii too: at the end alone, for a branch that its joint held back
+        while the tree grows would be closed to all that has yet to join it.
 
     Returns
     -------
@@ -54,7 +62,7 @@ def measure_room(segments: Any, count: int, index: CellIndex, room: Room, smalle
             if s.radius < smallest:
                 s.allowed = min(s.allowed, 0.0)
             continue
-        if right >= 0:
+        if joints and right >= 0:
             limit_children(segments, room, left, right, s)
             limit_smaller_child(segments, room, i)
     for i in range(count):

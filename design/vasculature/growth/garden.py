@@ -296,14 +296,15 @@ class Garden:
                 first,
                 min(2 * self.indexed, goal),
             )
-            if self.given is None and self.progress["since"][0] > _PATIENCE:
+            # Points in the order of a curve fail together: a whole lot of them must.
+            if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
                 raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
 
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
         self._reindex()
         # Neighbours' shares have changed since each segment's room was measured.
-        measure_room(self.segments, self.count, self.index, self.room, 0.0)
+        measure_room(self.segments, self.count, self.index, self.room, 0.0, False)
 
     def _more(self) -> Samples:
         """More points to grow to."""
@@ -356,7 +357,8 @@ class Garden:
             share_by_demand(self.segments, self.count, self.tissue, self.options, self.others.owns)
         final_radii(self.segments, self.count, self.options, self.scale)
         self._reindex()
-        left = measure_room(self.segments, self.count, self.index, self.room, just(smallest or 0.0))
+        least = just(smallest or 0.0)
+        left = measure_room(self.segments, self.count, self.index, self.room, least, True)
         return int(left) + self._stem_is_short()
 
     def _stem_is_short(self) -> bool:

@@ -215,7 +215,8 @@ class Bench:
         """Derive radii and the room of each segment; how many are too wide."""
         settle_root(self.segments, len(self.segments), self.flow_over_drop, 1.0, self.law)
         self._list()
-        return int(measure_room(self.segments, len(self.segments), self.index, self.room, 0.0))
+        count = len(self.segments)
+        return int(measure_room(self.segments, count, self.index, self.room, 0.0, True))
 
     def _list(self) -> None:
         """List all segments in an empty index."""
