@@ -116,7 +116,7 @@ class Garden:
             options,
             others,
             room_of(tissue, options),
-            Scale(drop, root, spread, goal, volume, patience),
+            Scale(drop, root, spread, goal, volume, patience, MARGIN),
             np.concatenate([own, others.records()]) if others.count else own,
             progress,
             np.random.default_rng([options.seed, attempt]),
@@ -298,7 +298,24 @@ class Garden:
             )
             # Points in the order of a curve fail together: a whole lot of them must.
             if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
-                raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
+                self._spend_reserve()
+
+    def _spend_reserve(self) -> None:
+        """Let vessels grow as wide as they can, once growth is stuck with some room kept back.
+
+        A trunk that can't widen by its reserve closes all of its branches to new terminals. What
+        turns out too wide in the end is thinned out by the repair.
+
+        Raises
+        ------
+        GrowthError
+            When the reserve is spent already, or the root's radius is fixed.
+        """
+        if self.scale.slack <= 1.0 or self.scale.root_radius > 0:
+            raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
+        self.scale = self.scale._replace(slack=1.0)
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
+        self.progress["since"] = 0
 
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""

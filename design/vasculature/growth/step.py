@@ -64,6 +64,8 @@ class Scale(NamedTuple):
     patience : int
         Points tried without success before nearer ones to the tree are let in: what is far is
         reached by wide vessels only once these have come near.
+    slack : float
+        How much wider than predicted a vessel must be able to become to take on more terminals.
     """
 
     flow_over_drop: float
@@ -72,6 +74,7 @@ class Scale(NamedTuple):
     goal: int
     volume: float
     patience: int
+    slack: float
 
 
 DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
@@ -160,7 +163,7 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     """Predict all radii anew."""
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
-    s.smallest = spread_down(segments, s.count, s.root_radius, 1.02, law)
+    s.smallest = spread_down(segments, s.count, s.root_radius, scale.slack, law)
     if law.haematocrit >= 0.0:
         _, s.thick = follow_radii(segments, s.count, law)
     s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
