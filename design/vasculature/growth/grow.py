@@ -32,7 +32,7 @@ PROBES = 3
 """The same for the small trees by which a root is searched for."""
 
 TRIED_AT_MOST = 2_000_000
-"""Points tried in failed attempts, after which no other is begun."""
+"""Points tried in failed attempts, after which no third or later one is begun."""
 
 
 def grow_tree(
@@ -150,6 +150,6 @@ def grow_from_root(
         if grown < options.terminals // 2:
             spreads = [s for s in spreads if s < spread] or spreads
         tried += int(garden.progress["tried"][0])
-        if tried > TRIED_AT_MOST:
+        if attempt > 0 and tried > TRIED_AT_MOST:
             break
     raise type(best)(f"{best} (best of {attempt + 1} attempts)") from best
