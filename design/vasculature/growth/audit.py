@@ -1,4 +1,4 @@
-"""Audit a finished tree: what collides or leaves the tissue; prune what does."""
+"""Audit a finished tree: how wide each vessel may be, and what is wider."""
 
 from __future__ import annotations
 
@@ -6,21 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from design.tissue.depth import depth_along, least_depth_along
+from design.tissue.depth import least_depth_along
 from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import REACH, CellIndex
-from design.vasculature.growth.joints import GOES, limit_children, limit_smaller_child
+from design.vasculature.growth.joints import limit_children, limit_smaller_child
 from design.vasculature.growth.room import Room, neighbours_of
-from design.vasculature.growth.state import place, refresh_upwards
-from design.vasculature.growth.within import end_fits, start_fits
-from design.vasculature.options import Law
 from kernels import jit
-
-SPARE = 0.98
-"""Part of the allowed radius that a segment is thinned out to: regrowth widens others' paths."""
-
-FEW = 4
-"""A branch isn't thinned out below so many terminals, but taken."""
 
 
 @jit
@@ -44,31 +35,42 @@ def measure_room(
     int
         How many are wider than allowed.
     """
-    segments[0].allowed = np.inf
-    for i in range(1, count):
-        s = segments[i]
-        most = REACH * s.radius + room.wall
-        depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
-        s.allowed = depth - room.wall
+    for i in range(count):
+        segments[i].allowed = np.inf
+    measure_changed(segments, count, index, room, smallest, joints)
+    return too_wide(segments, count)
+
+
+@jit
+def measure_changed(
+    segments: Any, count: int, index: CellIndex, room: Room, smallest: float, joints: bool
+) -> None:
+    """Derive the allowed radius, as `measure_room`, of those segments alone whose own is inf."""
+    changed = np.zeros(count, np.bool_)
+    for i in range(count):
+        changed[i] = segments[i].allowed == np.inf
     for i in range(count):
         s = segments[i]
         parent, sibling, left, right = neighbours_of(segments, i)
+        if joints and right >= 0 and (changed[i] or changed[left] or changed[right]):
+            limit_children(segments, room, left, right, s)
+            limit_smaller_child(segments, room, i)
+        if not changed[i]:
+            continue
+        if i > 0:
+            most = REACH * s.radius + room.wall
+            depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+            s.allowed = min(s.allowed, depth - room.wall)
         skip = seven(i, parent, sibling, left, right, -1, -1)
         free = widening(
             index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
         )
         s.allowed = min(s.allowed, free * s.radius)
-        if s.left < 0:
-            if s.radius < smallest:
-                s.allowed = min(s.allowed, 0.0)
-            continue
-        if joints and right >= 0:
-            limit_children(segments, room, left, right, s)
-            limit_smaller_child(segments, room, i)
+        if left < 0 and s.radius < smallest:
+            s.allowed = min(s.allowed, 0.0)
     for i in range(count):
         if segments[i].given != 0:
             segments[i].allowed = np.inf
-    return too_wide(segments, count)
 
 
 @jit
@@ -78,175 +80,3 @@ def too_wide(segments: Any, count: int) -> int:
     for i in range(count):
         bad += segments[i].radius > segments[i].allowed
     return bad
-
-
-@jit
-def prune(segments: Any, count: int, index: CellIndex, room: Room, law: Law) -> int:
-    """Take terminals away until no segment is wider than allowed; return the new count.
-
-    A segment that is a little too wide loses as many of its terminals as make it thin enough, by
-    Murray's law, wherever what is left can be joined straight. Where that isn't enough, or the
-    segment feeds only a few, the smaller branch at its end goes (itself when it is a terminal).
-    Of a given trunk nothing goes. A tree pruned to its stem returns 1. The index isn't kept up:
-    list anew.
-    """
-    gone = np.zeros(count, np.uint8)
-    wide = np.zeros(count, np.int64)
-    size = 0
-    for i in range(1, count):
-        if segments[i].radius > segments[i].allowed:
-            wide[size] = i
-            size += 1
-    # Small branches first: what they lose counts for those above.
-    fed = np.empty(size, np.int64)
-    for n in range(size):
-        fed[n] = segments[wide[n]].terminals
-    for n in np.argsort(fed, kind="mergesort"):
-        i = wide[n]
-        s = segments[i]
-        if gone[i] != 0:
-            continue
-        goal = 0
-        if s.allowed > 0.0:
-            goal = int(fed[n] * (SPARE * s.allowed / s.radius) ** law.gamma)
-        if s.allowed == GOES:
-            _take(segments, i, gone, index, room, law)
-        elif goal < FEW or not _thin_out(segments, i, goal, gone, index, room, law):
-            _take(segments, _smaller_end(segments, i), gone, index, room, law)
-        if segments[0].left < 0:
-            return 1
-    return _compact(segments, count, gone)
-
-
-@jit
-def _thin_out(
-    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, room: Room, law: Law
-) -> bool:
-    """Take single terminals from a branch until it feeds ``goal``; False when they don't do."""
-    tips = np.empty(segments[i].terminals, np.int32)
-    stack = np.empty(segments[i].terminals + 1, np.int32)
-    stack[0] = i
-    top = 1
-    size = 0
-    while top > 0:
-        top -= 1
-        here = stack[top]
-        s = segments[here]
-        if s.left < 0:
-            tips[size] = here
-            size += 1
-        else:
-            stack[top] = s.right
-            stack[top + 1] = s.left
-            top += 2
-    if size <= goal:
-        return True
-    # Spread over the branch: every so many first, then those between.
-    stride = max(1, size // (size - goal))
-    for first in range(stride):
-        for n in range(first, size, stride):
-            if segments[i].terminals <= goal:
-                return True
-            tip = tips[n]
-            parent, sibling, _, _ = neighbours_of(segments, tip)
-            if gone[tip] != 0 or parent == i or segments[parent].left < 0:
-                continue
-            if _straight_fits(segments, index, room, int(parent), int(sibling), tip):
-                _join(segments, int(parent), int(sibling), tip, gone, law)
-    return bool(segments[i].terminals <= goal)
-
-
-@jit
-def _smaller_end(segments: Any, i: int) -> int:
-    s = segments[i]
-    if s.left < 0:
-        return i
-    if segments[s.left].terminals <= segments[s.right].terminals:
-        return int(s.left)
-    return int(s.right)
-
-
-@jit
-def _take(segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: Law) -> None:
-    """Take a branch away, or the least one above it whose loss leaves a straight that fits."""
-    while True:
-        parent, sibling, _, _ = neighbours_of(segments, i)
-        if segments[i].given != 0:
-            return
-        if parent == 0 and segments[0].given == 0:
-            segments[0].left, segments[0].right = -1, -1
-            return
-        if _straight_fits(segments, index, room, int(parent), int(sibling), i):
-            _join(segments, int(parent), int(sibling), i, gone, law)
-            return
-        i = int(parent)
-
-
-@jit
-def _join(segments: Any, parent: int, kept: int, taken: int, gone: Any, law: Law) -> None:
-    """Make ``parent`` and ``kept`` one straight segment, without the branch ``taken``."""
-    up, low = segments[parent], segments[kept]
-    _mark(segments, taken, gone)
-    gone[kept] = 1
-    place(segments, parent, (up.px, up.py, up.pz), (low.dx, low.dy, low.dz))
-    up.left, up.right, up.flow = low.left, low.right, low.flow
-    up.allowed = np.inf
-    for child in (up.left, up.right):
-        if child >= 0:
-            segments[child].parent = parent
-    refresh_upwards(segments, parent, law)
-
-
-@jit
-def _straight_fits(
-    segments: Any, index: CellIndex, room: Room, parent: int, kept: int, taken: int
-) -> bool:
-    """Whether ``parent`` and ``kept`` can be one straight segment once ``taken`` is gone."""
-    a, b = segments[parent], segments[kept]
-    # A trunk's two parts are one straight already.
-    if a.given != 0 and b.given != 0:
-        return True
-    if room.limits.on:
-        ends = start_fits(segments, room.limits, parent, (b.dx, b.dy, b.dz))
-        if not (ends and end_fits(segments, room.limits, kept, (a.px, a.py, a.pz))):
-            return False
-    radius = a.radius
-    need = radius + room.wall
-    if depth_along(room.grid, a.px, a.py, a.pz, b.dx, b.dy, b.dz, need) < need:
-        return False
-    above, aunt, _, _ = neighbours_of(segments, parent)
-    skip = seven(parent, kept, taken, above, aunt, b.left, b.right)
-    free = widening(index, segments, room, a.px, a.py, a.pz, b.dx, b.dy, b.dz, radius, skip, False)
-    return bool(free >= 1.0)
-
-
-@jit
-def _mark(segments: Any, i: int, gone: Any) -> None:
-    stack = np.empty(2 * segments[i].terminals + 2, np.int32)
-    stack[0] = i
-    top = 1
-    while top > 0:
-        top -= 1
-        here = stack[top]
-        gone[here] = 1
-        if segments[here].left >= 0:
-            stack[top] = segments[here].left
-            stack[top + 1] = segments[here].right
-            top += 2
-
-
-@jit
-def _compact(segments: Any, count: int, gone: Any) -> int:
-    number = np.full(count + 1, -1, np.int32)
-    size = 0
-    for i in range(count):
-        if gone[i] == 0:
-            number[i] = size
-            size += 1
-    for i in range(count):
-        if gone[i] == 0:
-            s = segments[i]
-            # number[-1] is -1: no parent, no child.
-            s.parent, s.left, s.right = number[s.parent], number[s.left], number[s.right]
-            segments[number[i]] = s
-    return size

@@ -1,151 +1,50 @@
-"""One growing tree: its arrays, and the loop that has it grown, audited and repaired."""
+"""One growing tree: the loop that has it grown, audited and repaired."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError, RootError
-from design.tissue import Tissue
-from design.vasculature.growth.audit import measure_room, prune
-from design.vasculature.growth.harvest import final_radii, harvest, share_by_demand
-from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.listing import CELL, just, listed, room_of
-from design.vasculature.growth.penalty import PenaltyArrays, sample_penalty
-from design.vasculature.growth.points import GivenPoints, Sampler, in_the_way
+from design.vasculature.growth.audit import measure_changed, measure_room
+from design.vasculature.growth.bed import ALL_AROUND, Bed
+from design.vasculature.growth.harvest import final_radii, share_by_demand
+from design.vasculature.growth.listing import just, room_of
+from design.vasculature.growth.points import GivenPoints, in_the_way
+from design.vasculature.growth.prune import prune
 from design.vasculature.growth.refusals import no_room
 from design.vasculature.growth.retip import retip_thin
-from design.vasculature.growth.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT, Room
+from design.vasculature.growth.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
-from design.vasculature.growth.sample import Samples, depth_first
+from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.start import first_pair
-from design.vasculature.growth.state import SEGMENT, place, refresh
+from design.vasculature.growth.state import place, refresh
 from design.vasculature.growth.step import (
-    CANDIDATES,
     DONE,
     FULL_INDEX,
     MORE_POINTS,
-    PROGRESS,
     THIN_MARGIN,
-    Scale,
     derive_radii,
     grow,
 )
-from design.vasculature.growth.surroundings import Surroundings, clear_of
 from design.vasculature.growth.trunk import Trunk
-from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
 ROUNDS = 20
 """Audits and repairs at most."""
-
-_EAGER, _PATIENT = 6, 400
-"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
-radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
 
 _PATIENCE = 20_000
 _CHUNK = 4096
 _TRIES = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
-_SMALL = 10_000
-"""Terminals below which a tree is in the cache, however it is ordered."""
 
 _WAYS_MADE = 40
 """How often what is in the way of given points is taken away."""
 
-_ALL_AROUND = 40
-"""Nearest segments considered for given points missed at first, or with a flow ratio."""
 
-
-@dataclass
-class Garden:
-    """The arrays of one growth, and the loop around them."""
-
-    tissue: Tissue
-    options: GrowthOptions
-    others: Surroundings
-    room: Room
-    scale: Scale
-    segments: NDArray[np.void]
-    progress: NDArray[np.void]
-    random: np.random.Generator
-    index: CellIndex
-    sampler: Sampler
-    penalty: PenaltyArrays
-    given: GivenPoints | None
-    trunk: Trunk | None
-    indexed: int = 0
-    stage: int = -1
-    unreached: int = -1
-
-    @classmethod
-    def open(
-        cls,
-        tissue: Tissue,
-        options: GrowthOptions,
-        others: Surroundings,
-        spread: float,
-        attempt: int,
-        trunk: Trunk | None = None,
-    ) -> Garden:
-        """A garden with nothing in it yet; same arguments, same growth."""
-        if options.root_candidates:
-            raise GrowthError(
-                "a root is searched for a tree alone (grow_tree); give each of several trees its "
-                "root_point_mm"
-            )
-        given = GivenPoints.of(tissue, options)
-        goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
-        fixed = options.smallest_radius_mm or 0.0
-        spread = spread if fixed else 0.0
-        root = fixed * spread * goal ** (1.0 / options.murray_exponent)
-        volume = others.share * tissue.volume_mm3
-        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
-        patience = _PATIENT if fixed else _EAGER
-        own = np.zeros(2 * goal + 1 + (len(trunk.parent) if trunk else 0), SEGMENT)
-        own["flow"] = own["thick"] = 1.0
-        progress = np.zeros(1, PROGRESS)
-        progress["apart"], progress["thick"] = 0.9, 1.0
-        progress["candidates"] = _ALL_AROUND if options.flow_ratio else CANDIDATES
-        return cls(
-            tissue,
-            options,
-            others,
-            room_of(tissue, options),
-            Scale(drop, root, spread, goal, volume, patience, MARGIN),
-            np.concatenate([own, others.records()]) if others.count else own,
-            progress,
-            np.random.default_rng([options.seed, attempt]),
-            empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1),
-            Sampler.by(tissue, options, others.owns),
-            sample_penalty(tissue, options.penalty),
-            given,
-            trunk,
-        )
-
-    @property
-    def count(self) -> int:
-        """Segments grown."""
-        return int(self.progress["count"][0])
-
-    @property
-    def goal(self) -> int:
-        """Terminals of the finished tree; with given points, a trunk's own besides."""
-        return self.scale.goal
-
-    @property
-    def terminals(self) -> int:
-        """Terminals grown."""
-        return int(self.progress["terminals"][0])
-
-    def meet(self, others: Surroundings) -> None:
-        """Take the vessels of others as they are now."""
-        own = self.segments[: len(self.segments) - self.others.count]
-        self.others, self.segments = others, np.concatenate([own, others.records()])
+class Garden(Bed):
+    """The loop that has a tree grown, audited and repaired."""
 
     def run(self) -> VesselTree:
         """Grow, audit and repair until everything fits."""
@@ -215,44 +114,6 @@ class Garden:
         load = 2.0 * self.options.law.k * float(np.cbrt(self.tissue.volume_mm3))
         return float((self.scale.flow_over_drop * load) ** 0.25)
 
-    def _samples(self, tries: int) -> Samples:
-        """Points to grow to: so many tries at new ones, or the given ones that are left."""
-        if self.given is not None:
-            return self.given.samples(self.random.permutation(self._missing(self.given)))
-        return self.sampler.draw(self.random, tries, self.terminals > _SMALL)
-
-    def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
-        """Given points that aren't reached."""
-        s = self.segments[: self.count]
-        tips = s[(s["left"] < 0) & (s["given"] == 0)]
-        return given.missing(np.column_stack([tips["dx"], tips["dy"], tips["dz"]]))
-
-    @property
-    def _per_wanted(self) -> float:
-        """Points in the bounds for each that is wanted."""
-        box = float(np.prod(np.ptp(self.tissue.bounds, axis=0)))
-        return box / (self.scale.volume * self.sampler.kept)
-
-    def _clear(self, begin: Any, points: Any, radius: float) -> Any:
-        """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
-        self._reindex(own=0)
-        return clear_of(self.segments, self.index, self.room, begin, points, radius)
-
-    def _reindex(self, own: int | None = None) -> None:
-        """List everything anew, in cells that suit the tree until it has doubled.
-
-        Of the tree's own segments ``own`` are listed, or all.
-        """
-        self.indexed = max(4, self.terminals)
-        if self.terminals > _SMALL:
-            self.segments = depth_first(self.segments, self.count)
-        goal = min(self.goal, 2 * self.terminals)
-        cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
-        count = self.count if own is None else own
-        self.index = listed(
-            self.tissue.bounds, cell, self.segments, count, self.others.count, self.room
-        )
-
     def grow(self, until: int | None = None) -> None:
         """Grow up to the goal, wherever growth stands, or to so many terminals on the way."""
         goal = min(until or self.goal, self.goal)
@@ -260,20 +121,6 @@ class Garden:
             self._enter_stage()
             stages = self.options.stages
             self._grow_to(min(goal, stages[self.stage].terminals) if stages else goal)
-
-    def _enter_stage(self) -> GrowthOptions:
-        """Take the parameters of the stage that growth is in, and return them."""
-        stages, wish, now = self.options.stages, self.options, -1
-        if stages:
-            ends = [stage.terminals for stage in stages[:-1]]
-            now = int(np.searchsorted(ends, self.terminals, side="right"))
-            wish = self.options.at_stage(stages[now])
-        self.room = room_of(self.tissue, wish)
-        if now != self.stage:
-            self.stage = now
-            self.sampler = Sampler.by(self.tissue, wish, self.others.owns)
-            self.penalty = sample_penalty(self.tissue, wish.penalty)
-        return wish
 
     def _grow_to(self, goal: int) -> None:
         self.progress["since"] = 0
@@ -298,30 +145,18 @@ class Garden:
             )
             # Points in the order of a curve fail together: a whole lot of them must.
             if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
-                self._spend_reserve()
-
-    def _spend_reserve(self) -> None:
-        """Let vessels grow as wide as they can, once growth is stuck with some room kept back.
-
-        A trunk that can't widen by its reserve closes all of its branches to new terminals. What
-        turns out too wide in the end is thinned out by the repair.
-
-        Raises
-        ------
-        GrowthError
-            When the reserve is spent already, or the root's radius is fixed.
-        """
-        if self.scale.slack <= 1.0 or self.scale.root_radius > 0:
-            raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
-        self.scale = self.scale._replace(slack=1.0)
-        derive_radii(self.segments, self.progress, self.options.law, self.scale)
-        self.progress["since"] = 0
+                raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
 
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
         self._reindex()
-        # Neighbours' shares have changed since each segment's room was measured.
-        measure_room(self.segments, self.count, self.index, self.room, 0.0, False)
+        if self.progress["careful"][0]:
+            # The audit has measured all but what was pruned since.
+            measure_changed(self.segments, self.count, self.index, self.room, 0.0, True)
+        else:
+            # Neighbours' shares have changed since each segment's room was measured.
+            measure_room(self.segments, self.count, self.index, self.room, 0.0, False)
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def _more(self) -> Samples:
         """More points to grow to."""
@@ -338,7 +173,7 @@ class Garden:
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""
         passes = given.stuck_on(missing)
-        self.progress["candidates"] = _ALL_AROUND
+        self.progress["candidates"] = ALL_AROUND
         if passes > _WAYS_MADE:
             raise given.unreached(missing, self.tissue)
         s = self.segments[: self.count]
@@ -383,6 +218,7 @@ class Garden:
 
     def repair(self) -> None:
         """Lengthen the stem, or move tips that are too thin and take away what else doesn't fit."""
+        self.progress["careful"] = 1
         if self._stem_is_short():
             lengthen_stem(self.segments, self.room, self.options.law)
             return
@@ -400,7 +236,11 @@ class Garden:
 
     def _prune(self) -> None:
         """Take away what is wider than allowed."""
-        left = prune(self.segments, self.count, self.index, self.room, self.options.law)
+        least = THIN_MARGIN * (self.options.smallest_radius_mm or 0.0)
+        if self.given is not None:
+            least = np.inf  # a given terminal stays where it is
+        law = self.options.law
+        left = prune(self.segments, self.count, self.index, self.room, law, least)
         if left == 1 and self.trunk is None:
             raise RootError(
                 "the branches at the root don't fit with their final radii; choose another "
@@ -410,8 +250,3 @@ class Garden:
         self.progress["terminals"] = self.segments["terminals"][0]
         self.progress["apart"] = 0.9
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
-
-    def tree(self) -> VesselTree:
-        """The finished tree, its ratios computed afresh from geometry and topology."""
-        s = self.segments[: self.count]
-        return harvest(s, self.tissue, self.options, self.scale, self.trunk)

@@ -104,22 +104,30 @@ def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any
     trunk's segment never is.
     """
     one, two = segments[left], segments[right]
-    both = min(_parting(room, one, two), _parting(room, two, one))
-    thin = one
+    thin, wide = one, two
     if one.given != 0 or (two.radius < one.radius and two.given == 0):
-        thin = two
-    thin.allowed = min(thin.allowed, both * thin.radius)
+        thin, wide = two, one
+    for tip, other in ((one, two), (two, one)):
+        thin.allowed = min(thin.allowed, beside(room, away_from(tip, other), wide.radius))
     for child in (left, right):
         c = segments[child]
-        c.allowed = min(c.allowed, _parting(room, c, parent) * c.radius)
+        c.allowed = min(c.allowed, beside(room, away_from(c, parent), parent.radius))
         if room.length_to_radius > 0.0:
             c.allowed = min(c.allowed, c.length / room.length_to_radius)
 
 
 @jit
-def _parting(room: Room, tip: Any, other: Any) -> float:
-    """Factor on both radii at which a vessel's far end touches a neighbour, clearance included."""
+def away_from(tip: Any, other: Any) -> float:
+    """Distance of a vessel's far end from another's axis, mm."""
     o = other
     away, _ = point_segment(tip.dx, tip.dy, tip.dz, o.px, o.py, o.pz, o.dx, o.dy, o.dz)
-    both, thin = tip.radius + o.radius, min(tip.radius, o.radius)
-    return min((away - room.clearance) / both, away / (both + room.ratio * thin))
+    return away
+
+
+@jit
+def beside(room: Room, away: float, other: float) -> float:
+    """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
+    free = away - other
+    # The kept distance goes by the thinner of the two, whichever that comes out to be.
+    kept = max(free / (1.0 + room.ratio), free - room.ratio * other)
+    return max(0.0, min(free - room.clearance, kept))

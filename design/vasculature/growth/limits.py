@@ -52,6 +52,3 @@ def joint_limits(
     on = tuple(branch_degrees) != free or tuple(turn_degrees) != free or flow_ratio > 0.0
     narrow, wide, slight, sharp = (cos(radians(x)) for x in (*branch_degrees, *turn_degrees))
     return Limits(on, narrow, wide, slight, sharp, flow_ratio)
-
-
-NO_LIMITS = joint_limits((0.0, 180.0), (0.0, 180.0), 0.0)

@@ -1,4 +1,4 @@
-"""Give terminals that became too thin a new tip: a longer one at the same pressures is wider."""
+"""Give terminals a new tip: those that became too thin a longer one, those in the way any."""
 
 from __future__ import annotations
 
@@ -17,6 +17,50 @@ from design.vasculature.growth.within import start_fits
 from design.vasculature.options import Law
 from kernels import jit
 
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+PARTS = (1.0, 0.7, 0.4)
+"""Lengths of the ways tried for a new tip, over that of the branch."""
+
+WAYS = 48
+"""Directions tried, spread over the sphere."""
+
+
+@jit
+def tip_near(
+    segments: Any, i: int, index: CellIndex, room: Room, law: Law, weight: float, least: float
+) -> tuple[bool, tuple[float, float, float]]:
+    """A tip that fits for branch ``i``, were it a terminal of flow times viscosity ``weight``.
+
+    Its own way comes first, then ways all around its start; of each the long ones.
+
+    Parameters
+    ----------
+    least : float, mm
+        Smallest radius of the terminal.
+    """
+    s = segments[i]
+    _, sibling, _, _ = neighbours_of(segments, i)
+    p = (s.px, s.py, s.pz)
+    if sibling < 0 or room.limits.on:
+        return False, p
+    ways = np.empty((WAYS + 1, 3))
+    ways[0] = ((s.dx - s.px) / s.length, (s.dy - s.py) / s.length, (s.dz - s.pz) / s.length)
+    for n in range(WAYS):
+        up = 1.0 - (2 * n + 1) / WAYS
+        flat, turn = np.sqrt(1.0 - up * up), GOLDEN_ANGLE * n
+        ways[n + 1] = (flat * np.cos(turn), flat * np.sin(turn), up)
+    for part in PARTS:
+        length = part * s.length
+        radius = _tip_radius(segments, i, weight, length, law)
+        if radius < least or length < room.length_to_radius * radius:
+            continue
+        for way in ways:
+            t = (p[0] + length * way[0], p[1] + length * way[1], p[2] + length * way[2])
+            if _tip_fits(segments, i, index, room, t, radius):
+                return True, t
+    return False, p
+
 
 @jit
 def retip_thin(
@@ -31,7 +75,7 @@ def retip_thin(
         if segments[i].left < 0 and segments[i].allowed == 0.0 and segments[i].given == 0:
             best = _nearest_tip(segments, i, index, room, law, points, least)
             if best >= 0:
-                _move_tip(segments, i, index, room, law, points[best])
+                move_tip(segments, i, index, room, law, points[best])
 
 
 @jit
@@ -39,14 +83,14 @@ def _nearest_tip(
     segments: Any, i: int, index: CellIndex, room: Room, law: Law, points: Any, least: float
 ) -> int:
     s = segments[i]
-    shortest = np.inf
-    best = -1
+    shortest, best = np.inf, -1
+    weight = s.flow * s.thick
     for n in range(len(points)):
         t = points[n]
         length = distance(s.px, s.py, s.pz, t[0], t[1], t[2])
         if length >= shortest:
             continue
-        radius = _tip_radius(segments, i, length, law)
+        radius = _tip_radius(segments, i, weight, length, law)
         if radius < least or length < room.length_to_radius * radius:
             continue
         if _tip_fits(segments, i, index, room, t, radius):
@@ -56,10 +100,10 @@ def _nearest_tip(
 
 
 @jit
-def _tip_radius(segments: Any, i: int, length: float, law: Law) -> float:
-    """Radius that a terminal of this length would have beside its sibling."""
+def _tip_radius(segments: Any, i: int, weight: float, length: float, law: Law) -> float:
+    """Radius that a terminal of this flow times viscosity and length has beside its sibling."""
     parent, sibling, _, _ = neighbours_of(segments, i)
-    load = segments[i].flow * segments[i].thick * law.k * length
+    load = weight * law.k * length
     m = from_gamma(to_gamma(load, law) + to_gamma(segments[sibling].load, law), law)
     return float(segments[parent].radius * np.sqrt(np.sqrt(load / m)))
 
@@ -89,10 +133,11 @@ def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radiu
 
 
 @jit
-def _move_tip(segments: Any, i: int, index: CellIndex, room: Room, law: Law, t: Any) -> None:
+def move_tip(segments: Any, i: int, index: CellIndex, room: Room, law: Law, t: Any) -> None:
+    """Put a terminal's tip elsewhere, and list it there besides."""
     s = segments[i]
     place(segments, i, (s.px, s.py, s.pz), (t[0], t[1], t[2]))
-    s.radius = _tip_radius(segments, i, s.length, law)
+    s.radius = _tip_radius(segments, i, s.flow * s.thick, s.length, law)
     s.allowed = np.inf
     refresh(segments, i, law)
     refresh_upwards(segments, s.parent, law)

@@ -9,7 +9,7 @@ import numpy as np
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
 from design.vasculature.growth.cost import Sprout
-from design.vasculature.growth.fit import Seven, seven, widening
+from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.growth.penalty import PenaltyArrays
 from design.vasculature.growth.propose import propose
@@ -35,6 +35,7 @@ PROGRESS = np.dtype(
         ("smallest", "f8"),
         ("thick", "f8"),
         ("candidates", "i8"),
+        ("careful", "i8"),
     ]
 )
 """Where growth stands.
@@ -43,7 +44,8 @@ count : segments; terminals : of them; refresh_at : terminals at which radii are
 tried : points tried; since : points tried since the last success; apart : share of the mean
 spacing that a new terminal must be away from the tree; root_radius : predicted, mm;
 smallest : terminal radius, predicted, mm; thick : mean viscosity of the terminals, over μ;
-candidates : nearest segments considered for a new terminal.
+candidates : nearest segments considered for a new terminal; careful : 1 where vessels are kept
+from becoming too wide terminal by terminal, not only each time radii are derived anew.
 """
 
 
@@ -64,8 +66,6 @@ class Scale(NamedTuple):
     patience : int
         Points tried without success before nearer ones to the tree are let in: what is far is
         reached by wide vessels only once these have come near.
-    slack : float
-        How much wider than predicted a vessel must be able to become to take on more terminals.
     """
 
     flow_over_drop: float
@@ -74,7 +74,6 @@ class Scale(NamedTuple):
     goal: int
     volume: float
     patience: int
-    slack: float
 
 
 DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
@@ -85,6 +84,11 @@ REFRESH = 24
 
 GROWTH_POWER = 0.02
 """Root radius grows with about this power of the number of terminals (measured)."""
+
+KEPT = 0.02
+"""A vessel must be able to become this part wider than predicted to take on more terminals, times
+the part of the tree that has yet to grow: at the end the prediction is exact, and a trunk that is
+as wide as it can be would close all of its branches."""
 
 THIN_MARGIN = 1.08
 """A new terminal must be this much wider than the limit: later ones make it thinner."""
@@ -112,9 +116,11 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
 
 
 @jit
-def settle(segments: Any, index: CellIndex, room: Room, i: int, skip: Seven) -> bool:
+def settle(segments: Any, index: CellIndex, room: Room, i: int) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
+    parent, sibling, left, right = neighbours_of(segments, i)
+    skip = seven(i, parent, sibling, left, right, -1, -1)
     most = REACH * s.radius + room.wall
     depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
     free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
@@ -130,8 +136,8 @@ def commit(segments: Any, count: int, index: CellIndex, room: Room, law: Law, fo
     when the index ran out of room (the tree itself is whole).
     """
     i, lower, tip = fork.segment, count, count + 1
-    parent, sibling, left, right = neighbours_of(segments, i)
     s = segments[i]
+    left, right = s.left, s.right
     p = (s.px, s.py, s.pz)
     b = (fork.bx, fork.by, fork.bz)
     place(segments, lower, b, (s.dx, s.dy, s.dz))
@@ -153,9 +159,37 @@ def commit(segments: Any, count: int, index: CellIndex, room: Room, law: Law, fo
     refresh(segments, lower, law)
     refresh(segments, tip, law)
     refresh_upwards(segments, i, law)
-    done = settle(segments, index, room, i, seven(i, parent, sibling, lower, tip, -1, -1))
-    done = settle(segments, index, room, lower, seven(lower, i, tip, left, right, -1, -1)) and done
-    return settle(segments, index, room, tip, seven(tip, i, lower, -1, -1, -1, -1)) and done
+    done = settle(segments, index, room, i)
+    done = settle(segments, index, room, lower) and done
+    return settle(segments, index, room, tip) and done
+
+
+@jit
+def drop_full(segments: Any, found: Any, size: int, flow: float, law: Law) -> int:
+    """Keep those of ``found[:size]`` on whose way to the root no vessel becomes too wide."""
+    kept = 0
+    for n in range(size):
+        i = found[n]
+        above = segments[i].parent
+        while above >= 0:
+            s = segments[above]
+            if s.radius * (1.0 + flow / s.flow) ** (1.0 / law.gamma) > s.allowed:
+                break
+            above = s.parent
+        if above < 0:
+            found[kept] = i
+            kept += 1
+    return kept
+
+
+@jit
+def widen_above(segments: Any, i: int, flow: float, law: Law) -> None:
+    """Widen the vessels above segment ``i``, which have just received so much more flow."""
+    above = segments[i].parent
+    while above >= 0:
+        s = segments[above]
+        s.radius *= (s.flow / (s.flow - flow)) ** (1.0 / law.gamma)
+        above = s.parent
 
 
 @jit
@@ -163,7 +197,8 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     """Predict all radii anew."""
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
-    s.smallest = spread_down(segments, s.count, s.root_radius, scale.slack, law)
+    slack = 1.0 + KEPT * (1.0 - s.terminals / scale.goal)
+    s.smallest = spread_down(segments, s.count, s.root_radius, slack, law)
     if law.haematocrit >= 0.0:
         _, s.thick = follow_radii(segments, s.count, law)
     s.refresh_at = s.terminals + max(1, s.terminals // REFRESH)
@@ -207,6 +242,8 @@ def grow(
         size = nearest_segments(index, segments, t[0], t[1], t[2], found, away)
         if away[0] < s.apart * (spacing * samples.near[n]):
             continue
+        if s.careful != 0:
+            size = drop_full(segments, found, size, samples.flow[n], law)
         limit = thinnest(s.terminals + 1, s.root_radius, law, scale)
         tip = max(limit, 0.5 * s.root_radius * (s.terminals + 1) ** (-1.0 / law.gamma))
         shallow = -read(room.grid, t[0], t[1], t[2]) < tip + room.wall
@@ -217,6 +254,8 @@ def grow(
         if not good:
             continue
         listed = commit(segments, s.count, index, room, law, fork)
+        if s.careful != 0:
+            widen_above(segments, fork.segment, fork.flow, law)
         s.count += 2
         s.terminals += 1
         s.since = 0

@@ -1,0 +1,179 @@
+"""What one tree grows in: its arrays, how they are listed, and the points it may grow to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import GrowthError
+from design.tissue import Tissue
+from design.vasculature.growth.harvest import harvest
+from design.vasculature.growth.index import CellIndex, empty_index
+from design.vasculature.growth.listing import CELL, listed, room_of
+from design.vasculature.growth.penalty import PenaltyArrays, sample_penalty
+from design.vasculature.growth.points import GivenPoints, Sampler
+from design.vasculature.growth.room import Room
+from design.vasculature.growth.sample import Samples, depth_first
+from design.vasculature.growth.state import SEGMENT
+from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale
+from design.vasculature.growth.surroundings import Surroundings, clear_of
+from design.vasculature.growth.trunk import Trunk
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+
+_EAGER, _PATIENT = 6, 400
+"""Patience (see `Scale`) of thin trees, which get everywhere at once, and of those with a smallest
+radius: with that of the former, 95 % of a folded slab lay within 7.9 mm of a lumen, not 1.9."""
+
+_SMALL = 10_000
+"""Terminals below which a tree is in the cache, however it is ordered."""
+
+ALL_AROUND = 40
+"""Nearest segments considered for given points missed at first, or with a flow ratio."""
+
+
+@dataclass
+class Bed:
+    """The arrays of one growth; same arguments, same growth."""
+
+    tissue: Tissue
+    options: GrowthOptions
+    others: Surroundings
+    room: Room
+    scale: Scale
+    segments: NDArray[np.void]
+    progress: NDArray[np.void]
+    random: np.random.Generator
+    index: CellIndex
+    sampler: Sampler
+    penalty: PenaltyArrays
+    given: GivenPoints | None
+    trunk: Trunk | None
+    indexed: int = 0
+    stage: int = -1
+    unreached: int = -1
+
+    @classmethod
+    def open(
+        cls,
+        tissue: Tissue,
+        options: GrowthOptions,
+        others: Surroundings,
+        spread: float,
+        attempt: int,
+        trunk: Trunk | None = None,
+    ) -> Self:
+        """A garden with nothing in it yet; same arguments, same growth."""
+        if options.root_candidates:
+            raise GrowthError(
+                "a root is searched for a tree alone (grow_tree); give each of several trees its "
+                "root_point_mm"
+            )
+        given = GivenPoints.of(tissue, options)
+        goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
+        fixed = options.smallest_radius_mm or 0.0
+        spread = spread if fixed else 0.0
+        root = fixed * spread * goal ** (1.0 / options.murray_exponent)
+        volume = others.share * tissue.volume_mm3
+        drop = options.flow_ul_s(volume) / options.pressure_drop_pa
+        patience = _PATIENT if fixed else _EAGER
+        own = np.zeros(2 * goal + 1 + (len(trunk.parent) if trunk else 0), SEGMENT)
+        own["flow"] = own["thick"] = 1.0
+        progress = np.zeros(1, PROGRESS)
+        progress["apart"], progress["thick"] = 0.9, 1.0
+        progress["candidates"] = ALL_AROUND if options.flow_ratio else CANDIDATES
+        return cls(
+            tissue,
+            options,
+            others,
+            room_of(tissue, options),
+            Scale(drop, root, spread, goal, volume, patience),
+            np.concatenate([own, others.records()]) if others.count else own,
+            progress,
+            np.random.default_rng([options.seed, attempt]),
+            empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1),
+            Sampler.by(tissue, options, others.owns),
+            sample_penalty(tissue, options.penalty),
+            given,
+            trunk,
+        )
+
+    @property
+    def count(self) -> int:
+        """Segments grown."""
+        return int(self.progress["count"][0])
+
+    @property
+    def goal(self) -> int:
+        """Terminals of the finished tree; with given points, a trunk's own besides."""
+        return self.scale.goal
+
+    @property
+    def terminals(self) -> int:
+        """Terminals grown."""
+        return int(self.progress["terminals"][0])
+
+    def meet(self, others: Surroundings) -> None:
+        """Take the vessels of others as they are now."""
+        own = self.segments[: len(self.segments) - self.others.count]
+        self.others, self.segments = others, np.concatenate([own, others.records()])
+
+    def _samples(self, tries: int) -> Samples:
+        """Points to grow to: so many tries at new ones, or the given ones that are left."""
+        if self.given is not None:
+            return self.given.samples(self.random.permutation(self._missing(self.given)))
+        return self.sampler.draw(self.random, tries, self.terminals > _SMALL)
+
+    def _missing(self, given: GivenPoints) -> NDArray[np.int64]:
+        """Given points that aren't reached."""
+        s = self.segments[: self.count]
+        tips = s[(s["left"] < 0) & (s["given"] == 0)]
+        return given.missing(np.column_stack([tips["dx"], tips["dy"], tips["dz"]]))
+
+    @property
+    def _per_wanted(self) -> float:
+        """Points in the bounds for each that is wanted."""
+        box = float(np.prod(np.ptp(self.tissue.bounds, axis=0)))
+        return box / (self.scale.volume * self.sampler.kept)
+
+    def _clear(self, begin: Any, points: Any, radius: float) -> Any:
+        """Whether capsules from ``begin`` to each of ``points`` clear the vessels of others."""
+        self._reindex(own=0)
+        return clear_of(self.segments, self.index, self.room, begin, points, radius)
+
+    def _reindex(self, own: int | None = None) -> None:
+        """List everything anew, in cells that suit the tree until it has doubled.
+
+        Of the tree's own segments ``own`` are listed, or all.
+        """
+        self.indexed = max(4, self.terminals)
+        if self.terminals > _SMALL:
+            self.segments = depth_first(self.segments, self.count)
+        goal = min(self.goal, 2 * self.terminals)
+        cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
+        count = self.count if own is None else own
+        self.index = listed(
+            self.tissue.bounds, cell, self.segments, count, self.others.count, self.room
+        )
+
+    def _enter_stage(self) -> GrowthOptions:
+        """Take the parameters of the stage that growth is in, and return them."""
+        stages, wish, now = self.options.stages, self.options, -1
+        if stages:
+            ends = [stage.terminals for stage in stages[:-1]]
+            now = int(np.searchsorted(ends, self.terminals, side="right"))
+            wish = self.options.at_stage(stages[now])
+        self.room = room_of(self.tissue, wish)
+        if now != self.stage:
+            self.stage = now
+            self.sampler = Sampler.by(self.tissue, wish, self.others.owns)
+            self.penalty = sample_penalty(self.tissue, wish.penalty)
+        return wish
+
+    def tree(self) -> VesselTree:
+        """The finished tree, its ratios computed afresh from geometry and topology."""
+        s = self.segments[: self.count]
+        return harvest(s, self.tissue, self.options, self.scale, self.trunk)

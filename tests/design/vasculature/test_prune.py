@@ -1,0 +1,96 @@
+"""What is taken from a tree whose vessels are too wide, and what is left of it."""
+
+import numpy as np
+import pytest
+
+from design.tissue import block, tissue_from_surface
+from design.vasculature import GrowthOptions
+from design.vasculature.growth.garden import Garden
+from design.vasculature.growth.prune import prune
+from design.vasculature.growth.surroundings import Surroundings
+
+TERMINALS = 3000
+
+
+@pytest.fixture
+def garden():
+    shape = block((20.0, 16.0, 12.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    garden = Garden.open(tissue, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
+    garden.start()
+    garden.grow()
+    garden.audit()
+    return garden
+
+
+def pruned(garden, smallest):
+    args = garden.segments, garden.count, garden.index, garden.room, garden.options.law
+    garden.progress["count"] = prune(*args, smallest)
+    return garden.segments[: garden.count]
+
+
+def whole(segments):
+    """Whether parents, children, ends and numbers of terminals agree."""
+    inner = np.flatnonzero(segments["left"] >= 0)
+    for side in ("left", "right"):
+        child = segments[side][inner]
+        assert (segments["parent"][child] == inner).all()
+        for axis in "xyz":
+            assert (segments[f"p{axis}"][child] == segments[f"d{axis}"][inner]).all()
+    below = sum(segments["terminals"][segments[side][inner]] for side in ("left", "right"))
+    assert (segments["terminals"][inner] == below).all()
+    assert (segments["terminals"][segments["left"] < 0] == 1).all()
+    return len(segments) == 2 * segments["terminals"][0] - 1
+
+
+@pytest.mark.parametrize("smallest", [0.0, np.inf], ids=["tips may move", "tips stay"])
+def test_a_vessel_that_is_too_wide_loses_what_makes_it_thin_enough(garden, smallest):
+    s = garden.segments[: garden.count]
+    wide = int(np.argmin(np.abs(s["terminals"] - 800)))
+    fed = int(s["terminals"][wide])
+    s["allowed"] = np.inf
+    s["allowed"][wide] = 0.97 * s["radius"][wide]
+    left = pruned(garden, smallest)
+    assert whole(left)
+    lost = TERMINALS - left["terminals"][0]
+    thin_enough = 1.0 - (0.98 * 0.97) ** garden.options.law.gamma
+    assert thin_enough * fed - 2 <= lost <= thin_enough * fed + 2
+
+
+def test_terminals_in_the_way_cost_few_others(garden):
+    # A vessel is seldom straight enough to do without its branch: those that aren't must not take
+    # the branches above with them, up to the root.
+    s = garden.segments[: garden.count]
+    s["allowed"] = np.inf
+    tips = np.flatnonzero(s["left"] < 0)[::10]
+    s["allowed"][tips] = 0.9 * s["radius"][tips]
+    left = pruned(garden, 0.0)
+    assert whole(left)
+    assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
+
+
+def test_moved_tips_are_as_wide_as_they_must_be(garden):
+    s = garden.segments[: garden.count]
+    s["allowed"] = np.inf
+    tips = np.flatnonzero(s["left"] < 0)[::10]
+    s["allowed"][tips] = 0.9 * s["radius"][tips]
+    ends = {tuple(end) for end in s[["dx", "dy", "dz"]]}
+    least = float(np.median(s["radius"][s["left"] < 0]))
+    left = pruned(garden, least)
+    moved = [end not in ends for end in map(tuple, left[["dx", "dy", "dz"]])]
+    assert any(moved)
+    assert left["radius"][moved].min() >= least
+
+
+def test_repair_of_what_is_pruned_ends_with_every_terminal(garden):
+    s = garden.segments[: garden.count]
+    rng = np.random.default_rng(5)
+    s["allowed"][rng.choice(np.arange(1, garden.count), 60, replace=False)] = 0.0
+    garden.repair()
+    for _ in range(10):
+        garden.grow()
+        if garden.audit() == 0:
+            break
+        garden.repair()
+    assert garden.terminals == TERMINALS
+    assert garden.audit() == 0
