@@ -1,4 +1,4 @@
-"""Compile every kernel by running two tiny recipes through the whole chain.
+"""Compile every kernel by running tiny recipes through the whole chain, and drawing a picture.
 
 Kernels are compiled for the types they are called with, so the chain itself is the only list of
 them that can't go out of date.
@@ -8,13 +8,21 @@ from __future__ import annotations
 
 import io
 import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from design.errors import GrowthError
+from printctl.networks import Drive, load_source
 from printctl.pipeline import run_recipe
-from printctl.recipe import parse_recipe
+from printctl.pipeline.run import design_recipe
+from printctl.recipe import Recipe, parse_recipe
+from registration.picture import PictureOptions, draw_picture, quantities
+
+Run = Callable[[Recipe, Path, Path, Console], dict[str, Any]]
 
 LAYERED: dict[str, Any] = {
     "schema": 1,
@@ -35,12 +43,42 @@ EMBEDDED: dict[str, Any] = {
     "scan": {"simulated": "microct", "voxel_um": [80, 80, 80]},
     "registration": {"tolerance_um": 1000},
 }
+POLISHED: dict[str, Any] = EMBEDDED | {
+    "name": "warm_polish",
+    "vasculature": {"grow": "tree", "terminals": 30, "polish": True},
+}
+CROWDED: dict[str, Any] = EMBEDDED | {
+    "name": "warm_loops",
+    "vasculature": {
+        "grow": "closed_loop",
+        "terminals": 12,
+        "smallest_diameter_mm": 0.3,
+    },
+}
+"""So little room that connections go round and terminals are shortened."""
 
 
 def warm_kernels() -> None:
-    """Run both recipes in a scratch folder and forget them."""
+    """Run the recipes in a scratch folder, draw one of their networks, and forget them."""
     silent = Console(file=io.StringIO())
-    with tempfile.TemporaryDirectory() as scratch:
-        for data in (LAYERED, EMBEDDED):
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+
+        def warmed(data: dict[str, Any], run: Run) -> Path:
             recipe = parse_recipe(data, "warm-up recipe")
-            run_recipe(recipe, Path(scratch), Path(scratch) / recipe.name, silent)
+            run(recipe, scratch, scratch / recipe.name, silent)
+            return scratch / recipe.name
+
+        warmed(LAYERED, run_recipe)
+        warmed(POLISHED, design_recipe)
+        # What finds no way has compiled all that looks for one.
+        with suppress(GrowthError):
+            warmed(CROWDED, design_recipe)
+        draw(warmed(EMBEDDED, run_recipe))
+
+
+def draw(folder: Path) -> None:
+    """A small picture of a run's network in its tissue."""
+    source = load_source(folder, None, Drive())
+    radius = quantities(source.network, source.known)[0]
+    draw_picture(source.network, radius, source.surface, PictureOptions(width=300))

@@ -108,41 +108,11 @@ def balance(
     """
     loops = loop_vessels(network)
     wanted = _shares(shares, len(loops))
-    flow = solve_flow(network, conditions).flow
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
-    # Connections may be drawn against the flow; what they carry keeps its direction.
-    sign = np.where(flow[loops] < 0, -1.0, 1.0)
-    target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
-    least = WIDEST if widen else 1.0
-    for _ in range(_HALVINGS):
-        drop = _drops(network, conditions, loops, target, resistance, least)
-        needed = drop / target
-        if conditions.inlet_pressure_pa is None or (needed > least * resistance[loops]).all():
-            break
-        # Less flow leaves more of the given pressure to the connections.
-        target *= 0.5
-    bad = np.flatnonzero(~(needed > 0))
-    if len(bad):
-        raise FlowError(
-            f"{len(bad)} of {len(loops)} connections would need flow against the pressure, first "
-            f"vessel {loops[bad[0]]}; the trees take more pressure than there is: ask for shares "
-            "nearer to equal, or widen the trees"
-        )
-    wider = np.flatnonzero(needed < (1.0 - 1e-9) * resistance[loops])
-    if len(wider) and not widen:
-        raise FlowError(
-            f"{len(wider)} of {len(loops)} connections would have to be widened, first vessel "
-            f"{loops[wider[0]]}; allow it (widen) and check the clearance, or lower the inlet's "
-            "pressure"
-        )
+    needed = _needed(network, conditions, loops, wanted, resistance, WIDEST if widen else 1.0)
+    _refuse_impossible(loops, needed, resistance[loops], widen=widen)
     adjusted = _scaled(network, loops, (resistance[loops] / needed) ** 0.25)
-    thin = np.array([adjusted.polyline(int(v))[1].min() for v in loops]) < smallest_radius_mm
-    if thin.any():
-        raise FlowError(
-            f"{int(thin.sum())} of {len(loops)} connections would be thinner than "
-            f"{smallest_radius_mm:g} mm, first vessel {loops[int(np.argmax(thin))]}; ask for "
-            "shares nearer to equal or thicker connections"
-        )
+    _refuse_thin(adjusted, loops, smallest_radius_mm)
     left = flow_spread(adjusted, conditions, wanted)
     if left > spread:
         raise FlowError(
@@ -150,6 +120,60 @@ def balance(
             "network for vessels of absurd resistance"
         )
     return adjusted
+
+
+def _needed(
+    network: VesselNetwork,
+    conditions: FlowConditions,
+    loops: IntArray,
+    wanted: FloatArray,
+    resistance: FloatArray,
+    least: float,
+) -> FloatArray:
+    """Resistance that gives each connection its share, (k,), Pa·s/mm³."""
+    flow = solve_flow(network, conditions).flow
+    # Connections may be drawn against the flow; what they carry keeps its direction.
+    sign = np.where(flow[loops] < 0, -1.0, 1.0)
+    target = sign * wanted * (np.abs(flow[loops]).sum() / wanted.sum())
+    for _ in range(_HALVINGS):
+        drop = _drops(network, conditions, loops, target, resistance, least)
+        needed = drop / target
+        if conditions.inlet_pressure_pa is None or (needed > least * resistance[loops]).all():
+            break
+        # Less flow leaves more of the given pressure to the connections.
+        target *= 0.5
+    return needed
+
+
+def _refuse_impossible(
+    loops: IntArray, needed: FloatArray, resistance: FloatArray, *, widen: bool
+) -> None:
+    """Raise `FlowError` where a connection needs no resistance, or unduly less than it has."""
+    bad = np.flatnonzero(~(needed > 0))
+    if len(bad):
+        raise FlowError(
+            f"{len(bad)} of {len(loops)} connections would need flow against the pressure, first "
+            f"vessel {loops[bad[0]]}; the trees take more pressure than there is: ask for shares "
+            "nearer to equal, or widen the trees"
+        )
+    wider = np.flatnonzero(needed < (1.0 - 1e-9) * resistance)
+    if len(wider) and not widen:
+        raise FlowError(
+            f"{len(wider)} of {len(loops)} connections would have to be widened, first vessel "
+            f"{loops[wider[0]]}; allow it (widen) and check the clearance, or lower the inlet's "
+            "pressure"
+        )
+
+
+def _refuse_thin(network: VesselNetwork, loops: IntArray, smallest_radius_mm: float) -> None:
+    """Raise `FlowError` where a connection is thinner than ``smallest_radius_mm``."""
+    thin = np.array([network.polyline(int(v))[1].min() for v in loops]) < smallest_radius_mm
+    if thin.any():
+        raise FlowError(
+            f"{int(thin.sum())} of {len(loops)} connections would be thinner than "
+            f"{smallest_radius_mm:g} mm, first vessel {loops[int(np.argmax(thin))]}; ask for "
+            "shares nearer to equal or thicker connections"
+        )
 
 
 def _shares(shares: Sequence[float] | FloatArray | None, count: int) -> FloatArray:

@@ -6,7 +6,7 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -25,6 +25,7 @@ from printctl.errors import UsageError
 from printctl.networks import Drive, Source, load_source, read_surface
 from printctl.pipeline.stages.tissue import SURFACE
 from registration.picture import (
+    Colour,
     PictureOptions,
     Quantity,
     Surface,
@@ -52,7 +53,7 @@ def view(
         typer.Option("--png", help="Draw a picture for a paper; without --out no page."),
     ] = None,
     colour: Annotated[
-        Literal["radius", "flow", "pressure", "shear", "order", "tree", "deviation"],
+        Colour,
         typer.Option("--colour", "--color", help="What the vessels are coloured by at first."),
     ] = "radius",
     seen_from: Annotated[

@@ -23,18 +23,10 @@ from printctl.pipeline.context import NETWORK
 from printctl.pipeline.stages.flow import TABLE
 from printctl.pipeline.stages.registration import NUMBERS
 from printctl.pipeline.stages.tissue import SURFACE
-from registration.picture import Known, Surface
+from registration.picture import FLOW, GAUGED, Known, Surface
 from registration.report.network_view import columns
 
-_FLOW: Final = (
-    "flow_ml_min",
-    "flow_ul_s",
-    "pressure_in_mmhg",
-    "pressure_out_mmhg",
-    "wall_shear_pa",
-    "velocity_mm_s",
-)
-_GAUGED: Final = ("error_percent", "rms_um", "offset_um")
+_FLOW: Final = ("flow_ul_s", *FLOW)
 
 
 @dataclass(frozen=True)
@@ -148,7 +140,7 @@ def _gauged(folder: Path, count: int) -> tuple[dict[str, FloatArray], list[str]]
     try:
         data: Any = json.loads(path.read_text(encoding="utf-8"))
         rows: Sequence[Any] = data["vessels"]
-        return columns(rows, _GAUGED, count), []
+        return columns(rows, GAUGED, count), []
     except (ValueError, KeyError, TypeError, AttributeError):
         return {}, [f"{NUMBERS} can't be read and is left out; run the recipe again."]
 

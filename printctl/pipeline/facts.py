@@ -9,7 +9,6 @@ from typing import Any
 
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.recipe.growth import files_of
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
 
@@ -19,7 +18,7 @@ def input_digests(context: RunContext) -> dict[str, str]:
     recipe = context.recipe
     named = [
         *recipe.tissue.files(),
-        *files_of(recipe.vasculature),
+        *recipe.vasculature.files(),
         getattr(recipe.scan, "file", None),
     ]
     files = {name: context.recipe_folder / name for name in named if name}

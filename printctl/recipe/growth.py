@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
 from printctl.recipe.lattice import LatticeNetwork
-from printctl.recipe.parts import Part, Point, given
+from printctl.recipe.parts import NetworkSection, Part, Point, given
 
 FileName = Annotated[str, Field(min_length=1, description="Path, relative to the recipe.")]
 Terminals = Annotated[int, Field(ge=1, le=20_000_000)]
@@ -22,14 +22,6 @@ LengthToRadius = Annotated[
 FlowRatio = Annotated[
     float, Field(ge=0, le=0.5, description="Least flow of a child over its sibling's.")
 ]
-
-
-class NetworkSection(Part):
-    """What every network may say."""
-
-    def files(self) -> list[str]:
-        """Names of the user's files that the network is made from."""
-        return []
 
 
 class NamedNetwork(NetworkSection):
@@ -235,8 +227,3 @@ NetworkPart = Annotated[
     | Annotated[ClosedLoop, Tag("grow: closed_loop")],
     Discriminator(_network_kind),
 ]
-
-
-def files_of(part: NetworkPart) -> list[str]:
-    """Names of the user's files that a network is made from."""
-    return part.files() if isinstance(part, NetworkSection) else []

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from design.lattices import LatticeKind
+from printctl.recipe.parts import NetworkSection
 
 _Width = Annotated[float, Field(gt=0, le=100)]
 
 
-class LatticeNetwork(BaseModel):
+class LatticeNetwork(NetworkSection):
     """Channels of a regular lattice clipped to the tissue, with one inlet and one outlet."""
-
-    # As printctl.recipe.parts.Part, which imports this module.
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     lattice: LatticeKind
     cell_mm: _Width = Field(description="Edge of the unit cell.")

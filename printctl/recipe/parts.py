@@ -24,6 +24,14 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class NetworkSection(Part):
+    """What every network may say."""
+
+    def files(self) -> list[str]:
+        """Names of the user's files that the network is made from."""
+        return []
+
+
 def given(value: Any, key: str) -> Any:
     """What a section, as a dict or as a model, says under ``key``; None when it doesn't."""
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)

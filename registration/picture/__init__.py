@@ -2,14 +2,16 @@
 
 from registration.picture.camera import DIRECTIONS, Camera, View, fitted_camera
 from registration.picture.compose import PictureOptions, draw_picture
-from registration.picture.quantities import KEYS, Known, quantities
+from registration.picture.quantities import FLOW, GAUGED, Colour, Known, quantities
 from registration.picture.quantity import Quantity
 from registration.picture.shade import Surface
 
 __all__ = [
     "DIRECTIONS",
-    "KEYS",
+    "FLOW",
+    "GAUGED",
     "Camera",
+    "Colour",
     "Known",
     "PictureOptions",
     "Quantity",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,20 @@ from design.units import PA_PER_MMHG
 from registration.picture.colours import KIND_COLOURS, SEQUENTIAL, TREE_COLOURS
 from registration.picture.quantity import Quantity, magnitude, signed
 
-KEYS: Final = ("radius", "flow", "pressure", "shear", "order", "tree", "deviation")
-"""What the command line offers."""
+Colour = Literal["radius", "flow", "pressure", "shear", "order", "tree", "deviation"]
+"""Keys of the quantities that a picture can be coloured by from the command line."""
+
+FLOW: Final = (
+    "flow_ml_min",
+    "pressure_in_mmhg",
+    "pressure_out_mmhg",
+    "wall_shear_pa",
+    "velocity_mm_s",
+)
+"""Columns of `Known.flow`."""
+
+GAUGED: Final = ("error_percent", "rms_um", "offset_um")
+"""Columns of `Known.gauged`."""
 
 _MMHG_FROM = 1.0
 """Networks with less pressure than this, mmHg, are shown in Pa."""
@@ -31,10 +43,9 @@ class Known:
     Attributes
     ----------
     flow : mapping
-        ``flow_ml_min``, ``pressure_in_mmhg``, ``pressure_out_mmhg``, ``wall_shear_pa``,
-        ``velocity_mm_s``.
+        Of `FLOW`.
     gauged : mapping
-        ``error_percent``, ``rms_um``, ``offset_um``.
+        Of `GAUGED`.
     """
 
     flow: Mapping[str, FloatArray] = field(default_factory=dict)

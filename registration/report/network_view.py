@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import FloatArray, IntArray, VesselNetwork
-from registration.picture import Known, Quantity, quantities
+from registration.picture import FLOW, GAUGED, Known, Quantity, quantities
 from registration.report.packing import pack, pack_positions
 from registration.report.sections import mapping, records
 from registration.report.tables import Record, vessel_index
@@ -18,15 +18,6 @@ from registration.report.wording import is_number
 
 MAX_PIECES: Final = 60_000
 """Straight pieces that a page shows at most: what an office computer still turns fluently."""
-
-_FLOW: Final = (
-    "flow_ml_min",
-    "velocity_mm_s",
-    "wall_shear_pa",
-    "pressure_in_mmhg",
-    "pressure_out_mmhg",
-)
-_GAUGED: Final = ("error_percent", "rms_um", "offset_um")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +42,8 @@ def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, An
     flow = records(mapping(data, "flow"), "vessels")
     names = {**vessel_names(flow), **vessel_names(gauged)}
     known = Known(
-        flow=columns(flow, _FLOW, network.vessel_count),
-        gauged=columns(gauged, _GAUGED, network.vessel_count),
+        flow=columns(flow, FLOW, network.vessel_count),
+        gauged=columns(gauged, GAUGED, network.vessel_count),
     )
     return network_view(network, quantities(network, known), names)
 

@@ -27,7 +27,6 @@ from printctl.recipe.growth import (
     GivenNetwork,
     GrownNetwork,
     NamedNetwork,
-    files_of,
 )
 from printctl.recipe.lattice import LatticeNetwork
 
@@ -36,7 +35,7 @@ def depends(context: RunContext) -> Any:
     """The section, the seed, the user's files where it names some, and what can be printed."""
     part = context.recipe.vasculature
     found = part.model_dump(mode="json")
-    files = {name: context.recipe_folder / name for name in files_of(part)}
+    files = {name: context.recipe_folder / name for name in part.files()}
     found["digests"] = {name: digest_file(path) for name, path in files.items() if path.is_file()}
     if isinstance(part, GrownNetwork) and part.printable:
         # What can be printed is said by the toolpath's section and its needle.
@@ -47,24 +46,15 @@ def depends(context: RunContext) -> Any:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Make the network and write it; later stages read the file."""
-    part = context.recipe.vasculature
-    more: dict[str, Any] = {}
-    if isinstance(part, ClosedLoop):
-        closed = closed_loop(context.tissue, part, context.recipe.seed)
-        network, more = closed.network, {"loops": said_of(closed)}
-    elif isinstance(part, GrownNetwork):
-        tree = grown_tree(context, part)
-        network, more = tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
-        for note in tree.notes:
-            context.bars.remark("vasculature", note)
-    else:
-        network = make_network(context)
+    network, more = make_network(context)
+    for note in more.get("notes", ()):
+        context.bars.remark("vasculature", note)
     write_network_csv(context.folder / NETWORK, network)
     return summarise(network) | more, [NETWORK]
 
 
-def make_network(context: RunContext) -> VesselNetwork:
-    """The network that the recipe asks for, closed loops apart, in the tissue's frame."""
+def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
+    """The network that the recipe asks for, in the tissue's frame, and what is said of it."""
     part = context.recipe.vasculature
     match part:
         case NamedNetwork():
@@ -75,11 +65,13 @@ def make_network(context: RunContext) -> VesselNetwork:
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, lattice_options(part)), 0.0
         case GrownNetwork():
-            return tree_to_network(grown_tree(context, part), VesselKind.ARTERY)
+            tree = grown_tree(context, part)
+            return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
         case ClosedLoop():
-            return closed_loop(context.tissue, part, context.recipe.seed).network
+            closed = closed_loop(context.tissue, part, context.recipe.seed)
+            return closed.network, {"loops": said_of(closed)}
     check_network(network, clearance)
-    return network
+    return network, {}
 
 
 def lattice_options(part: LatticeNetwork) -> LatticeOptions:

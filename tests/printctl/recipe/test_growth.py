@@ -8,7 +8,7 @@ import yaml
 
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
-from printctl.recipe.growth import GrownNetwork, files_of
+from printctl.recipe.growth import GrownNetwork
 
 ROOT = Path(__file__).parents[3]
 
@@ -40,9 +40,9 @@ def test_all_that_growth_knows_can_be_said() -> None:
         stages=[{"terminals": 50, "clearance_mm": 0.3}, {"terminals": 800}],
     )
     assert part.stages[0].clearance_mm == 0.3
-    assert files_of(part) == []
+    assert part.files() == []
     named = grown(terminal_points="wells.csv", trunk="artery.swc")
-    assert files_of(named) == ["wells.csv", "artery.swc"]
+    assert named.files() == ["wells.csv", "artery.swc"]
 
 
 @pytest.mark.parametrize(

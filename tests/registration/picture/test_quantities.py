@@ -1,9 +1,11 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
 from design.network import VesselKind, VesselNetwork
-from registration.picture import KEYS, Known, Quantity, quantities
+from registration.picture import Colour, Known, Quantity, quantities
 from registration.picture.colours import NO_DATA, SEQUENTIAL
 from registration.picture.quantities import point_pressure
 from registration.picture.quantity import magnitude, signed
@@ -34,7 +36,7 @@ def test_only_what_is_known_is_offered() -> None:
     flow = {name: np.ones(4) for name in ("flow_ml_min", "wall_shear_pa", "pressure_in_mmhg",
                                           "pressure_out_mmhg")}  # fmt: skip
     known = by_key(Known(flow, {"error_percent": np.array([1.0, -2.0, np.nan, 0.0])}))
-    assert set(KEYS) <= set(known)
+    assert set(get_args(Colour)) <= set(known)
 
 
 def test_orders_are_strahlers_and_start_at_the_terminals() -> None:
