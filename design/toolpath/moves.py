@@ -67,16 +67,16 @@ class MoveBuilder:
         if duration_s > 0:
             self._stand(MoveKind.DWELL, 0.0, duration_s, source)
 
-    def build(self) -> Toolpath:
+    def build(self, *, must_write: bool = True) -> Toolpath:
         """Return everything so far as one value.
 
         Raises
         ------
         ToolpathError
-            When nothing is written.
+            When nothing is written, unless that may be (a calibration); or nothing is done.
         """
         runs = self._runs
-        if not any(run.kind is MoveKind.WRITE for run in runs):
+        if not runs or (must_write and not any(run.kind is MoveKind.WRITE for run in runs)):
             raise ToolpathError("toolpath writes nothing; check the part's size and the options")
         count = np.array([len(run.end) for run in runs])
         end = np.concatenate([run.end for run in runs])

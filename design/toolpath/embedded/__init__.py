@@ -1,6 +1,7 @@
 """Embedded writing: filaments along the vessels' centrelines inside a bath."""
 
 from design.toolpath.embedded.filament import check_vessels
+from design.toolpath.embedded.held import held_diameter_mm
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
 from design.toolpath.embedded.report import Crossing, EmbeddedReport
@@ -12,5 +13,6 @@ __all__ = [
     "EmbeddedReport",
     "check_vessels",
     "embedded_toolpath",
+    "held_diameter_mm",
     "plan_embedded",
 ]

@@ -58,9 +58,15 @@ def plunger_mm_per_ul(syringe: Syringe) -> float:
     return 4.0 / (np.pi * syringe.inner_mm**2)
 
 
-def stops(toolpath: Toolpath, printer: Printer, syringe: Syringe, place_mm: FloatArray) -> Stops:
+def stops(
+    toolpath: Toolpath,
+    printer: Printer,
+    syringe: Syringe,
+    place_mm: FloatArray,
+    flow_factor: float = 1.0,
+) -> Stops:
     """Commands of a toolpath, with the moves merged that the firmware would drop."""
-    per_ul = plunger_mm_per_ul(syringe)
+    per_ul = plunger_mm_per_ul(syringe) / flow_factor
     plunger = np.cumsum(toolpath.volume_ul) * per_ul
     position = np.column_stack([toolpath.end + place_mm, plunger])
     begin = np.append(toolpath.start[0] + place_mm, 0.0)

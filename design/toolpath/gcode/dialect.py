@@ -1,25 +1,86 @@
-"""The seam between moves and a firmware's language."""
+"""What differs between firmwares in a job: a row of a table for each family.
+
+Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common to all. Sources:
+
+- Marlin 2: https://marlinfw.org/meta/gcode/ (M85, M302).
+- Prusa-Firmware, ``Marlin_main.cpp``: M85 as Marlin's; M302 knows S alone.
+- RepRapFirmware 3.5, ``GCodes2.cpp``: M302 P1 as Marlin's; M85 is taken and does nothing, M84 S
+  lowers the idle motors' current only; G92 X Y Z makes the axes count as homed
+  (``GCodes::SetPositions``).
+- Klipper, ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics/extruder.py``:
+  SET_IDLE_TIMEOUT; cold extrusion is allowed in printer.cfg alone (``min_extrude_temp``); G92 X Y Z
+  moves the origin and homes nothing, where SET_KINEMATIC_POSITION (section ``force_move``) says
+  where the tip is.
+- Smoothieware, https://smoothieware.org/supported-g-codes: no timeout; extrudes cold.
+"""
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Final
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.marlin import Marlin
 from firmware_profiles import Printer
 
+Place = tuple[str, str, str]
+"""X, Y and Z as text, mm."""
 
-class Dialect(Protocol):
-    """What differs between firmwares; moves (G0, G1), G4 and G92 are common to all."""
 
-    def header(self, printer: Printer) -> list[str]:
-        """Lines before the first move: units, absolute positions and absolute E."""
+@dataclass(frozen=True)
+class Dialect:
+    """One family's own words.
+
+    Attributes
+    ----------
+    idle_timeout : str
+        The firmware's own switch-off when the host is silent, ``{seconds}``; empty where a job
+        can't set it.
+    cold_extrusion : str
+        Lets the plunger move without a hot end; empty where that is the configuration's.
+    declares : str
+        Tells where the tip stands, ``{x} {y} {z}``; empty where G92 does.
+    zero_is_off : bool
+        Whether a timeout of 0 s may be written, to switch it off.
+    """
+
+    idle_timeout: str = ""
+    cold_extrusion: str = ""
+    declares: str = ""
+    zero_is_off: bool = True
+
+    def header(self, printer: Printer, start: Place | None = None) -> list[str]:
+        """Lines before the first move: timeout, units, absolute positions and absolute E.
+
+        No homing: the needle may stand in the bath. ``start`` is where the tip stands, where that
+        is known and G92 doesn't tell it.
+        """
+        seconds = printer.idle_timeout_s
+        timed = self.idle_timeout and (seconds > 0 or self.zero_is_off)
+        placed = self.declares and start is not None
+        x, y, z = start or ("", "", "")
+        return [
+            *([self.idle_timeout.format(seconds=f"{seconds:.0f}")] if timed else []),
+            *("G21", "G90", "M82"),
+            *([self.cold_extrusion] if self.cold_extrusion else []),
+            *([self.declares.format(x=x, y=y, z=z)] if placed else []),
+        ]
 
     def footer(self) -> list[str]:
-        """Lines after the last move."""
+        """Lines after the last move: wait until it has ended."""
+        return ["M400"]
 
 
-DIALECTS: Final[dict[str, Dialect]] = {"marlin": Marlin()}
+DIALECTS: Final[dict[str, Dialect]] = {
+    "marlin": Dialect("M85 S{seconds}", "M302 P1"),
+    "prusa": Dialect("M85 S{seconds}", "M302 S0"),
+    "reprapfirmware": Dialect(cold_extrusion="M302 P1"),
+    "klipper": Dialect(
+        "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
+        declares="SET_KINEMATIC_POSITION X={x} Y={y} Z={z}",
+        zero_is_off=False,
+    ),
+    "smoothieware": Dialect(),
+}
 
 
 def dialect_of(printer: Printer) -> Dialect:
@@ -28,7 +89,7 @@ def dialect_of(printer: Printer) -> Dialect:
     Raises
     ------
     ToolpathError
-        When there is none yet.
+        When there is none.
     """
     if printer.firmware not in DIALECTS:
         raise ToolpathError(

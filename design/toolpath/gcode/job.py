@@ -16,9 +16,9 @@ class Gcode:
     Attributes
     ----------
     data : bytes
-        ASCII, every line ended by ``\n``; no comments and no empty lines.
+        ASCII, every line ended by ``\n``; no comments but marks, and no empty lines.
     line_source : (lines,) int64
-        Layer or vessel of each line; -1 for none.
+        Layer or vessel of each line; -1 for none, as for a mark.
     line_move : (lines,) int64
         The toolpath's move that each line ends; -1 for none. A line may end several moves.
     source_kind : "layer" or "vessel"
@@ -32,8 +32,8 @@ class Gcode:
 
     @property
     def line_count(self) -> int:
-        """Number of lines."""
-        return len(self.line_move)
+        """Number of commands; marks aren't counted."""
+        return len(self.line_move) - self.data.count(b";")
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class GcodeOptions:
         Plunger relief at the end, so that nothing weeps while the needle is lifted.
     plunger_ul_s : float, µL/s
         Flow of that relief.
+    flow_factor : float
+        What comes out over what is pushed (a calibration's); the plunger's travel is divided by it.
     """
 
     start_mm: tuple[float, float, float] | None = None
@@ -61,10 +63,14 @@ class GcodeOptions:
     travel_speed_mm_s: float = 20.0
     relieve_ul: float = 0.02
     plunger_ul_s: float = 0.4
+    flow_factor: float = 1.0
 
     def __post_init__(self) -> None:
         where = "G-code options"
         require_positive(
-            where, travel_speed_mm_s=self.travel_speed_mm_s, plunger_ul_s=self.plunger_ul_s
+            where,
+            travel_speed_mm_s=self.travel_speed_mm_s,
+            plunger_ul_s=self.plunger_ul_s,
+            flow_factor=self.flow_factor,
         )
         require_not_negative(where, clearance_mm=self.clearance_mm, relieve_ul=self.relieve_ul)

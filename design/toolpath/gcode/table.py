@@ -16,9 +16,10 @@ _X, _Y, _Z, _E, _F, _P = range(6)
 _DWELL, _SET = 4, 92
 
 
-def tabulate(trip: Trip, printer: Printer) -> Table:
+def tabulate(trip: Trip, printer: Printer, *, declares: bool = True) -> Table:
     """Words of each command of a job.
 
+    ``declares`` says whether G92 tells the firmware where the tip stands, where that is known.
     A command that changes nothing in the last digit is left out; positions are absolute, so the
     next one makes up for it.
 
@@ -39,13 +40,26 @@ def tabulate(trip: Trip, printer: Printer) -> Table:
     value = np.zeros((len(stops.code), 6), dtype=np.int64)
     given = np.zeros((len(stops.code), 6), dtype=np.bool_)
     value[:, :4], given[:, :4] = _quanta(stops.position, digits), changed
-    value[:, _F] = _feeds(stops, trip.begin, printer)
+    value[:, _F] = _feeds(stops, trip.begin, printer, digits)
     moves = np.flatnonzero(stops.code != _DWELL)
     given[moves, _F] = np.diff(value[moves, _F], prepend=-1) != 0
     value[:, _P] = np.rint(stops.pause_s * 1e3).astype(np.int64)
     given[:, _P] = stops.code == _DWELL
     table = Table(stops.code, value, given, stops.source, stops.move)
-    return _counted_anew(_declared(table, begin[0], trip.known), digits)
+    return _counted_anew(_declared(table, begin[0], trip.known and declares), digits)
+
+
+def place_text(trip: Trip, printer: Printer) -> tuple[str, str, str]:
+    """Where the tip stands at the begin, as the moves round it: X, Y, Z."""
+    digits = decimals_for(printer)
+    places = (digits.x, digits.y, digits.z)
+    x, y, z = (
+        f"{quanta / 10**place:.{place}f}"
+        for quanta, place in zip(
+            _quanta(trip.begin[None], digits)[0, :3].tolist(), places, strict=True
+        )
+    )
+    return x, y, z
 
 
 def _quanta(position: FloatArray, digits: Decimals) -> IntArray:
@@ -54,13 +68,16 @@ def _quanta(position: FloatArray, digits: Decimals) -> IntArray:
     return np.rint(position * scale).astype(np.int64)
 
 
-def _feeds(stops: Stops, begin: FloatArray, printer: Printer) -> IntArray:
+def _feeds(stops: Stops, begin: FloatArray, printer: Printer, digits: Decimals) -> IntArray:
     """F of each command, mm/min in its last digit, never above an axis' limit.
 
     A move steep in Z or rich in ink goes slower as a whole, so its path and its ink per length
-    stay as they are. Rounded down, but never to nothing.
+    stay as they are. What counts is the way as written, which rounding may have tilted. Rounded
+    down, but never to nothing.
     """
-    change = np.abs(np.diff(stops.position, axis=0, prepend=begin[None]))
+    scale = 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
+    written = np.diff(_quanta(stops.position, digits), axis=0, prepend=_quanta(begin[None], digits))
+    change = np.abs(written) / scale
     length = np.linalg.norm(change[:, :3], axis=1)
     # Where only the plunger moves, F is the plunger's.
     length = np.where(length > 0, length, change[:, 3])

@@ -39,7 +39,7 @@ def round_trip(
     options: GcodeOptions,
 ) -> Trip:
     """Put the way in and the way out around a toolpath's commands."""
-    body = stops(toolpath, printer, syringe, place_mm)
+    body = stops(toolpath, printer, syringe, place_mm, options.flow_factor)
     first = np.append(toolpath.start[0] + place_mm, 0.0)
     path_top = max(float(body.position[:, 2].max()), float(first[2]))
     top = max(min(path_top + options.clearance_mm, printer.z_mm.high), path_top)

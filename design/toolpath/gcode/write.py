@@ -8,11 +8,12 @@ from numpy.typing import ArrayLike
 from design.errors import ToolpathError
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
+from design.toolpath.gcode.marks import marks_of
 from design.toolpath.gcode.numbers import FEED_DECIMALS, decimals_for
 from design.toolpath.gcode.render import render
-from design.toolpath.gcode.table import tabulate
+from design.toolpath.gcode.table import place_text, tabulate
 from design.toolpath.gcode.trip import round_trip
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import FloatArray, Toolpath
 from firmware_profiles import Printer, Syringe
 
 #: Room that the link needs on each line: a number, ``N1234567 ``, and a checksum, ``*255``.
@@ -33,7 +34,8 @@ def write_gcode(
     straight up or down to a height above the whole toolpath, across, and down to the first
     point; so the tip must begin outside the dish's walls and no lower than they allow. At the end
     it relieves the plunger and goes straight up. Feeds are lowered where an axis' limit asks
-    for it. Writing moves shorter than the firmware's least are merged.
+    for it. Writing moves shorter than the firmware's least are merged. Comments mark where the
+    job may be interrupted (`design.toolpath.gcode.marks`).
 
     Parameters
     ----------
@@ -47,8 +49,8 @@ def write_gcode(
     Raises
     ------
     ToolpathError
-        For a reload point or a second head (neither is written yet), a line longer than the
-        firmware takes, or one move that pushes more than E can hold.
+        For a second head (not written yet), a line longer than the firmware takes, or one move
+        that pushes more than E can hold.
     """
     options = options or GcodeOptions()
     place = np.asarray(place_mm, dtype=np.float64)
@@ -56,7 +58,7 @@ def write_gcode(
     dialect = dialect_of(printer)
     trip = round_trip(toolpath, printer, syringe, place, options)
     digits = decimals_for(printer)
-    table = tabulate(trip, printer)
+    table = tabulate(trip, printer, declares=not dialect.declares)
     text, longest = render(table, (digits.x, digits.y, digits.z, digits.e, FEED_DECIMALS, 0))
     if longest > printer.max_line_bytes - LINK_BYTES:
         raise ToolpathError(
@@ -64,13 +66,16 @@ def write_gcode(
             f"{printer.max_line_bytes} bytes (profile {printer.name!r}: max_line_bytes); use a "
             "printer with longer lines"
         )
-    header, footer = dialect.header(printer), dialect.footer()
+    start = place_text(trip, printer) if trip.known else None
+    header, footer = dialect.header(printer, start), dialect.footer()
+    marks = marks_of(toolpath, table)
+    source, move = (np.insert(of, marks.row, -1) for of in (table.source, table.move))
     return Gcode(
         data="".join(f"{line}\n" for line in header).encode()
-        + text
+        + marks.put_into(text)
         + "".join(f"{line}\n" for line in footer).encode(),
-        line_source=np.pad(table.source, (len(header), len(footer)), constant_values=-1),
-        line_move=np.pad(table.move, (len(header), len(footer)), constant_values=-1),
+        line_source=np.pad(source, (len(header), len(footer)), constant_values=-1),
+        line_move=np.pad(move, (len(header), len(footer)), constant_values=-1),
         source_kind=toolpath.source_kind,
     )
 
@@ -78,12 +83,6 @@ def write_gcode(
 def _check(toolpath: Toolpath, place: FloatArray) -> None:
     if place.shape != (3,) or not np.isfinite(place).all():
         raise ToolpathError(f"place_mm is {place}; give three finite numbers, mm")
-    reloads = np.flatnonzero(toolpath.kind == MoveKind.RELOAD)
-    if len(reloads):
-        raise ToolpathError(
-            f"move {reloads[0]} is a reload point ({len(reloads)} of them), which can't be "
-            "written as G-code yet; use a larger syringe or a smaller part"
-        )
     heads = np.unique(toolpath.tool)
     if len(heads) > 1:
         raise ToolpathError(f"toolpath uses heads {heads.tolist()}; only one can be written yet")

@@ -33,8 +33,8 @@ ROUNDS = 4
 DRAWN_BACK = (0.2, 0.4, 0.6)
 """Parts of a terminal's length by which it is shortened where nothing else makes way."""
 
-FEW, ROUTED_PART, SHORTENED_PART = 4, 0.1, 0.02
-"""Failures, or parts of all connections, up to which ways round are searched and terminals
+FEW, PART = 4, 0.25
+"""Failures, or part of all connections, up to which ways round are searched and terminals
 shortened: where more fail, the trees don't suit each other."""
 
 STUB = 4.0
@@ -127,8 +127,8 @@ class Web:
                     self._mend(int(number))
             if len(self.failed) in (0, before):
                 break
-        for way, part in ((self._route, ROUTED_PART), (self._draw_back, SHORTENED_PART)):
-            if len(self.failed) > max(FEW, part * len(self.partner)):
+        for way in (self._route, self._draw_back):
+            if len(self.failed) > max(FEW, PART * len(self.partner)):
                 return
             for number in self.failed:
                 if self.radius[number] == 0:

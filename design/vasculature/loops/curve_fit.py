@@ -36,7 +36,7 @@ CAPSULE = np.dtype(
 taken away (0)."""
 
 FEWEST = 4
-"""Straight pieces of a curve at least."""
+"""Straight pieces of a curve at least, where there is room for them or for none at all."""
 
 APART = 1.03
 """Pieces are this much longer than what keeps their neighbours on either side apart."""
@@ -54,6 +54,8 @@ class Rule(NamedTuple):
         Kept between vessels: the larger of mm and a part of the thinner radius.
     radius, length : float, mm
         A curve of this length has this radius; others the same resistance, r⁴ ~ length.
+    least : float, mm
+        No curve is thinner.
     bend : float
         Least bend radius over lumen radius.
     straight : float
@@ -70,6 +72,7 @@ class Rule(NamedTuple):
     ratio: float
     radius: float
     length: float
+    least: float
     bend: float
     straight: float
     comfort: float
@@ -121,23 +124,25 @@ def radius_for(length: float, ends: Ends, rule: Rule) -> float:
 def stations(length: float, ends: Ends, rule: Rule, most: int, at: Any) -> int:
     """Where along a curve its points are, mm; at most ``most`` pieces; returns how many.
 
-    Pieces are long enough that those before and after one don't come near each other: vessels
-    of whole joints would count as overlapping. Curves too short for that have `FEWEST` pieces.
+    Pieces are long enough that those before and after one don't come near each other: they would
+    count as overlapping within their joint. Curves too short for `FEWEST` such pieces have three
+    or two; those too short for two have `FEWEST` again, for the sake of their shape.
     """
     radius = radius_for(length, ends, rule)
     kept = max(rule.clearance, rule.ratio * radius)
     inner = APART * (2.0 * radius + kept)
     first = APART * (radius + ends.radius[0] + kept)
     last = APART * (radius + ends.radius[1] + kept)
-    if first + last + (FEWEST - 2) * inner > length:
-        for n in range(FEWEST + 1):
+    at[0] = 0.0
+    if first + last > length:
+        for n in range(1, FEWEST + 1):
             at[n] = length * n / FEWEST
         return FEWEST
     count = min(most, 2 + int((length - first - last) / inner))
-    first, last = max(first, length / count), max(last, length / count)
-    at[0], at[count] = 0.0, length
+    spare = (length - first - last - (count - 2) * inner) / count
     for n in range(1, count):
-        at[n] = first + (length - first - last) * (n - 1) / (count - 2)
+        at[n] = first + spare + (n - 1) * (inner + spare)
+    at[count] = length
     return count
 
 
@@ -169,6 +174,8 @@ def weigh(
     length = arc[count]
     chord = max(away(points[0], points[count]), 1e-9)
     radius = radius_for(length, ends, rule)
+    if radius < rule.least:
+        return np.inf, 0.0
     volume = length * radius**2 / (rule.length * rule.radius**2)
     cost = rule.by_length * length / rule.length + rule.by_tortuosity * (length / chord - 1.0)
     cost += rule.by_volume * volume

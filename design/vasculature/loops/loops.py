@@ -73,11 +73,11 @@ def close_loops(
 ) -> ClosedLoops:
     """Join every arterial terminal to a venous one by a smooth curve in the tissue.
 
-    Terminals are matched with the least sum of squared distances. Each connection takes the
-    cheapest of several cubic Bézier curves that fit; where none does, neighbours are laid anew
-    and partners exchanged, then ways round are searched on a lattice and smoothed to splines, at
-    last terminals are shortened (the connection makes up for the resistance lost), and a few are
-    pruned. All pairs of the result, curves included, are audited.
+    Terminals are matched with the least sum of distances, pairs too near for a curve avoided.
+    Each connection takes the cheapest of several cubic Bézier curves that fit; where none does,
+    neighbours are laid anew and partners exchanged, then ways round are searched on a lattice and
+    smoothed to splines, at last terminals are shortened (the connection makes up for the
+    resistance lost), and a few are pruned. All pairs of the result, curves included, are audited.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def close_loops(
     trees = [*sides[0], *sides[1]]
     ends, vessels = tree_ends(trees)
     tips = [together(ends[: len(sides[0])]), together(ends[len(sides[0]) :])]
-    partner = match_terminals(tissue, tips[0].point, tips[1].point)
+    partner = match_tips(tissue, tips[0], tips[1], options)
     web = open_web(tissue, tips, partner, vessels, options)
     web.lay_all()
     refuse_too_many(web, int(options.prune_part * len(partner)), options)
@@ -128,6 +128,18 @@ def tree_ends(trees: Sequence[VesselTree]) -> tuple[list[Tips], NDArray[np.void]
     end = np.concatenate([tree.distal for tree in trees])
     fill_capsules(capsules, start, end, np.concatenate([tree_radii(tree) for tree in trees]))
     return tips, capsules
+
+
+def match_tips(
+    tissue: Tissue, one: Tips, other: Tips, options: LoopOptions, parts: int = 1
+) -> IntArray:
+    """Match two sides' ends, those too near for a connection of so many ``parts`` avoided."""
+    typical = float(np.median(one.radius))
+    radius = options.smallest_radius_mm or options.radius_ratio * typical
+    kept = max(options.clearance_mm, options.clearance_ratio * min(radius, typical))
+    # Two pieces beside the ends and one between them, far enough apart.
+    nearest = 2.0 * (radius + typical + kept) + 2.0 * radius + kept
+    return match_terminals(tissue, one.point, other.point, parts * nearest)
 
 
 def open_web(
@@ -159,7 +171,8 @@ def open_web(
 def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArray) -> Rule:
     radius, length = options.radius_ratio * typical, _LONGER * float(np.median(chord))
     if options.smallest_radius_mm is not None:
-        # No curve is shorter than its chord; partners exchanged later may be nearer.
+        # No curve is shorter than its chord; partners exchanged later may be nearer, and then
+        # have to take a longer way.
         radius, length = options.smallest_radius_mm, 0.9 * float(chord.min())
     return Rule(
         tissue.grid.arrays,
@@ -168,6 +181,7 @@ def _rule(tissue: Tissue, options: LoopOptions, typical: float, chord: FloatArra
         options.clearance_ratio,
         radius,
         length,
+        options.smallest_radius_mm or 0.0,
         options.bend_to_radius,
         float(np.cos(np.radians(options.kink_degrees))),
         _COMFORT,

@@ -18,6 +18,7 @@ from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import (
     ClosedLoops,
     joined_at,
+    match_tips,
     moved_tips,
     open_web,
     polylines,
@@ -26,15 +27,15 @@ from design.vasculature.loops.loops import (
     tip_nodes,
     tree_ends,
 )
-from design.vasculature.loops.matching import match_terminals
 from design.vasculature.loops.tips import Tips
 from design.vasculature.tree import VesselTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_ROOMIER = (0.0, 2.0, 8.0, 32.0)
-"""Least weights of clearance tried in turn: a mixing node in a narrow place takes no limb."""
+_ROOMIER = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
+"""Lengths of the first connections, over what a plain one needs, and least weights of clearance,
+tried in turn: a mixing node in a narrow place takes no limb."""
 
 _SAME = 1e-9
 """Part of a connection's length within which two places along it are one."""
@@ -53,7 +54,8 @@ def mix_trees(
     which become nodes: what several arteries bring mixes there, or one artery's flow is shared
     by several drains. The limbs of each tree's terminals have the same resistance among
     themselves, so that with trees of equal terminal pressures every node gets the same shares.
-    Where limbs find no way, all is laid anew with more weight on clearance.
+    Where limbs find no way, all is laid anew, with longer first connections and more weight on
+    clearance.
 
     Parameters
     ----------
@@ -89,16 +91,13 @@ def mix_trees(
     """
     options = options or LoopOptions()
     order = _order(trees, kinds)
-    for weight in _ROOMIER[:-1]:
+    for parts, weight in _ROOMIER:
+        roomier = replace(options, weight_clearance=max(options.weight_clearance, weight))
         try:
-            return _mix(tissue, trees, kinds, order, _roomier(options, weight))
-        except GrowthError:
-            continue
-    return _mix(tissue, trees, kinds, order, _roomier(options, _ROOMIER[-1]))
-
-
-def _roomier(options: LoopOptions, weight: float) -> LoopOptions:
-    return replace(options, weight_clearance=max(options.weight_clearance, weight))
+            return _mix(tissue, trees, kinds, order, parts, roomier)
+        except GrowthError as error:
+            refused = error
+    raise refused
 
 
 def _mix(
@@ -106,13 +105,14 @@ def _mix(
     trees: Sequence[VesselTree],
     kinds: Sequence[VesselKind],
     order: Sequence[int],
+    parts: int,
     options: LoopOptions,
 ) -> ClosedLoops:
     """One attempt: the first pair's connections, then each further tree's limbs."""
     ends, vessels = tree_ends(trees)
     first, second = order[:2]
     pair = [ends[first], ends[second]]
-    partner = match_terminals(tissue, pair[0].point, pair[1].point)
+    partner = match_tips(tissue, pair[0], pair[1], options, parts)
     web = open_web(tissue, pair, partner, vessels, options)
     web.lay_all()
     refuse_too_many(web, 0, options)
@@ -120,7 +120,7 @@ def _mix(
     crowd, nodes = _mixing_nodes(web, half)
     webs: list[Web] = []
     for number in order[2:]:
-        partner = match_terminals(tissue, ends[number].point, nodes.point)
+        partner = match_tips(tissue, ends[number], nodes, options)
         limbs = open_web(tissue, [ends[number], nodes], partner, crowd, options)
         limbs.lay_all()
         refuse_too_many(limbs, 0, options)
@@ -199,8 +199,8 @@ def _mixing_nodes(web: Web, half: Sequence[int]) -> tuple[NDArray[np.void], Tips
         across = curve[h + 1] - curve[h - 1]
         ahead[n] = across / np.linalg.norm(across)
         at = int(first[n]) + h
-        # The two pieces on either side, nearest first.
-        kin[n, :4] = at - 1, at, at - 2, at + 1
+        # The two pieces on either side, where there are as many, nearest first.
+        kin[n, :4] = at - 1, at, at - 2 if h > 1 else -1, at + 1 if h < len(curve) - 2 else -1
         way[n, 2] = np.linalg.norm(curve[h] - curve[h - 1])
         way[n, 3] = np.linalg.norm(curve[h + 1] - curve[h])
         # A short connection's own terminals.

@@ -85,23 +85,11 @@ def search(
     came = np.full(total + 1, -2, np.int64)
     state = np.zeros(total, np.int8)
     here, there = np.empty(3), np.empty(3)
-    here[:], there[:] = ends.point[0], ends.point[0]
     goal = ends.point[1]
     # Typed by an entry that is taken out again.
     heap = [(0.0, 0.0, -1, -1)]
     heap.pop()
-    reach = int(_NEAR) + 1
-    centre = np.empty(3, np.int64)
-    for x in range(3):
-        centre[x] = round((here[x] - low[x]) / cell)
-    for i in range(max(0, centre[0] - reach), min(shape[0], centre[0] + reach + 1)):
-        for j in range(max(0, centre[1] - reach), min(shape[1], centre[1] + reach + 1)):
-            for k in range(max(0, centre[2] - reach), min(shape[2], centre[2] + reach + 1)):
-                node = (i * shape[1] + j) * shape[2] + k
-                node_place(node, low, shape, cell, there)
-                far = away(here, there)
-                if far <= _NEAR * cell and heading(ends, 0, here, there) >= rule.straight:
-                    heappush(heap, (far + away(there, goal), far, node, -1))
+    push_first(heap, ends, rule.straight, low, shape, cell)
     steps = 0
     while len(heap) > 0:
         _, g, node, before = heappop(heap)
@@ -152,6 +140,25 @@ def search(
                             continue
                     heappush(heap, (far + onward, far, other, node))
     return NO_WAY
+
+
+@jit
+def push_first(heap: Any, ends: Ends, straight: float, low: Any, shape: Any, cell: float) -> None:
+    """Push the steps from the first end to the lattice points near it, within the kink."""
+    here, goal = ends.point[0], ends.point[1]
+    there = np.empty(3)
+    reach = int(_NEAR) + 1
+    centre = np.empty(3, np.int64)
+    for x in range(3):
+        centre[x] = round((here[x] - low[x]) / cell)
+    for i in range(max(0, centre[0] - reach), min(shape[0], centre[0] + reach + 1)):
+        for j in range(max(0, centre[1] - reach), min(shape[1], centre[1] + reach + 1)):
+            for k in range(max(0, centre[2] - reach), min(shape[2], centre[2] + reach + 1)):
+                node = (i * shape[1] + j) * shape[2] + k
+                node_place(node, low, shape, cell, there)
+                far = away(here, there)
+                if far <= _NEAR * cell and heading(ends, 0, here, there) >= straight:
+                    heappush(heap, (far + away(there, goal), far, node, -1))
 
 
 @jit

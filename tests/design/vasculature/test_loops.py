@@ -6,7 +6,7 @@ from design.errors import GrowthError, NetworkError
 from design.hemodynamics import FlowConditions, flow_spread, solve_flow
 from design.network import VesselKind
 from design.network_csv import read_network_csv, write_network_csv
-from design.tissue import block, tissue_from_surface
+from design.tissue import annulus, block, tissue_from_surface
 from design.vasculature import (
     GrowthOptions,
     LoopOptions,
@@ -140,6 +140,17 @@ def test_no_connection_is_thinner_than_asked(tissue):
     assert radius.min() >= 0.03
 
 
+@pytest.mark.parametrize("seed", [4, 7])
+def test_short_connections_dont_overlap_within_their_joints(seed):
+    ring = tissue_of(annulus(28.0, 12.0, 10.0))
+    options = GrowthOptions(terminals=9, seed=seed, smallest_radius_mm=0.2, clearance_mm=0.2)
+    trees = grow_forest(ring, [RootSpec(options), RootSpec(options, VesselKind.VEIN)])
+    asked = LoopOptions(seed=seed, clearance_mm=0.2, smallest_radius_mm=0.2)
+    network = close_loops(ring, *trees, asked).network
+    pieces = len(network.pieces()[0])
+    assert len(collisions(network, 0.2, 0.1).joint_pieces) <= 0.02 * pieces
+
+
 def test_same_options_give_the_same_bytes(tissue, closed):
     again = close_loops(tissue, *pair(tissue)).network
     assert again.points.tobytes() == closed.points.tobytes()
@@ -173,11 +184,18 @@ def test_matching_is_as_good_as_the_dense_one(tissue):
     random = np.random.default_rng(3)
     one, other = random.uniform(1, 11, (2, 60, 3))
     partner = match_terminals(tissue, one, other)
-    squared = ((one[:, None] - other[None]) ** 2).sum(axis=2)
-    rows, columns = linear_sum_assignment(squared)
-    best = squared[rows, columns].sum()
-    assert squared[np.arange(60), partner].sum() == pytest.approx(best, rel=0.02)
+    apart = np.linalg.norm(one[:, None] - other[None], axis=2)
+    rows, columns = linear_sum_assignment(apart)
+    best = apart[rows, columns].sum()
+    assert apart[np.arange(60), partner].sum() == pytest.approx(best, rel=0.02)
     assert sorted(partner) == list(range(60))
+
+
+def test_pairs_too_near_for_a_curve_are_avoided(tissue):
+    one = np.array([[5.0, 8.0, 6.0], [5.0, 9.0, 6.0]])
+    other = np.array([[5.1, 8.0, 6.0], [5.0, 9.9, 6.0]])
+    np.testing.assert_array_equal(match_terminals(tissue, one, other), [0, 1])
+    np.testing.assert_array_equal(match_terminals(tissue, one, other, 0.8), [1, 0])
 
 
 def test_bend_of_a_quarter_circle():

@@ -7,6 +7,7 @@ from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions
 from design.vasculature.growth.garden import Garden
 from design.vasculature.growth.prune import prune
+from design.vasculature.growth.retip import move_tip, tip_near
 from design.vasculature.growth.surroundings import Surroundings
 
 TERMINALS = 3000
@@ -69,17 +70,28 @@ def test_terminals_in_the_way_cost_few_others(garden):
     assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
 
 
-def test_moved_tips_are_as_wide_as_they_must_be(garden):
+def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(garden):
     s = garden.segments[: garden.count]
-    s["allowed"] = np.inf
     tips = np.flatnonzero(s["left"] < 0)[::10]
-    s["allowed"][tips] = 0.9 * s["radius"][tips]
-    ends = {tuple(end) for end in s[["dx", "dy", "dz"]]}
-    least = float(np.median(s["radius"][s["left"] < 0]))
-    left = pruned(garden, least)
-    moved = [end not in ends for end in map(tuple, left[["dx", "dy", "dz"]])]
-    assert any(moved)
-    assert left["radius"][moved].min() >= least
+    rest = garden.index, garden.room, garden.options.law, 1.0
+    least = float(np.median(s["radius"][tips]))
+    found = 0
+    for i in tips:
+        good, at = tip_near(garden.segments, int(i), *rest, least)
+        assert not tip_near(garden.segments, int(i), *rest, np.inf)[0]
+        if not good:
+            continue
+        found += 1
+        move_tip(garden.segments, int(i), *rest[:-1], at)
+        assert s["radius"][i] >= least
+        parent = s["parent"][i]
+        sibling = s["left"][parent] + s["right"][parent] - i
+        for other in (parent, sibling):
+            p, d = (np.array([s[f"{end}{x}"][other] for x in "xyz"]) for end in "pd")
+            along = np.clip((at - p) @ (d - p) / ((d - p) @ (d - p)), 0.0, 1.0)
+            away = np.linalg.norm(at - p - along * (d - p))
+            assert away >= s["radius"][i] + s["radius"][other]
+    assert found > 0.2 * len(tips)
 
 
 def test_repair_of_what_is_pruned_ends_with_every_terminal(garden):

@@ -62,8 +62,8 @@ def radii_of(tissue):
     return np.linalg.norm(tissue.vertices[:, :2], axis=1)
 
 
-def crowd_of(web):
-    return Crowd(web.rule, web.index, web.capsules, web.bounds)
+def crowd_of(web, **rule):
+    return Crowd(web.rule._replace(**rule), web.index, web.capsules, web.bounds)
 
 
 def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
@@ -88,6 +88,13 @@ def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
     turn = np.arccos(np.clip((unit[1:] * unit[:-1]).sum(axis=1), -1, 1))
     arc = 0.5 * (length[1:] + length[:-1])
     assert (turn <= 1.2 * arc / (web.rule.bend * route.radius) + 1e-9).all()
+
+
+def test_no_way_is_thinner_than_the_least_radius(web, across):
+    route = find_route(across, crowd_of(web))
+    least = 1.01 * route.radius
+    wider = find_route(across, crowd_of(web, least=least))
+    assert wider is None or wider.radius >= least
 
 
 def test_neighbours_of_a_piece_keep_apart(web, across):

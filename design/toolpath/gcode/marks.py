@@ -1,0 +1,100 @@
+"""Comments that say where a job may be interrupted: ends of layers and passes, reload points.
+
+========== ====================================================================================
+mark       after the lines above it
+========== ====================================================================================
+LAYER_END  layer n is written; where another follows the needle stands at that one's height
+PASS_END   a pass that ended along vessel n is written, the needle is above all that is written
+RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
+========== ====================================================================================
+
+A mark is a line of its own, ``;LAYER_END:3``; a firmware never sees it. In a FRESH print the tip
+is always at the top of what is written; in an embedded one a pass ends above it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from design.toolpath.gcode.render import Table
+from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Marks of a job.
+
+    Attributes
+    ----------
+    row : (m,) int64
+        Rows of the table before which each stands, ascending.
+    text : list of str
+        Lines, without their ends.
+    """
+
+    row: IntArray
+    text: list[str]
+
+    def put_into(self, lines: bytes) -> bytes:
+        """The table's rendered text with the marks in their places."""
+        ends = np.flatnonzero(np.frombuffer(lines, np.uint8) == ord("\n")) + 1
+        places = np.append(0, ends)[self.row]
+        parts, at = [], 0
+        for place, text in zip(places.tolist(), self.text, strict=True):
+            parts += [lines[at:place], text.encode(), b"\n"]
+            at = place
+        return b"".join([*parts, lines[at:]])
+
+
+def marks_of(toolpath: Toolpath, table: Table) -> Marks:
+    """Find where the needle stands free between two layers or passes."""
+    found = [*_ends(toolpath), *_asked_reloads(toolpath)]
+    found.sort(key=lambda mark: mark[0])
+    body = np.flatnonzero(table.move >= 0)
+    moves = np.array([move for move, _ in found], dtype=np.int64)
+    before = np.searchsorted(table.move[body], moves, side="right")
+    first = body[0] if len(body) else 0
+    row = np.where(before > 0, body[np.maximum(before - 1, 0)] + 1, first)
+    return Marks(row, [text for _, text in found])
+
+
+def _ends(toolpath: Toolpath) -> list[tuple[int, str]]:
+    """Ends of layers or passes: the last move before each, and its text."""
+    writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
+    if not len(writes):  # a calibration may write nothing
+        return []
+    layers = toolpath.source_kind == "layer"
+    breaks = np.diff(writes) > 1
+    if layers:
+        breaks &= np.diff(toolpath.source[writes]) != 0
+    name = "LAYER_END" if layers else "PASS_END"
+    found: list[tuple[int, str]] = []
+    for at in np.flatnonzero(breaks).tolist():
+        last, after = int(writes[at]), int(writes[at + 1])
+        free, relieved = _lifted(toolpath, last, after)
+        found.append((free, f";{name}:{toolpath.source[last]}"))
+        if relieved:
+            found.append((free, ";RELOAD"))
+    last = int(writes[-1])
+    return [*found, (last, f";{name}:{toolpath.source[last]}")]
+
+
+def _lifted(toolpath: Toolpath, last: int, after: int) -> tuple[int, bool]:
+    """Last of the moves after ``last`` that relieve or go straight up; whether both were done."""
+    relieved = raised = False
+    for move in range(last + 1, after):
+        way = toolpath.end[move] - toolpath.start[move]
+        if toolpath.kind[move] == MoveKind.RETRACT:
+            relieved = True
+        elif toolpath.kind[move] == MoveKind.TRAVEL and way[2] > 0 and not way[:2].any():
+            raised = True
+        else:
+            return move - 1, relieved and raised
+    return after - 1, relieved and raised
+
+
+def _asked_reloads(toolpath: Toolpath) -> list[tuple[int, str]]:
+    """Reload points that the toolpath names itself."""
+    return [(int(move), ";RELOAD") for move in np.flatnonzero(toolpath.kind == MoveKind.RELOAD)]
