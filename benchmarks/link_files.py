@@ -18,6 +18,9 @@ START_MM: Final = (50.0, 50.0, 10.0)
 _SIDE_STEPS: Final = 280  # 3.5 mm: well above the firmware's least steps
 _ROW_STEPS: Final = 20
 _DOSE_STEPS: Final = 22
+_LAP: Final = 200
+_SHORT_STEPS: Final = 20  # 0.25 mm
+_SHORT_DOSE_STEPS: Final = 8
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,23 @@ def zigzag(moves: int, feed_mm_min: int = 1800, *header: bytes) -> PrintFile:
     ends[:, 1] = start[1] + (k % 40) * _ROW_STEPS
     ends[:, 2] = start[2]
     ends[:, 3] = (k + 1) * _DOSE_STEPS
+    return _written(ends, feed_mm_min, header)
+
+
+def hatching(moves: int, feed_mm_min: int, *header: bytes) -> PrintFile:
+    """Straight lines of short moves without a turn between them, which run at full speed."""
+    k = np.arange(1, moves + 1)
+    start = np.round(np.array(START_MM) * STEPS_PER_MM[:3]).astype(np.int64)
+    lap, along = np.divmod(k, _LAP)
+    ends = np.empty((moves, 4), np.int64)
+    ends[:, 0] = start[0] + np.where(lap % 2 == 0, along, _LAP - along) * _SHORT_STEPS
+    ends[:, 1] = start[1] + lap * _SHORT_STEPS
+    ends[:, 2] = start[2]
+    ends[:, 3] = k * _SHORT_DOSE_STEPS
+    return _written(ends, feed_mm_min, header)
+
+
+def _written(ends: NDArray[np.int64], feed_mm_min: int, header: tuple[bytes, ...]) -> PrintFile:
     before = [b"M302 P1", b"G90", b"M82", b"M85 S600", b"G92 X50 Y50 Z10 E0", *header]
     mm = ends / STEPS_PER_MM
     moves_text = [

@@ -154,13 +154,15 @@ def _exact(file: PrintFile, record: Path) -> bool:
 def stop_rows(tries: int, folder: Path) -> Iterator[Row]:
     """M112 with the planner full, by both parsers, timed by a tap in the cable."""
     job = zigzag(2000, 300).write(folder / "slow.gcode")
-    for parser in (False, True):
+    for parser, lines in ((False, 1), (True, 1), (False, 2)):
         name = f"M112, planner full, {'with' if parser else 'no'} emergency parser"
-        facts = profile(folder, f"stop-{parser}", resets_on_connect=False, emergency_parser=parser)
+        name += ", two lines in flight" if lines == 2 else ""
+        changes = {"emergency_parser": parser, "lines_in_flight": lines}
+        facts = profile(folder, f"stop-{parser}-{lines}", resets_on_connect=False, **changes)
         host, halt = [], []
         for k in range(tries):
             print(f"{name}: {k + 1} of {tries}", file=sys.stderr, flush=True)
-            left, halted = _one_stop(job, facts, folder / f"stop-{parser}-{k}", k)
+            left, halted = _one_stop(job, facts, folder / f"stop-{parser}-{lines}-{k}", k)
             host.append(1e3 * left)
             halt.append(1e3 * halted)
         middle, worst = float(np.median(host)), float(np.percentile(host, 99))

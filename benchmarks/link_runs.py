@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.checkers.link_order import Order, judge, unreached
 from benchmarks.link_files import START_MM, STEPS_PER_MM, PrintFile
-from benchmarks.link_wire import Ledger, Troubles, Wire
+from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from firmware_profiles import Printer, load
 from printctl.link import LinkState, Status
 from printctl.link.channel import Wiring
@@ -20,9 +20,10 @@ from printctl.link.job import parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.streamer import Streamer
+from printctl.link.transport_simulated import HostDiedError
 from sim.executed import ExecutedMotion
+from sim.faults import parse_fault
 from sim.marlin import MarlinPrinter
-from sim.marlin_board import parse_fault
 
 MOST_BREAKS = 200
 
@@ -90,9 +91,10 @@ def run(
     file: PrintFile,
     folder: Path,
     seed: int = 0,
-    troubles: Troubles = Troubles(),  # noqa: B008
+    troubles: BreakingTroubles = BreakingTroubles(),  # noqa: B008
     ledger: Ledger | None = None,
     wire: Callable[[Ledger, VirtualClock, int], Wire] | None = None,
+    protocol: Callable[[], MarlinProtocol] = MarlinProtocol,
 ) -> Run:
     """Print a file; whenever the connection breaks, go on from the journal.
 
@@ -100,6 +102,8 @@ def run(
     ----------
     wire : callable, optional
         Makes the wire of each beginning (0, 1, ...), in place of one with ``troubles``.
+    protocol : callable
+        Makes the protocol of each beginning.
     """
     rng, clock = np.random.default_rng(seed), VirtualClock()
     ledger = ledger or new_printer()
@@ -119,7 +123,7 @@ def run(
         if history is not None and not history.begun:
             history = None  # it broke in the handshake: begin anew
         journal = Journal(path)
-        wiring = Wiring(made, MarlinProtocol(), clock, journal, facts(), on_status=on_status)
+        wiring = Wiring(made, protocol(), clock, journal, facts(), on_status=on_status)
         streamer = Streamer(wiring, job)
         try:
             status = streamer.run(history)
@@ -136,7 +140,3 @@ def run(
     missing, surplus = unreached(file.ends, ends_of(ledger.printer.executed()))
     order = judge(file.lines, ledger.taken)
     return Run(status, order, missing, surplus, begun, pauses, again, clock.now(), ledger)
-
-
-class HostDiedError(BaseException):
-    """In place of kill -9: nothing of the host runs after it."""

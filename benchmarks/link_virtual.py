@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.link_files import PrintFile, zigzag
-from benchmarks.link_runs import DONE, HostDiedError, Run, new_printer, run
-from benchmarks.link_wire import Ledger, Troubles, Wire
+from benchmarks.checkers.link_order import since_renumbering
+from benchmarks.link_files import PrintFile, hatching, zigzag
+from benchmarks.link_runs import DONE, Run, new_printer, run
+from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from benchmarks.machine import row
 from firmware_profiles import Printer, load
 from printctl.link.clock import VirtualClock
+from printctl.link.protocol_marlin import MarlinProtocol
 from sim.dryrun import dry_run
 
 Row = dict[str, Any]
@@ -24,16 +26,22 @@ M85_S = 600.0
 
 
 def noise_rows(
-    name: str, lines: int, seeds: int, troubles: Troubles, folder: Path, gap_s: float | None
+    name: str,
+    lines: int,
+    seeds: int,
+    troubles: BreakingTroubles,
+    folder: Path,
+    gap_s: float | None,
+    protocol: Callable[[], MarlinProtocol] = MarlinProtocol,
 ) -> Iterator[Row]:
     """Noisy prints, judged line by line."""
     file, runs = zigzag(lines), []
     for seed in range(seeds):
-        runs.append(run(file, folder, seed, troubles))
+        runs.append(run(file, folder, seed, troubles, protocol=protocol))
         if seed % 5 == 4:
             print(f"{name}: {seed + 1} of {seeds}", file=sys.stderr, flush=True)
     total = lines * seeds
-    about = VIRTUAL | {"seeds": seeds, "lines": lines, "troubles": vars(troubles)}
+    about = VIRTUAL | {"seeds": seeds, "lines": lines, "troubles": troubles.model_dump()}
     about |= {
         "connections lost and gone on": sum(r.begun - 1 for r in runs),
         "lines sent again": sum(r.again for r in runs),
@@ -66,26 +74,9 @@ def noise_rows(
         yield made | VIRTUAL | {"prints with a slipped line (it may be a slow move)": slow}
 
 
-class _Doomed(Wire):
-    """The host dies in mid-write at its ``last``-th write."""
-
-    def __init__(self, ledger: Ledger, clock: VirtualClock, last: int, part: float) -> None:
-        super().__init__(ledger, clock, np.random.default_rng(0))
-        self._left, self._part = last, part
-
-    def write(self, data: bytes) -> None:
-        """Write, or write a part and die."""
-        self._left -= 1
-        if self._left > 0:
-            super().write(data)
-            return
-        super().write(data[: round(len(data) * self._part)])
-        self.printer.settle()
-        self.printer.take_output()
-        raise HostDiedError
-
-
-def kill_rows(moments: int, folder: Path) -> Iterator[Row]:
+def kill_rows(
+    moments: int, folder: Path, protocol: Callable[[], MarlinProtocol] = MarlinProtocol
+) -> Iterator[Row]:
     """The host dies at random moments, half of them soon after it was started again."""
     file, exact, deaths = zigzag(120), 0, 0
     for seed in range(moments // 2):
@@ -94,15 +85,17 @@ def kill_rows(moments: int, folder: Path) -> Iterator[Row]:
         part = rng.random()
 
         def wire(ledger: Ledger, clock: VirtualClock, begun: int) -> Wire:
+            made = Wire(ledger, clock, np.random.default_rng(0))
             if begun < 2:
-                return _Doomed(ledger, clock, last[begun], part)  # noqa: B023
-            return Wire(ledger, clock, np.random.default_rng(0))
+                made.die_at(last[begun], part)  # noqa: B023
+            return made
 
-        found = run(file, folder, seed, wire=wire)
+        found = run(file, folder, seed, wire=wire, protocol=protocol)
         deaths += found.begun - 1
         exact += not found.faults and not found.unreached and not found.surplus
+    two = "" if protocol is MarlinProtocol else ", two lines in flight"
     made = row(
-        "host killed at random moments and resumed: prints exact",
+        f"host killed at random moments and resumed{two}: prints exact",
         exact,
         f"of {moments // 2}",
         "all",
@@ -113,12 +106,12 @@ def kill_rows(moments: int, folder: Path) -> Iterator[Row]:
 
 def uart_rows(lines: int, folder: Path) -> Iterator[Row]:
     """The product's time on the line against a loop by hand that has one line in flight."""
-    for name, feed in (("empty", 12000), ("full", 600)):
-        file = zigzag(lines, feed)
+    for name, file in (("empty", hatching(lines, 3000)), ("full", zigzag(lines, 600))):
         ours = run(file, folder)
         if ours.status.state is not DONE:
             raise ValueError(f"the print ended as {ours.status}")
-        took = _span([t.time_s for t in ours.ledger.taken if t.meant in set(file.lines)])
+        known, taken = set(file.lines), since_renumbering(ours.ledger.taken)
+        took = _span([t.time_s for t in taken if t.meant in known])
         least = _by_hand(file)
         ratio = took / least
         made = row(

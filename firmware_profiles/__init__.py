@@ -1,12 +1,15 @@
-"""Facts about printers, needles, syringes, inks and baths, each with its source."""
+"""Facts about printers, needles, syringes, inks, baths and dishes, each with its source."""
 
+from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.load import load, shipped
-from firmware_profiles.schema import Axes, Bath, Facts, Ink, Needle, Printer, Span, Syringe
+from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
 
 __all__ = [
     "Axes",
     "Bath",
+    "Dish",
+    "Doubt",
     "Facts",
     "Ink",
     "Needle",
@@ -14,6 +17,7 @@ __all__ = [
     "ProfileError",
     "Span",
     "Syringe",
+    "doubts",
     "load",
     "shipped",
 ]

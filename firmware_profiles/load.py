@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.schema import Bath, Facts, Ink, Needle, Printer, Syringe
+from firmware_profiles.schema import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 
 Profile = TypeVar("Profile", bound=Facts)
 
@@ -20,6 +20,7 @@ FOLDERS: Final[dict[type[Facts], str]] = {
     Syringe: "syringes",
     Ink: "inks",
     Bath: "baths",
+    Dish: "dishes",
 }
 
 
@@ -58,7 +59,7 @@ def _shipped_path(model: type[Facts], name: str) -> Path:
     names = shipped(model)
     if name not in names:
         raise ProfileError(
-            f"no {FOLDERS[model][:-1]} profile {name!r}; shipped: {', '.join(names)}; "
+            f"no {model.__name__.lower()} profile {name!r}; shipped: {', '.join(names)}; "
             "or give the path of a .yaml file of your own"
         )
     return DATA / FOLDERS[model] / f"{name}.yaml"

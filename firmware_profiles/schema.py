@@ -7,11 +7,19 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Celsius = Annotated[float, Field(ge=-80, le=300)]
+Trigger = Literal["neutral_ph", "calcium", "thrombin"]
+"""What makes an ink set in the bath while it is printed."""
+CommandLine = Annotated[
+    str, Field(pattern=r"^(M\d+|[A-Za-z]+_\w+)( [A-Za-z_]+=?[\w.\-]*)*$", max_length=64)
+]
+"""An M command or a Klipper one with a name: no G, since nothing may move."""
+_MOVING = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
+CommandName = Annotated[str, Field(pattern=r"^([GMT]\d+|[A-Za-z]+_\w+)$")]
 
 
 class Facts(BaseModel):
@@ -22,6 +30,23 @@ class Facts(BaseModel):
     name: str = Field(min_length=1, description="Name shown to the user.")
     source: str = Field(min_length=1, description="Where the numbers come from.")
     licence: str = Field(min_length=1, description="Licence of the numbers.")
+    starting_values: tuple[str, ...] = Field(
+        default=(),
+        description="Keys whose numbers have no source: measure them, or compare with the "
+        "machine's own, before the first print.",
+    )
+
+    @model_validator(mode="after")
+    def _starting_values_are_keys(self) -> Facts:
+        for name in self.starting_values:
+            key, _, part = name.partition(".")
+            value = getattr(self, key, None) if key in type(self).model_fields else None
+            inside = isinstance(value, BaseModel) and part in type(value).model_fields
+            if key not in type(self).model_fields or (part and not inside):
+                raise ValueError(
+                    f"starting_values names {name!r}, which is no key of this sort of profile"
+                )
+        return self
 
 
 class Axes(BaseModel):
@@ -68,6 +93,9 @@ class Printer(Facts):
     max_speed_mm_s: Axes
     max_acceleration_mm_s2: Axes
     acceleration_mm_s2: Positive = Field(description="While printing and travelling.")
+    max_step_rate_hz: Positive | None = Field(
+        default=None, description="Steps per second of one axis; an 8-bit board's if not said."
+    )
     junction_deviation_mm: Positive = 0.013
     min_segment_time_s: NonNegative = Field(
         default=0.02, description="Below it the planner slows down when it runs empty."
@@ -79,31 +107,72 @@ class Printer(Facts):
     max_line_bytes: Annotated[int, Field(ge=32, le=512)] = 96
     emergency_parser: bool = True
     advanced_ok: bool = False
+    lines_in_flight: Literal[1, 2] = Field(
+        default=1,
+        description="2: moves leave in pairs, where a slow adapter starves the planner. Only for "
+        "Marlin and its fork, which count lines.",
+    )
+    usb_ids: tuple[Annotated[str, Field(pattern="^[0-9a-f]{4}:[0-9a-f]{4}(:.+)?$")], ...] = Field(
+        default=(),
+        description="USB vendor:product of the board or its adapter, in hex, with :SERIAL behind "
+        "where there are several alike; --port auto looks for them.",
+    )
+    bauds: tuple[Annotated[int, Field(ge=9600, le=2_000_000)], ...] = Field(
+        default=(250_000, 115_200, 500_000, 1_000_000, 57_600),
+        description="Tried by --baud auto, after `baud`.",
+    )
+    dtr: bool = Field(
+        default=True,
+        description="Whether DTR is on while the port is open. Boards with USB of their own "
+        "answer only then; off keeps some boards from resetting (not on Linux, which raises it "
+        "while it opens a port).",
+    )
+    rts: bool = Field(default=True, description="The same for RTS.")
     resets_on_connect: bool = Field(
         default=True, description="Whether opening the port (DTR) resets the board."
     )
     plunger_travel_mm: Positive = Field(description="What the plunger can travel.")
+    max_plunger_force_n: Positive | None = Field(
+        default=None, description="What the head may push with; unknown without."
+    )
     idle_timeout_s: NonNegative = Field(
         default=600,
-        description="M85, set at the start of a print: the firmware's own switch-off when a "
-        "killed host can't.",
+        description="Set at the start of a print where the firmware can be told (M85, "
+        "SET_IDLE_TIMEOUT): its own switch-off when a killed host can't; 0 for none.",
+    )
+    cold_extrusion_configured: bool = Field(
+        default=False,
+        description="Whether the firmware's own configuration lets the plunger move cold; asked "
+        "for where no command does it (Klipper's min_extrude_temp).",
+    )
+    extra_commands: tuple[CommandName, ...] = Field(
+        default=(), description="Commands that this machine knows beyond its firmware's usual ones."
+    )
+    safe_state_off: tuple[CommandLine, ...] = Field(
+        default=(),
+        description="Commands that switch off what else is dangerous after a stop (UV, a pump); "
+        "sent when the needle has left, before the heaters go off. Nothing that moves.",
     )
     safe_state_on: tuple[str, ...] = Field(
         default=(), description="What must stay on after a stop (cooling of ink and bath)."
     )
-    starting_values: tuple[str, ...] = Field(
-        default=(),
-        description="Keys whose numbers have no source: measure them, or compare with the "
-        "printer's own, before the first print.",
-    )
 
     @model_validator(mode="after")
-    def _starting_values_are_keys(self) -> Printer:
-        for name in self.starting_values:
-            key, _, axis = name.partition(".")
-            if key not in type(self).model_fields or (axis and axis not in Axes.model_fields):
-                raise ValueError(f"starting_values names {name!r}, which is no key of a printer")
+    def _pairs_need_a_count(self) -> Printer:
+        if self.lines_in_flight == 2 and self.firmware not in ("marlin", "prusa"):
+            raise ValueError(
+                f"lines_in_flight 2: {self.firmware} keeps no count of lines that could settle "
+                "which of two it took (or none that was tried); use 1"
+            )
         return self
+
+    @field_validator("safe_state_off")
+    @classmethod
+    def _nothing_moves(cls, commands: tuple[str, ...]) -> tuple[str, ...]:
+        for command in commands:
+            if any(word in command.partition(" ")[0].upper() for word in _MOVING):
+                raise ValueError(f"{command!r} may move something; a safe state only switches")
+        return commands
 
 
 class Needle(Facts):
@@ -126,12 +195,30 @@ class Syringe(Facts):
     inner_mm: Annotated[float, Field(gt=0, le=60)]
     volume_ul: Annotated[float, Field(gt=0, le=100_000)]
     dead_volume_ul: NonNegative = 0.0
+    max_pressure_kpa: Positive | None = Field(
+        default=None, description="What barrel and tip bear; unknown without."
+    )
 
 
 class Ink(Facts):
     """A bioink."""
 
-    viscosity_pa_s: Positive
+    viscosity_pa_s: Positive = Field(
+        description="At flow_index 1; else the consistency K of a power law, Pa s^n."
+    )
+    flow_index: Annotated[float, Field(gt=0.05, le=1.5)] = Field(
+        default=1.0, description="n of shear stress = K (shear rate)^n; 1 is Newtonian."
+    )
+    max_shear_stress_pa: Positive | None = Field(
+        default=None, description="At the needle's wall, for the cells in it; unknown without."
+    )
+    flow_factor: Annotated[float, Field(gt=0.2, le=5)] = Field(
+        default=1.0,
+        description="What comes out over what is pushed; the plunger is driven farther by it.",
+    )
+    gelled_by: tuple[Trigger, ...] = Field(
+        default=(), description="What the bath must provide for the ink to set."
+    )
     density_g_cm3: Annotated[float, Field(gt=0.5, le=3)]
     temperature_c: Span = Field(description="Held while printing.")
     retract_ul: NonNegative = Field(description="Plunger relief at the end of a written path.")
@@ -149,4 +236,26 @@ class Bath(Facts):
     floor_clearance_mm: NonNegative = Field(
         description="Kept between the needle's tip and the dish."
     )
+    provides: tuple[Trigger, ...] = Field(
+        default=(), description="What sets an ink in it (buffer, calcium, thrombin)."
+    )
     calibrated: bool
+
+
+class Dish(Facts):
+    """A dish for the bath, its floor at the bottom of the printer's z."""
+
+    shape: Literal["round", "box"]
+    inner_x_mm: Annotated[float, Field(gt=0, le=1000)] = Field(description="Diameter, if round.")
+    inner_y_mm: Annotated[float, Field(gt=0, le=1000)] = Field(description="Diameter, if round.")
+    wall_mm: Annotated[float, Field(gt=0, le=500)] = Field(
+        description="Height of the wall above the floor inside."
+    )
+
+    @model_validator(mode="after")
+    def _round_is_round(self) -> Dish:
+        if self.shape == "round" and self.inner_x_mm != self.inner_y_mm:
+            raise ValueError(
+                f"a round dish is {self.inner_x_mm:g} mm in x and {self.inner_y_mm:g} mm in y"
+            )
+        return self

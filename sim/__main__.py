@@ -7,10 +7,14 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from firmware_profiles import Printer, ProfileError, load
+from sim.bad_line import BadLine
 from sim.dialects import simulated_printer
 from sim.errors import ServeError, SimError
-from sim.marlin_board import Board, parse_fault
+from sim.faults import Fault, FaultFile, load_faults, parse_fault
+from sim.marlin_board import Board
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving
 from sim.warm import warm_printer
@@ -52,6 +56,9 @@ def parser() -> argparse.ArgumentParser:
         "repeatable",
     )
     options.add_argument(
+        "--faults", type=Path, metavar="FILE", help="a fault file (YAML), see sim/faults.py"
+    )
+    options.add_argument(
         "--no-thermistors", action="store_true", help="temperature inputs aren't wired"
     )
     options.add_argument(
@@ -69,17 +76,31 @@ def _open_port(link: Path | None, tcp: int | None) -> Port:
     return PtyPort(link)
 
 
+def _faults(given: argparse.Namespace) -> tuple[FaultFile, tuple[Fault, ...]]:
+    """The file, and its faults with those of the command line."""
+    file = load_faults(given.faults) if given.faults else FaultFile()
+    faults = (*file.at, *(parse_fault(text) for text in given.fault))
+    returns = any(fault.back_after_s is not None for fault in faults)
+    if returns and given.link is None and given.tcp is None:
+        raise ServeError(
+            "a port that comes back needs a name of its own: give --link PATH or --tcp PORT"
+        )
+    return file, faults
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(arguments)
     try:
+        file, faults = _faults(given)
         profile = load(Printer, given.printer)
         printer = simulated_printer(profile)(
             profile,
             given.start,
             Board(thermistors=not given.no_thermistors),
-            tuple(parse_fault(text) for text in given.fault),
+            faults,
         )
+        printer.bad_line = BadLine(file, np.random.default_rng(file.seed))
         port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)

@@ -3,8 +3,9 @@
 Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
 digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
 compared, so a line sent twice is done twice; N without a checksum and lines without N are done as
-they are. No ``Resend``, no busy messages, no M85, M113, M211. Wordings of M92, M114, M115, of
-unknown commands, of cold extrusion and of the emergency stop.
+they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does nothing. Axes are
+moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
+M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
 
 Not modelled: its motion (Marlin's planner runs here), its macros, object model, expressions and
 tools, its larger buffers but for what the profile says. After the emergency stop a real one still
@@ -22,10 +23,11 @@ from sim.marlin import MarlinPrinter
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
 from sim.marlin_loop import MainLoop
+from sim.marlin_waits import Steps
 
 _NUMBER: Final = re.compile(rb"N(\d+)")
 _DIGITS: Final = re.compile(rb"\d*")
-_MISSING: Final = ("M31", "M75", "M76", "M77", "M85", "M113", "M154", "M155", "M211", "M503")
+_MISSING: Final = ("M31", "M75", "M76", "M77", "M113", "M154", "M155", "M211", "M503")
 
 
 def crc16(data: bytes) -> int:
@@ -83,6 +85,35 @@ def _m115(board: MainLoop, command: Command) -> None:
     )
 
 
+def _listed(values: Any, factor: float = 1.0) -> str:
+    return ", ".join(
+        f"{axis}: {float(v) * factor:.1f}" for axis, v in zip("XYZE", values, strict=True)
+    )
+
+
+def _m201(board: MainLoop, command: Command) -> None:
+    if command.values:
+        HANDLERS["M201"](board, command)
+        return
+    board.machine.say(
+        f"Accelerations (mm/sec^2): {_listed(board.machine.state['max_acceleration'])}"
+    )
+
+
+def _m203(board: MainLoop, command: Command) -> None:
+    """In mm/min, where Marlin's is in mm/s."""
+    if not command.values:
+        speeds = _listed(board.machine.state["max_speed"], 60.0)
+        board.machine.say(f"Max speeds (mm/min): {speeds}, min. speed 30.00")
+
+
+def _m208(board: MainLoop, command: Command) -> None:
+    modal = board.machine.modal
+    spans = zip("XYZ", modal["low"][0], modal["high"][0], strict=True)
+    words = ", ".join(f"{axis}{float(low):.1f}:{float(high):.1f}" for axis, low, high in spans)
+    board.machine.say(f"Axis limits (mm)s {words}")
+
+
 def g92_silent(board: MainLoop, command: Command) -> None:
     """As Marlin's, which reports the position too."""
     begin = len(board.machine.output)
@@ -90,38 +121,65 @@ def g92_silent(board: MainLoop, command: Command) -> None:
     del board.machine.output[begin:]
 
 
+def _g92(board: MainLoop, command: Command) -> None:
+    g92_silent(board, command)
+    if isinstance(board, DuetPrinter):
+        board.homed |= command.values.keys() & set("XYZ")
+
+
+def _g28(board: MainLoop, command: Command) -> Steps:
+    if isinstance(board, DuetPrinter):
+        board.homed |= (command.flags | command.values.keys()) & set("XYZ") or set("XYZ")
+    return HANDLERS["G28"](board, command)
+
+
 class DuetPrinter(MarlinPrinter):
     """See the module; parameters as `sim.marlin.MarlinPrinter`'s."""
 
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
-        "G92": g92_silent,
+        "G28": _g28,
+        "G92": _g92,
+        "M85": HANDLERS["M107"],  # known, does nothing
         "M92": _m92,
+        "M201": _m201,
+        "M203": _m203,
+        "M208": _m208,
         "M114": _m114,
         "M115": _m115,
     }
     too_cold_words: ClassVar[str] = (
         "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
     )
+    unhomed_words: ClassVar[str] = "Error: G0/G1: insufficient axes homed"
     banner: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
         self.lines = DuetLines(self.machine.printer.max_line_bytes)
         self.machine.reports.keepalive_s = 0.0
+        self.homed: set[str] = set()
 
     def reset(self) -> None:
         """Reset line or power button."""
         super().reset()
         self.machine.reports.keepalive_s = 0.0
+        self.homed = set()
 
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
-        self.machine.say(f"Error: {command.name}: Command is not supported")
+        self.machine.say(f"Warning: {command.name}: Command is not supported")
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
         self.machine.say("Emergency Stop! Reset the controller to continue.")
+
+    def _work(self, command: Command) -> Steps:
+        moved = command.values.keys() & set("XYZ")
+        if command.letter == "G" and command.number <= 3 and not moved <= self.homed:
+            self.machine.say(self.unhomed_words)
+            return None
+        return super()._work(command)
 
     def _take_plain_moves(self, data: bytes) -> bytes:
         return data

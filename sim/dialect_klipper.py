@@ -3,25 +3,35 @@
 Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
 command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:`` Ready and
-Shutdown; few commands (no M85, M92, M113, M302); no busy messages.
+Shutdown; few commands (no M85, M92, M113, M302); no busy messages. Axes move only once they are
+homed or SET_KINEMATIC_POSITION has said where they are; after the idle timeout (600 s) heaters and
+motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE
+answer as theirs do, and change nothing but the timeout.
 
-Not modelled: its motion (Marlin's planner runs here), macros and extended commands, that G-code
+Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that G-code
 commands wait for room in seconds of motion, not in blocks. After a shutdown a real one still
 answers, by ``!!``; this one is silent.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from sim.dialect_duet import DuetPrinter, g92_silent
-from sim.gcode import Command
+from sim.gcode import Command, split_line
+from sim.gcode_extended import PLACES, plain_command
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
 from sim.marlin_loop import MainLoop
+from sim.marlin_waits import Steps
 
+IDLE_S: Final = 600.0
+"""Klipper's default; its timer counts motion, not words."""
+_NAMED: Final = re.compile(rb"([A-Za-z]+_\w+)\s*(.*)")
+_TIMEOUT: Final = re.compile(rb"TIMEOUT=([\d.]+)")
 _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
 _G: Final = (4, 20, 21, 28, 90, 91)
 _M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
@@ -49,6 +59,17 @@ def _m115(board: MainLoop, command: Command) -> None:
     board.say_ok(" FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13.0")
 
 
+def _m84(board: MainLoop, command: Command) -> None:
+    if isinstance(board, KlipperPrinter):
+        board.homed = set()
+
+
+def _limits(board: MainLoop) -> str:
+    state = board.machine.state
+    speed, acceleration = float(state["max_speed"][0]), float(state["acceleration"][0])
+    return f"// max_velocity: {speed:.6f}\n// max_accel: {acceleration:.6f}"
+
+
 class KlipperPrinter(DuetPrinter):
     """See the module; parameters as `sim.marlin.MarlinPrinter`'s.
 
@@ -58,21 +79,26 @@ class KlipperPrinter(DuetPrinter):
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: HANDLERS[name] for name in _KNOWN},
         "G92": g92_silent,
+        "M18": _m84,
+        "M84": _m84,
         "M114": _m114,
         "M115": _m115,
     }
     too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
+    unhomed_words: ClassVar[str] = "!! Must home axis first"
     banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
 
     def __init__(self, *given: object, **named: object) -> None:
         super().__init__(*given, **named)
         self.lines = KlipperLines(self.machine.printer.max_line_bytes)
         self.machine.cold_allowed = True
+        self.machine.idle_limit_s = IDLE_S
 
     def reset(self) -> None:
         """FIRMWARE_RESTART, or power."""
         super().reset()
         self.machine.cold_allowed = True
+        self.machine.idle_limit_s = IDLE_S
 
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
@@ -81,3 +107,38 @@ class KlipperPrinter(DuetPrinter):
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
         self.machine.say("// Klipper state: Shutdown")
+
+    def idle_is_over(self) -> None:
+        """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
+        self.machine.heaters_off()
+        self.machine.idle_since = math.inf
+        self.homed = set()
+
+    def _work(self, command: Command) -> Steps:
+        named = _NAMED.match(self._command)
+        if named is None:
+            return super()._work(command)
+        name = named[1].decode().upper()
+        if name == PLACES:
+            line = plain_command(named[1], named[2])
+            split_line(line, self.words)
+            g92_silent(self, command)
+            self.homed |= set("XYZ")
+        elif name == "SET_IDLE_TIMEOUT":
+            self._set_idle_timeout(named[2].upper())
+        elif name == "SET_VELOCITY_LIMIT":
+            self.machine.say(_limits(self))
+        elif name == "SET_PRESSURE_ADVANCE":
+            self.machine.say("// pressure_advance: 0.000000")
+        elif name == "TURN_OFF_HEATERS":
+            self.machine.heaters_off()
+        else:
+            self.machine.say(f'// Unknown command:"{name}"')
+        return None
+
+    def _set_idle_timeout(self, words: bytes) -> None:
+        given = _TIMEOUT.search(words)
+        if given is not None:
+            self.machine.idle_limit_s = float(given[1])
+        self.machine.idle_since = self.machine.now  # theirs begins anew, too
+        self.machine.say(f"// idle_timeout: Timeout set to {self.machine.idle_limit_s:.2f} s")

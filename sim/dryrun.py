@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from kernels import jit
+from sim.cold import extrusion_allowed
 from sim.dryrun_checks import Finding, check, sent_length
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
-from sim.gcode import Program, code, read_gcode
+from sim.gcode import Program, read_gcode
+from sim.gcode_extended import Named, without_names
 from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC
 from sim.marlin_board import Board
 from sim.planner import add_move, command_time, next_event, run_until, set_axis
@@ -29,7 +31,6 @@ FloatArray = NDArray[np.float64]
 
 _BITS_PER_BYTE: Final = 10
 _OK_BYTES: Final = 3
-_HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,10 @@ class DryRun:
         Farthest plunger positions, from the start's.
     merged_moves : int
         Moves below the firmware's least steps, taken over by their successors.
+    named : tuple of Named
+        Klipper's commands with names, which the program holds as M105 or G92.
+    first_short_line : int
+        Line of the first move below the firmware's least steps; 0 for none.
     unknown : tuple of (int, str)
         Line and name of each command that the firmware doesn't know.
     longest_line : (int, int)
@@ -76,6 +81,8 @@ class DryRun:
     plunger_max_mm: float
     plunger_min_mm: float
     merged_moves: int
+    named: tuple[Named, ...]
+    first_short_line: int
     unknown: tuple[tuple[int, str], ...]
     longest_line: tuple[int, int]
     findings: list[Finding]
@@ -108,8 +115,11 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
+    named: tuple[Named, ...] = ()
+    if printer.firmware == "klipper":
+        gcode, named = without_names(gcode)
     program = read_gcode(gcode, start_mm)
-    extrudes = _extrusion_allowed(program, cold_extrusion)
+    extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
     duration = _plan(
@@ -127,7 +137,7 @@ def dry_run(
         ring,
         log,
     )
-    checked = check(program, printer, extrudes)
+    checked = check(program, printer, extrudes, named)
     return DryRun(
         program=program,
         executed=executed_motion(log[: int(planner["logged"][0])], printer),
@@ -135,15 +145,6 @@ def dry_run(
         merged_moves=int(planner["merged"][0]),
         **checked,
     )
-
-
-def _extrusion_allowed(program: Program, already: bool) -> NDArray[np.bool_]:
-    """Whether the firmware lets the plunger move at each row, (n,)."""
-    value = np.nan_to_num(program.value, nan=-1.0)
-    permits = (program.code == code("M302")) & (value >= 0)
-    heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
-    allowed = np.logical_or.accumulate(permits | heats) if len(program) else permits
-    return allowed | already
 
 
 @jit

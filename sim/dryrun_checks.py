@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Span
+from sim.cold import REMEDY
+from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
+from sim.gcode_extended import Named
 from sim.gcode_modal import BAD, HOME, MOVE
-from sim.marlin_codes import is_known
 from sim.planner_stepper import LEAST_RATE
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +49,13 @@ class Finding:
     count: int = 1
 
 
-def check(program: Program, printer: Printer, extrudes: NDArray[np.bool_]) -> dict[str, Any]:
-    """All fields of `DryRun` that need no planner."""
+def check(
+    program: Program,
+    printer: Printer,
+    extrudes: NDArray[np.bool_],
+    named: tuple[Named, ...] = (),
+) -> dict[str, Any]:
+    """All fields of `DryRun` that need no planner; ``named`` are Klipper's commands with names."""
     moves = program.kind == MOVE
     speed = demanded_speed(program)
     axes = printer.max_speed_mm_s
@@ -59,14 +66,14 @@ def check(program: Program, printer: Printer, extrudes: NDArray[np.bool_]) -> di
     plunger = np.concatenate([[0.0], program.plunger])
     size = sent_length(program)
     longest = int(size.argmax()) if len(program) else -1
-    unknown = _unknown(program)
+    unknown = _unknown(program, printer, named)
     findings = [
         *_outside(program, printer, moves),
         *_too_fast(program, speed, limit, printer.name),
         *_too_slow(program, printer),
         *_plunger(program, printer),
-        *_cold(program, moves & ~extrudes),
-        *_strange(program, unknown),
+        *_cold(program, moves & ~extrudes, REMEDY.get(printer.firmware, "")),
+        *_strange(program, unknown, printer),
         *_too_long(program, size, printer),
     ]
     return {
@@ -79,6 +86,8 @@ def check(program: Program, printer: Printer, extrudes: NDArray[np.bool_]) -> di
         "plunger_max_mm": float(plunger.max()),
         "plunger_min_mm": float(plunger.min()),
         "unknown": unknown,
+        "named": named,
+        "first_short_line": _first_short(program, printer),
         "longest_line": (int(size[longest]), int(program.line[longest])) if len(size) else (0, 0),
         "findings": sorted(findings, key=lambda finding: finding.line),
     }
@@ -108,6 +117,16 @@ def demanded_speed(program: Program) -> FloatArray:
     per_mm = np.zeros(len(program))
     np.divide(program.feed, length, out=per_mm, where=moving)
     return delta * per_mm[:, None]
+
+
+def _first_short(program: Program, printer: Printer) -> int:
+    """Line of the first move of fewer steps than the planner's least; 0 for none."""
+    axes = printer.steps_per_mm
+    steps = np.array([axes.x, axes.y, axes.z, axes.e])
+    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    way = np.abs(np.rint(program.target * steps) - np.rint(before * steps)).max(axis=1, initial=0.0)
+    short = (program.kind == MOVE) & (way > 0) & (way < printer.min_steps_per_segment)
+    return int(program.line[int(short.argmax())]) if short.any() else 0
 
 
 def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
@@ -211,7 +230,7 @@ def _plunger(program: Program, printer: Printer) -> list[Finding]:
     ]
 
 
-def _cold(program: Program, moves: NDArray[np.bool_]) -> list[Finding]:
+def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Finding]:
     before = np.concatenate([[program.start[3]], program.target[:-1, 3]])[: len(program)]
     where = moves & (program.target[:, 3] != before)
     if not where.any():
@@ -222,33 +241,41 @@ def _cold(program: Program, moves: NDArray[np.bool_]) -> list[Finding]:
             line,
             "cold_extrusion",
             f"line {line}: the plunger would move while cold extrusion isn't allowed, in {count} "
-            "moves; the firmware drops such motion: send M302 P1 before",
+            f"moves; the firmware drops or refuses such motion: {remedy}",
             count=count,
         )
     ]
 
 
-def _unknown(program: Program) -> tuple[tuple[int, str], ...]:
+def _unknown(
+    program: Program, printer: Printer, named: tuple[Named, ...]
+) -> tuple[tuple[int, str], ...]:
     strange = [
-        number
-        for number in np.unique(program.code).tolist()
-        if number == NO_COMMAND or not is_known(code_name(number)[0], number % 1_000_000 // 10)
+        number for number in np.unique(program.code).tolist() if not is_known(printer, number)
     ]
     where = np.flatnonzero(np.isin(program.code, strange))
-    return tuple((int(program.line[i]), code_name(int(program.code[i]))) for i in where)
+    coded = [(int(program.line[i]), code_name(int(program.code[i]))) for i in where]
+    strangers = [(at.line, at.name) for at in named if not is_known_name(printer, at.name)]
+    return tuple(sorted(coded + strangers))
 
 
-def _strange(program: Program, unknown: tuple[tuple[int, str], ...]) -> list[Finding]:
+def _strange(
+    program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
+) -> list[Finding]:
     found = []
     for name in sorted({name for _, name in unknown}):
         lines = [line for line, other in unknown if other == name]
         sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
-        what = "isn't a command" if sort == "no_command" else f"{name} is unknown to this firmware"
+        what = (
+            "isn't a command"
+            if sort == "no_command"
+            else f"{name} is unknown to {printer.firmware}"
+        )
         found.append(
             Finding(
                 lines[0],
                 sort,
-                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out",
+                f"line {lines[0]}: {what} ({len(lines)} such lines); take it out{_or_name(sort)}",
                 count=len(lines),
             )
         )
@@ -262,6 +289,11 @@ def _strange(program: Program, unknown: tuple[tuple[int, str], ...]) -> list[Fin
             line, count = _first(program, where)
             found.append(Finding(line, sort, f"line {line}: {text}", count=count))
     return found
+
+
+def _or_name(sort: str) -> str:
+    named = ", or name it in the printer's profile (extra_commands) if this machine knows it"
+    return named if sort == "unknown_command" else ""
 
 
 def _too_long(program: Program, size: NDArray[np.int64], printer: Printer) -> list[Finding]:

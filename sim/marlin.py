@@ -9,13 +9,16 @@ Modelled, after the transcripts recorded from a real Marlin (`tests/sim/data/mar
   mid-line, repeated lines dropped without an answer;
 - planner, stepper and their times (`sim.planner`), step counters, G92 as a shift of the
   workspace;
+- faults that it is told to have (`sim.faults`), and a bad cable (`sim.bad_line`) for whoever
+  owns the port;
 - busy messages, reports of temperature and position, dwells, waits for heat and for the user,
   heaters with thermal mass, cold extrusion, M85, M112, M410, M108 with and without emergency
   parser, ADVANCED_OK, kill (silence until a reset) and reset.
 
 Not modelled: SD card, display, probe and levelling, endstops that are hit (G28 is a straight run
-to the low end), several extruders, sensors' noise, heaters' control loop, EEPROM (settings last
-until a reset), bits that flip on the line, the stutter of an overloaded processor. As in the real
+to the low end, and a switch fails only as a fault says), several extruders, sensors' noise,
+heaters' control loop, EEPROM (settings last until a reset), bytes that the line loses or invents,
+the stutter of an overloaded processor, motors that lose steps. As in the real
 firmware the software endstops count only on axes that were homed: a machine that wasn't homed
 runs wherever it is told, and the host must keep it inside.
 
@@ -35,7 +38,8 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.executed import ExecutedMotion
-from sim.marlin_board import Board, Fault
+from sim.faults import Fault
+from sim.marlin_board import Board
 from sim.marlin_fast import NOT_TAKEN, take_numbered_move
 from sim.marlin_loop import MainLoop
 
@@ -55,7 +59,7 @@ class MarlinPrinter(MainLoop):
     board : Board
         The processor's speed, and whether thermistors are wired.
     faults : tuple of Fault
-        What goes wrong, and at which line number.
+        What goes wrong, and when.
     """
 
     def __init__(
@@ -136,7 +140,7 @@ class MarlinPrinter(MainLoop):
         wire, machine = self.wire, self.machine
         if machine.dead or self._tasks or self._queue or len(data) > wire.capacity:
             return data
-        if not wire.quiet or not self.lines.empty:
+        if not wire.quiet or not self.lines.empty or self.plan.counts_bytes:
             return data
         arrived = wire.occupied_until(machine.now)
         while data:
@@ -151,7 +155,7 @@ class MarlinPrinter(MainLoop):
     def _take_plain_move(self, data: bytes, arrived: float) -> bool:
         wire, machine = self.wire, self.machine
         expected = self.lines.last_number + 1
-        if expected in self._faults or arrived < machine.closed_until:
+        if self.plan.has_line(expected) or arrived < machine.closed_until:
             return False
         taken = take_numbered_move(
             data,

@@ -1,17 +1,11 @@
-"""The board that the simulated firmware runs on, and the faults it can be told to have."""
+"""The board that the simulated firmware runs on: how fast it is."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-
-from sim.errors import ServeError
-
-FaultKind = Literal["unplug", "reset", "kill", "drop_ok", "runaway"]
 
 
 @dataclass(frozen=True)
@@ -47,36 +41,3 @@ class Board:
         return np.array(
             [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
         )
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something that goes wrong when the firmware takes line ``line`` (its N word).
-
-    ``runaway``: the hotend's heater loses its power while the firmware believes it is on, which
-    its thermal protection finds.
-    """
-
-    kind: FaultKind
-    line: int
-
-
-_FAULT: Final = re.compile(r"([a-z_]+)@(\d+)")
-
-
-def parse_fault(text: str) -> Fault:
-    """Read ``unplug@120``.
-
-    Raises
-    ------
-    ServeError
-        When it isn't a known fault at a line number.
-    """
-    match = _FAULT.fullmatch(text)
-    kinds = get_args(FaultKind)
-    if match is None or match[1] not in kinds:
-        raise ServeError(
-            f"fault {text!r} isn't one of {', '.join(f'{kind}@LINE' for kind in kinds)}"
-        )
-    kind: FaultKind = match[1]  # type: ignore[assignment]
-    return Fault(kind, int(match[2]))

@@ -17,11 +17,42 @@ from kernels import jit
 from sim.gcode_modal import has, interpret, speed
 from sim.gcode_words import number_at, split_words
 from sim.planner import add_move, command_time, next_event, run_until
-from sim.planner_state import Records
+from sim.planner_state import Record, Records
 
 NOT_TAKEN: Final = -1.0
 _N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
 _E_LETTER = 4
+
+
+@jit
+def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool:
+    r"""Whether a line is whole, numbered as expected, sound by its checksum, and G0 or G1.
+
+    Parameters
+    ----------
+    line, expected, longest
+        As in `take_numbered_move`.
+    row : record of `sim.gcode_words.WORDS`
+        Gets the line's words where it comes to that.
+    """
+    size = len(line) - 1
+    if size < 6 or size > longest or line[0] != _N or line[size] != _EOL:
+        return False
+    star = size - 1
+    while star > 0 and line[star] != _STAR:
+        star -= 1
+    given, after = number_at(line, star + 1, size)
+    if star == 0 or after != size:
+        return False
+    xor = 0
+    for i in range(star):
+        if line[i] == _SEMICOLON or line[i] == _EOL:
+            return False
+        xor ^= line[i]
+    split_words(line, 0, size, row)
+    if int(given) != xor or row.numbered != expected:
+        return False
+    return row.letter == _G and 0 <= row.number <= 1
 
 
 @jit
@@ -65,25 +96,10 @@ def take_numbered_move(
     float
         When the move was taken, s; `NOT_TAKEN` where nothing was done.
     """
-    size = len(line) - 1
-    if size < 6 or size > longest or line[0] != _N or line[size] != _EOL:
-        return NOT_TAKEN
-    star = size - 1
-    while star > 0 and line[star] != _STAR:
-        star -= 1
-    given, after = number_at(line, star + 1, size)
-    if star == 0 or after != size or planner[0].logged + 2 * len(ring) > len(log):
-        return NOT_TAKEN
-    xor = 0
-    for i in range(star):
-        if line[i] == _SEMICOLON or line[i] == _EOL:
-            return NOT_TAKEN
-        xor ^= line[i]
     row = words[0]
-    split_words(line, 0, size, row)
-    if int(given) != xor or row.numbered != expected:
+    if planner[0].logged + 2 * len(ring) > len(log):
         return NOT_TAKEN
-    if row.letter != _G or row.number > 1 or row.number < 0 or (cold and has(row, _E_LETTER)):
+    if not is_sound_move(line, expected, longest, row) or (cold and has(row, _E_LETTER)):
         return NOT_TAKEN
     run_until(planner, ring, log, now)
     now += command_time(planner, ring, now, costs)

@@ -16,11 +16,14 @@ from typing import ClassVar, Final
 import numpy as np
 
 from firmware_profiles import Printer
+from sim.bad_line import BadLine
+from sim.fault_plan import FaultPlan, happen
+from sim.faults import Fault
 from sim.gcode import Command, command_of, split_line
 from sim.gcode_modal import BAD, interpret, speed
 from sim.gcode_words import WORDS
 from sim.marlin_arc import arc_of
-from sim.marlin_board import Board, Fault, FaultKind
+from sim.marlin_board import Board
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader, Refused
 from sim.marlin_machine import Machine, Place, Task, Wait
@@ -48,6 +51,10 @@ class MainLoop:
         Of the command in hand.
     unplugged : bool
         Set by a fault; whoever owns the port closes it.
+    back_after_s : float or None
+        After how long it is plugged in again; None for never.
+    bad_line : BadLine
+        The cable, for whoever owns the port.
     synced : int
         How often the host has had the motors waited for (M400); a good moment to keep a record.
     """
@@ -64,9 +71,10 @@ class MainLoop:
         self.lines = LineReader(printer.max_line_bytes)
         self.words = np.zeros(1, WORDS)
         self.unplugged = False
+        self.back_after_s: float | None = None
+        self.bad_line = BadLine()
         self.synced = 0
-        self._faults: dict[int, FaultKind] = {fault.line: fault.kind for fault in faults}
-        self._mute: set[int] = set()
+        self.plan = FaultPlan(faults)
         self._queue: deque[bytes] = deque()
         self._tasks: list[tuple[Task, Wait, bool]] = []
         self._command = b""
@@ -108,6 +116,14 @@ class MainLoop:
         self.machine.say(f"echo:{reason}")
         self.machine.say("Error:Printer halted. kill() called!")
         self.machine.say("//action:poweroff")
+
+    def idle_is_over(self) -> None:
+        """Nothing has moved for longer than the firmware was told to bear."""
+        self.machine.say(
+            "Error:!! KILL caused by too much inactive time - current command: "
+            + self._command.decode("latin-1")
+        )
+        self.kill("KILLED.")
 
     # -- what commands need
 
@@ -172,6 +188,7 @@ class MainLoop:
         machine = self.machine
         reports = machine.reports
         soon = min(reports.temperature_at, reports.position_at, machine.heat_alarm().at)
+        soon = min(soon, self.plan.next_s)
         if self._tasks:
             soon = min(soon, self._busy_at)
         if machine.idle_limit_s > 0:
@@ -190,6 +207,9 @@ class MainLoop:
         machine.roll()
         if self.wire.urgent:
             self._urgent(self.wire.urgent.pop(0))
+            return True
+        if (fault := self.plan.due(machine.now, self.wire.received)) is not None:
+            happen(self, fault)
             return True
         if machine.now >= self._alarm():
             self._sound_alarms()
@@ -222,27 +242,12 @@ class MainLoop:
             self.request_resend()
         elif accepted is not None:
             number = self.lines.last_number
-            if number != before and number in self._faults and self._fails(number):
+            fault = self.plan.at_line(number) if number != before else None
+            if fault is not None and happen(self, fault):
                 return True
             self._queue.append(accepted)
             self._act_early(accepted)
         return True
-
-    def _fails(self, number: int) -> bool:
-        """Let the fault of a line happen; True when the line is lost with it."""
-        fault = self._faults.pop(number)
-        if fault == "reset":
-            self.reset()
-        elif fault == "kill":
-            self.machine.say("Error:Thermal Runaway, system stopped! Heater_ID: E0")
-            self.kill("THERMAL RUNAWAY")
-        elif fault == "unplug":
-            self.unplugged = True
-        elif fault == "runaway":
-            self.machine.hotend.lose_power(self.machine.now)
-        else:
-            self._mute.add(number)
-        return fault in ("reset", "kill")
 
     def _act_early(self, line: bytes) -> None:
         """Without emergency parser: M112, M410 and M108 act when they enter the queue."""
@@ -280,11 +285,7 @@ class MainLoop:
             machine.say(planned_position(self))
             reports.position_at += reports.position_s
         if machine.idle_limit_s > 0 and now >= self._idle_deadline():
-            machine.say(
-                "Error:!! KILL caused by too much inactive time - current command: "
-                + self._command.decode("latin-1")
-            )
-            self.kill("KILLED.")
+            self.idle_is_over()
 
     def _start(self, line: bytes) -> None:
         """Take the oldest command of the queue in hand."""
@@ -295,9 +296,7 @@ class MainLoop:
         self._answered = False
         split_line(line, self.words)
         command = command_of(line, self.words)
-        if command.line_number in self._mute:
-            self._mute.discard(command.line_number)
-            self._hush = True
+        self._hush |= self.plan.is_mute(command.line_number)
         keepalive = machine.reports.keepalive_s
         self._busy_at = machine.now + keepalive if keepalive > 0 else math.inf
         if machine.debug & 1:
@@ -391,6 +390,6 @@ class MainLoop:
         self._queue.clear()
         self._tasks.clear()
         self.wire.clear()
-        self._mute.clear()
+        self.plan.muted.clear()
         self._hush = False
         self._busy_at = math.inf

@@ -170,6 +170,7 @@ class Machine:
     output: bytearray = field(default_factory=bytearray)
 
     def __post_init__(self) -> None:
+        self.stuck: dict[int, str] = {}  # endstops, by axis; power-up mends none
         self.ring = new_ring(self.printer)
         self.log = np.zeros(_FIRST_LOG, LOG)
         self.costs = self.board.costs()
@@ -268,6 +269,11 @@ class Machine:
         native = self.planner["position"][0] / self.planner["steps_per_mm"][0].astype(float)
         self.modal["plunger_shift"] += self.modal["position"][0, 3] - native[3]
         self.modal["position"] = native
+
+    def stand_at(self, axis: int, position_mm: float) -> None:
+        """Call where an axis stands ``position_mm``, as homing does that finds its switch."""
+        set_axis(self.planner, axis, position_mm)
+        self.modal["position"][0, axis] = position_mm
 
     def set_plunger(self, position_mm: float) -> None:
         """Call the plunger's planned position ``position_mm``."""

@@ -98,9 +98,11 @@ def m118(board: MainLoop, command: Command) -> None:
 
 
 def m119(board: MainLoop, command: Command) -> None:
-    """Endstops: all open."""
-    for line in ("Reporting endstop status", "x_min: open", "y_min: open", "z_min: open"):
-        board.machine.say(line)
+    """Endstops: open, but for one that is stuck."""
+    board.machine.say("Reporting endstop status")
+    for axis, name in enumerate("xyz"):
+        closed = board.machine.stuck.get(axis) == "closed"
+        board.machine.say(f"{name}_min: {'TRIGGERED' if closed else 'open'}")
 
 
 def m154(board: MainLoop, command: Command) -> None:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 Steps = Iterator[Wait] | None
 
+_HOMING_MM_S: Final = 50.0
+_HOMING_Z_MM_S: Final = 4.0
 _RESIDENCE_S: Final = 10.0
 _WINDOW_C: Final = 1.0
 _LOOK_S: Final = 0.25
@@ -34,17 +36,29 @@ def g4(board: MainLoop, command: Command) -> Iterator[Wait]:
 
 
 def g28(board: MainLoop, command: Command) -> Iterator[Wait]:
-    """Home: a straight run to the low end of each axis; no probing, no second touch."""
+    """Home: a straight run to the low end of each axis; no probing, no second touch.
+
+    A switch stuck closed is found at once, wherever the carriage stands. One stuck open isn't
+    found: the axis runs against its end for half its length more, then the firmware stops.
+    """
     machine = board.machine
     named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
     lows = machine.modal["low"][0].copy()
     for axis in named or (2, 0, 1):
         yield Still()
+        if machine.stuck.get(axis) == "closed":
+            machine.stand_at(axis, float(lows[axis]))
+        speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
         target = machine.modal["position"][0].copy()
         target[axis] = lows[axis]
         machine.modal["position"] = target
-        machine.move_to(target, 4.0 if axis == 2 else 50.0, -1)
+        machine.move_to(target, speed, -1)
         yield Still()
+        if machine.stuck.get(axis) == "open":
+            length = float(machine.modal["high"][0, axis] - lows[axis])
+            yield Until(machine.now + length / 2 / speed)
+            board.kill("Homing Failed")
+            return
         machine.homed[axis] = True
         machine.modal["shift"][0, axis] = 0.0
     limit_homed(board)

@@ -23,6 +23,8 @@ class Wire:
         Bytes that the ring holds (one less than its size).
     lost : int
         Bytes that found it full.
+    received : int
+        Bytes that arrived, but for those of moves that took the short road.
     urgent : list of bytes
         Codes (``b"112"``) that the emergency parser saw and nobody has taken yet.
     """
@@ -30,7 +32,7 @@ class Wire:
     def __init__(self, baud: int, ring_bytes: int, emergency_parser: bool) -> None:
         self.byte_s = BITS_PER_BYTE / baud
         self.capacity = ring_bytes - 1
-        self.lost = 0
+        self.lost = self.received = 0
         self.urgent: list[bytes] = []
         self.ring = bytearray()
         self._parser = emergency_parser
@@ -74,6 +76,7 @@ class Wire:
         arrived = self._flying[:count]
         del self._flying[:count]
         self._first_at += len(arrived) * self.byte_s
+        self.received += len(arrived)
         if self._parser:
             self._watch(arrived)
         room = self.capacity - len(self.ring)

@@ -67,6 +67,8 @@ def walk(block: Record, ticks_left: int) -> tuple[int, int, int]:
     first : int
         From the block's start to its first pulse.
     """
+    # One loop, as the interrupt is one: its phases share nine running values, so that any part
+    # taken out would have to be given, and give back, nearly all of them.
     limit = ticks_left if ticks_left >= 0 else NO_LIMIT
     # Rates in 24-bit fixed point per tick, as the interrupt multiplies them.
     slope = int(block.acceleration_rate * (16777216.0 / TICKS_PER_S))

@@ -39,6 +39,9 @@ class Port(Protocol):
     def close(self) -> None:
         """Take the port away."""
 
+    def again(self) -> Port:
+        """A port of the same name, after this one was closed."""
+
 
 class PtyPort:
     """A pseudo-terminal, raw, with a link of a fixed name to it.
@@ -119,6 +122,10 @@ class PtyPort:
                 with contextlib.suppress(OSError):
                     os.close(handle)
 
+    def again(self) -> PtyPort:
+        """A terminal with the same link to it."""
+        return PtyPort(self._link)
+
 
 def _point(link: Path, name: str) -> None:
     """Make ``link`` point to ``name`` in one step; only a link may be replaced."""
@@ -148,7 +155,8 @@ class TcpPort:
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         self._fresh = False
-        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self._number = int(self._server.getsockname()[1])
+        self.address = f"socket://127.0.0.1:{self._number}"
 
     def fileno(self) -> int:
         """The host's socket, or the listening one."""
@@ -202,3 +210,7 @@ class TcpPort:
         if self._client is not None:
             self._client.close()
         self._server.close()
+
+    def again(self) -> TcpPort:
+        """Listen on the same port."""
+        return TcpPort(self._number)

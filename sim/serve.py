@@ -11,6 +11,7 @@ end.
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import socket
@@ -75,6 +76,7 @@ class Server:
         self._host_there = False
         self._port_there = True
         self._boots_at: float | None = None
+        self._plugs_in_at = math.inf
         self._synced = 0
         self._was_dead = False
         self._stop = False
@@ -110,13 +112,17 @@ class Server:
                 waiter.forget()
                 self._unplug()
             now = time.monotonic()
+            if now >= self._plugs_in_at:
+                self._plug_in()
             if now - watched > _WATCH_S:
                 watched = now
                 self._stop |= self._orphaned()
 
     def _patience_s(self) -> float:
         paced = self._serving.speed > 0 and not self._printer.dead
-        return _TICK_S if paced or self._boots_at is not None else _WATCH_S
+        if paced or self._boots_at is not None or not math.isinf(self._plugs_in_at):
+            return _TICK_S
+        return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
 
     def _turn(self, event: Event) -> bool:
         """One round: who is there, what came, what goes. False when the port was pulled out."""
@@ -135,9 +141,10 @@ class Server:
                 return True
             self._boots_at = None
             self._printer.reset()
-        data = self._port.read() if event.readable else b""
-        self._pace(data)
-        self._outbox += self._printer.take_output()
+        line = self._printer.bad_line
+        self._pace(line.down(self._port.read()) if event.readable else b"")
+        while said := line.due(time.monotonic()):
+            self._outbox += said
         if self._outbox:
             self._outbox = self._outbox[self._port.write(self._outbox) :]
         return not self._printer.unplugged
@@ -159,7 +166,8 @@ class Server:
             printer.receive(data)
             printer.run_to((time.monotonic() - self._zero) * self._serving.speed)
         elif data:
-            self._outbox += printer.exchange(data)
+            printer.bad_line.up(printer.exchange(data), time.monotonic())
+        printer.bad_line.up(printer.take_output(), time.monotonic())
         if printer.synced != self._synced or printer.dead != self._was_dead:
             self._synced = printer.synced
             self._was_dead = printer.dead
@@ -171,9 +179,19 @@ class Server:
         self._port_there = False
         self._host_there = False
         self._outbox = b""
+        self._printer.bad_line.clear()
         self._let_go()
-        if self._serving.exit_on_hangup:
+        after_s, self._printer.back_after_s = self._printer.back_after_s, None
+        if after_s is not None:
+            self._plugs_in_at = time.monotonic() + after_s
+        elif self._serving.exit_on_hangup:
             self._stop = True
+
+    def _plug_in(self) -> None:
+        """The cable is back, under the same name; a board may reset at that (its profile says)."""
+        self._port = self._port.again()
+        self._port_there, self._printer.unplugged = True, False
+        self._plugs_in_at = math.inf
 
     def _let_go(self) -> None:
         """The host has gone: run what was accepted, keep the record."""

@@ -1,9 +1,16 @@
 """Settings for all tests."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 from hypothesis import settings
 
 # No test asserts a wall-clock time; CI tries the same examples each time, a developer new ones.
 settings.register_profile("printctl", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("printctl")
+
+# Prints made by tests don't belong into the history of whoever runs them.
+os.environ["PRINTCTL_DATA"] = tempfile.mkdtemp(prefix="printctl-test-data-")
+atexit.register(shutil.rmtree, os.environ["PRINTCTL_DATA"], ignore_errors=True)

@@ -13,18 +13,28 @@ from rich.console import Console
 
 from design.errors import DesignError
 from firmware_profiles import ProfileError
+from printctl.cli.alive import alive
+from printctl.cli.calibrate import calibrate
 from printctl.cli.convert import convert
 from printctl.cli.design import design
 from printctl.cli.doctor import doctor
+from printctl.cli.history import history
 from printctl.cli.init import init
 from printctl.cli.measure import measure
+from printctl.cli.pause import pause
 from printctl.cli.ports import ports
 from printctl.cli.print_job import print_job
-from printctl.cli.profiles import profiles
+from printctl.cli.profiles import ShowByDefault, show
+from printctl.cli.profiles_check import check
+from printctl.cli.profiles_probe import probe
+from printctl.cli.recover import recover
 from printctl.cli.register import register
+from printctl.cli.reload import reload
+from printctl.cli.resume import resume
 from printctl.cli.run import run
 from printctl.cli.sim_printer import sim_printer
 from printctl.cli.simulate import simulate
+from printctl.cli.status import status
 from printctl.cli.toolpath import toolpath
 from printctl.cli.view import view
 from printctl.errors import PrintctlError
@@ -39,11 +49,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
+profiles = typer.Typer(
+    cls=ShowByDefault, help="Known printers and materials: list, show, check, ask a printer."
+)
+profiles.command("show")(show)
+profiles.command("check")(check)
+profiles.command("probe")(probe)
 app.command("run")(run)
 app.command("design")(design)
 app.command("toolpath")(toolpath)
 app.command("simulate")(simulate)
 app.command("print")(print_job)
+app.command("status")(status)
+app.command("pause")(pause)
+app.command("resume")(resume)
+app.command("reload")(reload)
+app.command("alive")(alive)
+app.command("recover")(recover)
 app.command(
     "sim-printer", context_settings={"allow_extra_args": True, "ignore_unknown_options": True}
 )(sim_printer)
@@ -52,7 +74,9 @@ app.command("view")(view)
 app.command("convert")(convert)
 app.command("measure")(measure)
 app.command("ports")(ports)
-app.command("profiles")(profiles)
+app.add_typer(profiles, name="profiles")
+app.add_typer(history, name="history")
+app.add_typer(calibrate, name="calibrate")
 app.command("doctor")(doctor)
 app.command("init")(init)
 

@@ -1,19 +1,61 @@
-"""`printctl ports`: which serial ports there are."""
+"""`printctl ports`: which serial ports there are, and whose."""
 
 from __future__ import annotations
 
+from typing import Annotated, Any
+
+import typer
+
+from firmware_profiles import Printer, load, shipped
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.ports import list_ports
+from printctl.link.finding import AUTO, locate, matches
+from printctl.link.ports import PortInfo, list_ports
 
 
-def ports(as_json: JsonFlag = False) -> None:
-    """List the serial ports of this machine, with what is known of the board behind each."""
-    found = list_ports()
-    if as_json:
-        print_json({"ports": [vars(port) for port in found]})
+def ports(
+    printer: Annotated[
+        str | None,
+        typer.Option("--printer", help="Profile to look for, beside the shipped ones."),
+    ] = None,
+    find: Annotated[
+        bool,
+        typer.Option(
+            "--find", help="Open the port that is --printer's, and try baud rates until it answers."
+        ),
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """List serial ports with their USB ids and the profiles that these match.
+
+    Nothing is opened but with --find: that may reset the board, and moves nothing.
+    """
+    if find:
+        _find(printer, as_json)
         return
-    print_lines(*(f"{port.device}\t{port.description}" for port in found))
+    wanted = [*shipped(Printer), *filter(None, [printer])]
+    known = {name: load(Printer, name) for name in wanted}
+    found = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
+    if as_json:
+        print_json({"ports": [vars(port) | {"profiles": names} for port, names in found]})
+        return
+    for port, names in found:
+        print_lines(_line(port, names))
     if not found:
         messages().print(
             "no serial port found; plug the printer in, or use port: simulated in the recipe"
         )
+
+
+def _line(port: PortInfo, profiles: list[str]) -> str:
+    told: list[Any] = [port.device, port.usb_id or "-", port.serial_number or "-"]
+    return "\t".join([*told, port.description, ", ".join(profiles) or "no profile's"])
+
+
+def _find(printer: str | None, as_json: bool) -> None:
+    if printer is None:
+        raise typer.BadParameter("--find needs --printer: only a port with its USB id is opened")
+    place = locate(AUTO, AUTO, load(Printer, printer))
+    if as_json:
+        print_json(vars(place))
+        return
+    print_lines(f"{place.port}\t{place.baud} Bd")

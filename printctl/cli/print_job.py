@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.cli.care_options import (
+    CheckpointOption,
+    DeadmanOption,
+    DeadmanStopsFlag,
+    PrimeOption,
+    ReloadFlag,
+    care_for,
+)
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -20,7 +29,17 @@ from printctl.cli.options import (
     read_gcode_file,
     three_numbers,
 )
-from printctl.preflight import gcode_checks, refuse_failed, syringe_check
+from printctl.cli.set_up_options import (
+    BathDepthOption,
+    BathOption,
+    DishCentreOption,
+    DishOption,
+    NeedleOption,
+    set_up,
+)
+from printctl.link.finding import named_port, read_baud
+from printctl.link.job import load_job
+from printctl.preflight import file_checks, refuse_failed, warnings
 from printctl.printing import (
     SIMULATED,
     Order,
@@ -30,6 +49,8 @@ from printctl.printing import (
     retreat_for,
     running,
     simulated_printer,
+    usable_mm,
+    with_reloads,
 )
 from printctl.progress import StageBars
 from sim.dryrun import dry_run
@@ -41,19 +62,36 @@ def print_job(
     port: Annotated[
         str,
         typer.Option(
-            "--port", help="Serial port, tcp:HOST:PORT, or simulated.", show_default=False
+            "--port",
+            help="Serial port, tcp:HOST:PORT, simulated, or auto: the one with the profile's USB "
+            "id.",
+            show_default=False,
         ),
     ],
     syringe: SyringeOption = "hamilton_1ml",
     ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    needle: NeedleOption = None,
+    bath: BathOption = None,
+    dish: DishOption = None,
+    dish_centre: DishCentreOption = None,
+    bath_depth: BathDepthOption = None,
     start: StartOption = "0,0,0",
     folder: Annotated[
         Path | None,
         typer.Option("--folder", help="For the journal; FILE.print by default."),
     ] = None,
+    baud: Annotated[
+        str | None,
+        typer.Option("--baud", help="In place of the profile's; auto tries the profile's list."),
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
     ] = False,
+    checkpoint_every: CheckpointOption = 30.0,
+    deadman: DeadmanOption = 0.0,
+    deadman_stops: DeadmanStopsFlag = False,
+    prime_ul: PrimeOption = 0.0,
+    reload: ReloadFlag = False,
     yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -65,17 +103,37 @@ def print_job(
     profile, filled = load(Printer, printer), load(Syringe, syringe)
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = three_numbers(start, "--start")
-    retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0)
-    order = Order(file, printer, port, place, retreat, resume)
+    usable = usable_mm(filled, profile)
+    care = care_for(syringe, usable, checkpoint_every, deadman, deadman_stops)
+    retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0, prime_ul=prime_ul)
+    order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
         run = dry_run(read_gcode_file(file), profile, tip)
-        refuse_failed([*gcode_checks(run, profile), syringe_check(run, filled)])
+        job = load_job(file, profile.max_line_bytes)
+        mounted = set_up(
+            profile,
+            filled,
+            ink,
+            tip,
+            needle=needle,
+            bath=bath,
+            dish=dish,
+            dish_centre=dish_centre,
+            bath_depth=bath_depth,
+        )
+        checks = file_checks(run, mounted)
+        checks, reload_at = with_reloads(checks, job, usable, wanted=reload)
+        refuse_failed(checks)
+        for text in warnings(checks):
+            messages().print(f"note: {text}", markup=False)
+        order = replace(order, care=replace(care, reload_at=reload_at))
     place.mkdir(parents=True, exist_ok=True)
 
     def open_port() -> str:
         if port != SIMULATED:
-            confirm(port, bars, yes)
-            return port
+            name = named_port(port, profile)
+            confirm(name, bars, yes)
+            return name
         return simulated_printer(printer, tip, place / "executed.npz", place)
 
     bars = StageBars(messages())

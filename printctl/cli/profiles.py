@@ -1,13 +1,16 @@
-"""`printctl profiles`: which printers, needles, syringes, inks and baths are known."""
+"""`printctl profiles`: which printers, needles, syringes, inks, baths and dishes are known."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from firmware_profiles import (
     Bath,
+    Dish,
     Facts,
     Ink,
     Needle,
@@ -25,10 +28,21 @@ KINDS: dict[str, type[Facts]] = {
     "syringe": Syringe,
     "ink": Ink,
     "bath": Bath,
+    "dish": Dish,
 }
 
 
-def profiles(
+class ShowByDefault(TyperGroup):
+    """``printctl profiles NAME`` shows a profile: what is no subcommand is a name."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put ``show`` in front where no subcommand is named."""
+        if not args or (args[0] not in self.commands and args[0] not in ("--help", "-h")):
+            args = ["show", *args]
+        return super().parse_args(ctx, args)
+
+
+def show(
     name: Annotated[
         str | None, typer.Argument(help="Show one profile whole: its shipped name or a .yaml file.")
     ] = None,
@@ -46,6 +60,30 @@ def profiles(
                 print_lines(*(f"  {key}: {value}" for key, value in facts.items()))
 
 
+def find_profile(name: str) -> tuple[str, Facts]:
+    """Sort and facts of a shipped name or of a file, which itself doesn't say its sort.
+
+    Raises
+    ------
+    ProfileError
+        When there is none; of a file that is no profile it says why, for each sort.
+    """
+    if not name.endswith((".yaml", ".yml")):
+        for kind, model in KINDS.items():
+            if name in shipped(model):
+                return kind, load(model, name)
+        raise ProfileError(f"no profile {name!r}; `printctl profiles` lists the shipped ones")
+    if not Path(name).is_file():
+        raise ProfileError(f"profile file {name} doesn't exist; check the path")
+    problems = []
+    for kind, model in KINDS.items():
+        try:
+            return kind, load(model, name)
+        except ProfileError as exc:
+            problems.append(f"  as {kind}: {exc}")
+    raise ProfileError("\n".join([f"{name} is no profile of any sort:", *problems]))
+
+
 def _all() -> dict[str, dict[str, Any]]:
     return {
         kind: {entry: load(model, entry).model_dump(mode="json") for entry in shipped(model)}
@@ -54,20 +92,5 @@ def _all() -> dict[str, dict[str, Any]]:
 
 
 def _one(name: str) -> dict[str, dict[str, Any]]:
-    if name.endswith((".yaml", ".yml")):
-        return _from_file(name)
-    for kind, model in KINDS.items():
-        if name in shipped(model):
-            return {kind: {name: load(model, name).model_dump(mode="json")}}
-    raise ProfileError(f"no profile {name!r}; `printctl profiles` lists the shipped ones")
-
-
-def _from_file(name: str) -> dict[str, dict[str, Any]]:
-    """Try each sort of profile; the file itself doesn't say which it is."""
-    problems = []
-    for kind, model in KINDS.items():
-        try:
-            return {kind: {name: load(model, name).model_dump(mode="json")}}
-        except ProfileError as exc:
-            problems.append(f"  as {kind}: {exc}")
-    raise ProfileError("\n".join([f"{name} is no profile of any sort:", *problems]))
+    kind, facts = find_profile(name)
+    return {kind: {name: facts.model_dump(mode="json")}}

@@ -13,12 +13,21 @@ from printctl.cli.options import (
     PrinterOption,
     StartOption,
     SyringeOption,
+    messages,
     print_json,
     print_lines,
     read_gcode_file,
     three_numbers,
 )
-from printctl.preflight import gcode_checks, refuse_failed, syringe_check
+from printctl.cli.set_up_options import (
+    BathDepthOption,
+    BathOption,
+    DishCentreOption,
+    DishOption,
+    NeedleOption,
+    set_up,
+)
+from printctl.preflight import file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
 
 
@@ -26,6 +35,12 @@ def simulate(
     file: Annotated[Path, typer.Argument(help="The G-code file.", show_default=False)],
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
+    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    needle: NeedleOption = None,
+    bath: BathOption = None,
+    dish: DishOption = None,
+    dish_centre: DishCentreOption = None,
+    bath_depth: BathDepthOption = None,
     start: StartOption = "0,0,0",
     as_json: JsonFlag = False,
 ) -> None:
@@ -34,8 +49,20 @@ def simulate(
     Ends with exit code 3 when a check fails; the line and the reason are named.
     """
     profile, filled = load(Printer, printer), load(Syringe, syringe)
-    run = dry_run(read_gcode_file(file), profile, three_numbers(start, "--start"))
-    checks = [*gcode_checks(run, profile), syringe_check(run, filled)]
+    tip = three_numbers(start, "--start")
+    mounted = set_up(
+        profile,
+        filled,
+        ink,
+        tip,
+        needle=needle,
+        bath=bath,
+        dish=dish,
+        dish_centre=dish_centre,
+        bath_depth=bath_depth,
+    )
+    run = dry_run(read_gcode_file(file), profile, tip)
+    checks = file_checks(run, mounted)
     if as_json:
         print_json(
             {
@@ -44,7 +71,7 @@ def simulate(
                 "duration_s": run.duration_s,
                 "blocks": len(run.executed),
                 "merged_moves": run.merged_moves,
-                "passed": all(check.passed for check in checks),
+                "passed": not any(check.refuses for check in checks),
                 "checks": [check.as_dict() for check in checks],
             }
         )
@@ -54,4 +81,6 @@ def simulate(
             f"{run.merged_moves} moves merged by the firmware",
             *(check.row() for check in checks),
         )
+        for text in warnings(checks):
+            messages().print(f"note: {text}", markup=False)
     refuse_failed(checks)

@@ -1,14 +1,19 @@
 """The printer link: protocol, transport, streamer, journal, link process and its client."""
 
+from printctl.link.care import Care, NewSyringe
 from printctl.link.client import PrintClient, attach, resume_print, start_print
 from printctl.link.errors import LinkError
+from printctl.link.marks import MarkKind
 from printctl.link.ports import PortInfo, list_ports
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome, Status
 
 __all__ = [
+    "Care",
     "LinkError",
     "LinkState",
+    "MarkKind",
+    "NewSyringe",
     "PortInfo",
     "PrintClient",
     "PrintOutcome",

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from printctl.link.care import Care
 from printctl.link.errors import LinkError
 from printctl.link.process import Order, serve
 from printctl.link.record import LOG
@@ -25,6 +26,7 @@ def main() -> int:
     parser.add_argument("--folder", required=True, type=Path)
     parser.add_argument("--baud", type=int)
     parser.add_argument("--retreat", type=json.loads, default={}, help="JSON of Retreat's fields")
+    parser.add_argument("--care", type=json.loads, default={}, help="JSON of Care's fields")
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--detach", action="store_true", help="go on in the background")
     args = parser.parse_args()
@@ -40,6 +42,7 @@ def main() -> int:
         folder=args.folder,
         baud=args.baud,
         retreat=Retreat(**args.retreat),
+        care=Care.from_dict(args.care),
         resume=args.resume,
     )
     try:

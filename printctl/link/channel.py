@@ -275,24 +275,29 @@ class Channel:
         because = f": {self._fault}" if self._fault else ""
         raise Over(LinkState.KILLED, f"the firmware halted itself ({event.text}){because}", False)
 
-    def _on_reset(self, event: said.WasReset) -> None:
+    def _on_booted(self, event: said.Booted) -> None:
         self._booted = True
         if self._killed.is_set():
-            message = "killed by the user; M112 had no answer, the reset line did it"
-            raise Over(LinkState.KILLED, message, known=False)
-        if self._state not in EARLY:
-            raise Over(
-                LinkState.POSITION_UNKNOWN,
-                f"the printer was reset after {self._progress()}; position unknown: home it and "
-                "print anew",
-                known=False,
+            raise Over(LinkState.KILLED, "killed by the user, by the reset line", known=False)
+
+    def _on_reset(self, event: said.WasReset) -> None:
+        self._on_booted(said.Booted())
+        if self._state in EARLY and not self._resumed:
+            raise HandshakeError(
+                f"the printer at {self.wiring.transport.name} was reset during the handshake; "
+                "check its power and cable, and try again"
             )
+        raise Over(
+            LinkState.POSITION_UNKNOWN,
+            f"the printer was reset after {self._progress()}; `printctl recover` goes on",
+            known=False,
+        )
 
     def _on_out_of_step(self, event: said.OutOfStep) -> None:
         raise Over(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, the host's {event.expected}; another "
-            "program may have spoken to it; home it and print anew",
+            "program may have spoken to it; `printctl recover` tells how to go on",
             known=False,
         )
 
@@ -323,10 +328,7 @@ class Channel:
         if self._killed.is_set():
             return Over(LinkState.KILLED, f"killed by the user; {exc}", False, name)
         if isinstance(exc, PortLost):
-            message = (
-                f"{exc}; {self._progress()}, the next may or may not have been taken; "
-                "position unknown"
-            )
+            message = f"{exc}; {self._progress()}, the next may have been taken; position unknown"
             return Over(LinkState.FAILED, message, False, name)
         known = isinstance(exc, HandshakeError) and not self._resumed
         return Over(LinkState.FAILED, str(exc), known, name)
@@ -390,6 +392,7 @@ _ON_EVENT: Final[dict[type, Callable[[Channel, Any], None]]] = {
     said.Action: Channel._on_action,
     said.Noisy: Channel._on_noisy,
     said.Halted: Channel._on_halted,
+    said.Booted: Channel._on_booted,
     said.WasReset: Channel._on_reset,
     said.OutOfStep: Channel._on_out_of_step,
     said.Silent: Channel._on_silent,

@@ -8,56 +8,40 @@ from __future__ import annotations
 import json
 import math
 import os
-import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import printctl
+from firmware_profiles import Printer, load
+from printctl.link.care import Care, NewSyringe
 from printctl.link.channel import EARLY
+from printctl.link.connection import ANSWER_LIMIT_S, START_LIMIT_S, Connection
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink
+from printctl.link.finding import AUTO, locate
 from printctl.link.job import load_job
-from printctl.link.reach import alive, connect, gone, stays_alive, what_is_known
+from printctl.link.marks import MarkKind
+from printctl.link.reach import gone, stays_alive, what_is_known
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import PrintOutcome, Status
 
-START_LIMIT_S: Final = 60.0
-_ANSWER_LIMIT_S: Final = 5.0
 _ANY_LENGTH: Final = 10_000
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
 
 
-class PrintClient:
+class PrintClient(Connection):
     """One client of one print; made by `start_print` or `attach`.
 
     It lets go of its connection when it has heard of the end, on `detach`, and at the end of a
     ``with`` block; the print goes on.
-
-    Parameters
-    ----------
-    folder : Path
-    record : LinkRecord
     """
-
-    def __init__(self, folder: Path, record: LinkRecord) -> None:
-        self.folder, self.record = folder, record
-        self._socket: socket.socket | None = None
-        self._heard = b""
-        self._last: Status | None = None
-        self._reach()
-
-    def __enter__(self) -> PrintClient:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.detach()
 
     # --- what a client may ask for ---------------------------------------------------------
 
@@ -69,13 +53,51 @@ class PrintClient:
         """Halt the firmware at once; afterwards the position is unknown."""
         self._send("kill")
 
-    def pause(self) -> None:
-        """Ask for a pause: relieve the plunger, lift, hold."""
-        self._send("pause")
+    def pause(self, after: MarkKind | None = None) -> None:
+        """Ask for a pause: relieve the plunger, lift, hold.
 
-    def resume(self) -> None:
-        """Go on after a pause."""
-        self._send("resume")
+        Parameters
+        ----------
+        after : MarkKind, optional
+            Once a layer or vessel has ended; now without.
+
+        Raises
+        ------
+        LinkError
+            When the job marks no such end ahead.
+        """
+        self._ask("pause", after=after)
+
+    def reload(self) -> None:
+        """Ask for a change of syringe: at the next reload point, or here when it is paused.
+
+        Raises
+        ------
+        LinkError
+            When the job marks no reload point ahead.
+        """
+        self._ask("reload")
+
+    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+        """Go on after a pause.
+
+        Parameters
+        ----------
+        change : NewSyringe, optional
+            What was put in, in a pause for a change of syringe.
+        unchanged : bool
+            The syringe wasn't changed after all.
+
+        Raises
+        ------
+        LinkError
+            When a change of syringe is to be told, or is told where none is going on.
+        """
+        self._ask("resume", change=asdict(change) if change else None, unchanged=unchanged)
+
+    def alive(self) -> None:
+        """Confirm that somebody is there: the dead-man's time begins anew."""
+        self._ask("alive")
 
     def command(self, text: str) -> list[str]:
         """Send a manual command between two lines of the job; give the printer's reply.
@@ -95,12 +117,6 @@ class PrintClient:
                 raise LinkError(message["message"])
         raise LinkError(f"no reply to {text!r} within {_PATIENCE_S:g} s, or the print ended first")
 
-    def detach(self) -> None:
-        """Leave; the print goes on."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
     # --- what a client may hear ------------------------------------------------------------
 
     @property
@@ -115,7 +131,7 @@ class PrintClient:
         if self._last is not None and self._last.ended:
             return self._last
         self._send("status")
-        for message in self._messages(_ANSWER_LIMIT_S):
+        for message in self._messages(ANSWER_LIMIT_S):
             if message["event"] == "status":
                 self._last = Status.from_dict(message)
                 if self._last.ended:
@@ -170,60 +186,6 @@ class PrintClient:
         self.detach()
         return PrintOutcome.of(self._last)
 
-    # --- the wire --------------------------------------------------------------------------
-
-    def _reach(self) -> bool:
-        """Connect, or connect again; False when the print is over."""
-        limit = time.monotonic() + START_LIMIT_S
-        while self._socket is None and time.monotonic() < limit:
-            self.record = load_record(self.folder)
-            self._socket = connect(self.record)
-            if self._socket is not None:
-                self._heard = b""
-                self._post("subscribe")
-            elif self.record.status or not alive(self.folder):
-                return False
-            else:
-                time.sleep(0.02)
-        return self._socket is not None
-
-    def _send(self, do: str, **values: Any) -> None:
-        """Send a wish; without effect when the print is over, which `wait` tells."""
-        if not self._post(do, **values):
-            self.detach()
-            if self._reach():
-                self._post(do, **values)
-
-    def _post(self, do: str, **values: Any) -> bool:
-        message = {"do": do, "token": self.record.token, **values}
-        try:
-            if self._socket is not None:
-                self._socket.sendall(json.dumps(message).encode() + b"\n")
-        except OSError:
-            return False
-        return self._socket is not None
-
-    def _messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
-        """Give messages until the connection or the time is at its end."""
-        limit = None if timeout is None else time.monotonic() + timeout
-        while (connection := self._socket) is not None:
-            while b"\n" in self._heard:
-                line, self._heard = self._heard.split(b"\n", 1)
-                yield json.loads(line)
-            try:
-                left = None if limit is None else limit - time.monotonic()
-                if left is not None and left <= 0:
-                    return
-                connection.settimeout(left)
-                data = connection.recv(65536)
-            except TimeoutError:
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self.detach()
-            self._heard += data
-
 
 def start_print(
     job: Path,
@@ -232,7 +194,8 @@ def start_print(
     folder: Path,
     *,
     retreat: Retreat | None = None,
-    baud: int | None = None,
+    baud: int | str | None = None,
+    care: Care | None = None,
     resume: bool = False,
 ) -> PrintClient:
     """Start a link process for a job, and attach to it.
@@ -246,13 +209,16 @@ def start_print(
     printer : str
         Profile, by name or path.
     port : str
-        Device, ``tcp:HOST:PORT`` or ``socket://HOST:PORT``.
+        Device, ``tcp:HOST:PORT``, ``socket://HOST:PORT``, or ``auto``: the one with the profile's
+        USB id.
     folder : Path
         Where the journal and the record of the print go.
     retreat : Retreat, optional
         How the needle leaves the bath in a controlled stop or a pause.
-    baud : int, optional
-        In place of the profile's.
+    baud : int or "auto", optional
+        In place of the profile's; ``auto`` tries the profile's list.
+    care : Care, optional
+        How the print is watched over.
     resume : bool
         Go on with the print whose link process died in ``folder``.
 
@@ -271,9 +237,13 @@ def start_print(
         )
     if resume:
         resumable(folder, load_job(job, _ANY_LENGTH).sha256)
+    if AUTO in (port, baud):
+        place = locate(port, baud, load(Printer, printer))
+        port, baud = place.port, place.baud
     command = [sys.executable, "-m", "printctl.link", str(job.resolve()), "--printer", printer]
     command += ["--port", port, "--folder", str(folder.resolve()), "--detach"]
     command += ["--retreat", json.dumps(asdict(retreat or Retreat()))]
+    command += ["--care", json.dumps((care or Care()).to_dict())]
     command += ["--baud", str(baud)] if baud else []
     command += ["--resume"] if resume else []
     client = _await_link(_spawn(command), folder)
@@ -311,6 +281,7 @@ def resume_print(folder: Path, port: str | None = None) -> PrintClient:
         folder,
         retreat=Retreat(**record.retreat),
         baud=record.baud,
+        care=Care.from_dict(record.care),
         resume=True,
     )
 

@@ -12,6 +12,7 @@
     ├── JobError                a line that must not be sent
     ├── JournalError            a journal that can't be written or isn't one
     ├── AlreadyPrinting         a link process already owns this folder
+    ├── HistoryError            the index of past prints can't be used
     └── NoLink                  nothing to attach to, or the link process doesn't answer
 """
 
@@ -56,6 +57,10 @@ class JournalError(LinkError):
 
 class AlreadyPrinting(LinkError):  # noqa: N818
     """The folder belongs to a link process that is alive."""
+
+
+class HistoryError(LinkError):
+    """The history of prints can't be used."""
 
 
 class NoLink(LinkError):  # noqa: N818

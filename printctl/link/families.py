@@ -12,6 +12,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.marlin_doubt import Timing
+from printctl.link.pairing import Pairing
 from printctl.link.protocol import LinkProtocol
 from printctl.link.protocol_klipper import KlipperProtocol
 from printctl.link.protocol_marlin import MarlinProtocol
@@ -58,6 +59,21 @@ FAMILIES: Final[dict[str, Family]] = {
     ),
 }
 """By the profile's ``firmware``."""
+
+
+def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
+    """The state machine for a printer, on a wire of so much latency.
+
+    Parameters
+    ----------
+    printer : Printer
+    quiet_s : float
+        See `printctl.link.transport.Transport`.
+    """
+    timing = Timing(quiet_s=quiet_s)
+    if printer.lines_in_flight == 2:  # the profile allows it for Marlin and its fork alone
+        return MarlinProtocol(timing, Pairing(printer.receive_buffer_bytes))
+    return family_of(printer).make(timing)
 
 
 def family_of(printer: Printer) -> Family:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from printctl.link.errors import JobError
+from printctl.link.marks import MarkReader, Marks
 
 # What the link itself must be alone to send, or what would break "a repeated line doses nothing".
 _REFUSED = {
@@ -40,12 +41,15 @@ class Job:
         Hash of the whole file.
     name : str
         The file's name.
+    marks : Marks
+        Where layers and vessels end and the syringe may be changed, from the file's comments.
     """
 
     lines: list[bytes]
     file_lines: list[int]
     sha256: str
     name: str
+    marks: Marks = field(default_factory=lambda: Marks([]))
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -81,18 +85,21 @@ def parse_job(data: bytes, name: str, max_line_bytes: int = 96) -> Job:
     """Read G-code bytes; see `load_job`."""
     lines: list[bytes] = []
     file_lines: list[int] = []
+    marks = MarkReader()
     for number, raw in enumerate(data.splitlines(), start=1):
         command = raw.split(b";", 1)[0]
         if b"(" in command:
             command = _PARENTHESES.sub(b"", command)
         command = command.strip()
-        if command:
+        if raw[:1] == b";":
+            marks.comment(raw, len(lines))
+        elif command:
             _check(command, f"{name}, line {number}", max_line_bytes, len(lines) + 1)
             lines.append(command)
             file_lines.append(number)
     if not lines:
         raise JobError(f"{name} has no command in it; nothing to print")
-    return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name)
+    return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, Marks(marks.found))
 
 
 def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None:

@@ -5,15 +5,22 @@ file opened for appending, so a killed process leaves at most one torn line at t
 reader drops and reports. Record sorts (key ``t``):
 
 ========== =====================================================================================
-job        file name, sha256, lines, profile, port, pid, wall-clock start: first; again on going on
+job        file name, sha256, lines, profile, port, pid, who, host, wall-clock start: first; again
+           on going on
 state      state, message
 ack        ``done``: command lines known to be taken; never more than is true
 back       ``done``: lines that an ok which wasn't theirs had acknowledged are taken back
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
-checkpoint modal state read back from the printer
+checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
+           ``mark``: what ended there, where it was made at a mark
+reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``
+syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
+           put in; ``reload_at``: where the next changes are due
 end        state, message, done, error, position_known: last
 ========== =====================================================================================
+
+job, state, alarm, checkpoint and end records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). job, state, alarm, checkpoint and end records are also forced to
@@ -26,6 +33,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import time
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -36,7 +44,7 @@ from printctl.link.errors import JournalError
 from printctl.link.states import LinkState
 
 Record = dict[str, Any]
-_FORCED: Final = frozenset({"job", "state", "alarm", "checkpoint", "end"})
+_FORCED: Final = frozenset({"job", "state", "alarm", "checkpoint", "reload", "syringe", "end"})
 
 
 class Journal:
@@ -72,7 +80,8 @@ class Journal:
         JournalError
             When it can't be written (disk full); the record isn't there then.
         """
-        line = encode({"t": sort, **values})
+        at = {"at": time.time()} if sort in _FORCED else {}
+        line = encode({"t": sort, **at, **values})
         with self._lock:
             try:
                 if os.write(self._fd, line) != len(line):
@@ -140,6 +149,16 @@ class History:
     controls : dict of int to str
         Line numbers used for control commands.
     alarms : list of str
+    checkpoint : dict or None
+        The last one.
+    checkpoints : list of dict
+        Those at marks that agreed with the job, in order.
+    reload, syringe : dict or None
+        Records of a change of syringe after which the print hasn't gone on.
+    reloaded : int
+        Command lines after which the last change was made; -1 for none.
+    reload_at : tuple of int or None
+        Where the next changes are due, since the last one.
     end : dict or None
         The end record; None when the link process died first.
     damaged : int
@@ -154,6 +173,11 @@ class History:
     controls: dict[int, str] = field(default_factory=dict)
     alarms: list[str] = field(default_factory=list)
     checkpoint: Record | None = None
+    checkpoints: list[Record] = field(default_factory=list)
+    reload: Record | None = None
+    syringe: Record | None = None
+    reloaded: int = -1
+    reload_at: tuple[int, ...] | None = None
     end: Record | None = None
     damaged: int = 0
 
@@ -165,6 +189,21 @@ class History:
     def job_line(self, number: int) -> int:
         """Job lines taken when the printer's last line number is ``number``."""
         return number - sum(1 for control in self.controls if control <= number)
+
+    def changing(self, number: int) -> bool:
+        """Whether a change of syringe is open: begun, and the plunger not yet counted anew.
+
+        Parameters
+        ----------
+        number : int
+            The printer's last line: a line with a number above it was written down, not taken.
+        """
+        if self.reload is None:
+            return False
+        counted = self.syringe
+        if counted is None or counted["n"] > number:
+            return True
+        return self.controls.get(counted["n"]) != counted["command"]
 
 
 def read_journal(path: Path) -> History:
@@ -192,7 +231,8 @@ def _apply(history: History, record: Record | None) -> None:
         history.job, history.end = record, None
     elif sort == "state":
         history.state = LinkState(record["state"])
-        history.begun |= history.state is LinkState.PRINTING
+        if history.state is LinkState.PRINTING:
+            _printing(history)
         history.message = record.get("message", "")
     elif sort in ("ack", "back"):
         history.done = record["done"]
@@ -202,7 +242,21 @@ def _apply(history: History, record: Record | None) -> None:
         history.alarms.append(record["text"])
     elif sort == "checkpoint":
         history.checkpoint = record
+        if record["agrees"] and record.get("mark"):
+            history.checkpoints.append(record)
+    elif sort == "reload":
+        history.reload, history.syringe = record, None
+    elif sort == "syringe":
+        history.syringe, history.reload_at = record, tuple(record["reload_at"])
     elif sort == "end":
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]
         history.message = record.get("message", "")
+
+
+def _printing(history: History) -> None:
+    """The print goes on: whatever change of syringe there was is made."""
+    history.begun = True
+    if history.reload is not None:
+        history.reloaded = history.reload["done"]
+    history.reload = history.syringe = None

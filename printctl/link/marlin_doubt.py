@@ -56,6 +56,8 @@ class Timing:
         For one line, however busy the printer says it is.
     noise_window, noise_limit : int
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
+    calm_lines : int
+        After a doubt so many lines leave one by one, where two may be in flight.
     """
 
     silence_s: float = 2.5
@@ -66,6 +68,7 @@ class Timing:
     busy_limit_s: float = 1800.0
     noise_window: int = 1000
     noise_limit: int = 50
+    calm_lines: int = 200
 
 
 @dataclass
@@ -77,13 +80,15 @@ class Doubt:
     since : float
         When it began, s.
     number : int
-        Of the line in flight.
-    flight : bytes or None
-        The command in flight.
+        Of the (first) line in flight.
+    flights : tuple of (bytes or None)
+        The command in flight, or two.
     conclusive : bool
         Whether "taken" alone will do as acknowledgement, because an ok can't come any more.
     two_resends : bool
         Whether the answer to a question is twice the same ``Resend``, each without an ok.
+    short : bool
+        Whether the doubt began with what may be one line's garbled ok.
     last, resend : int
         The answer to the last question: ``Last Line`` and ``Resend``; -1 until heard.
     confirmed : int
@@ -98,9 +103,10 @@ class Doubt:
 
     since: float
     number: int = 0
-    flight: bytes | None = None
+    flights: tuple[bytes | None, ...] = (None,)
     conclusive: bool = False
     two_resends: bool = False
+    short: bool = False
     last: int = -1
     resend: int = -1
     confirmed: int = -1
@@ -139,12 +145,14 @@ class Doubt:
             self.last = reply.number
         elif kind is Kind.UNKNOWN_COMMAND:
             self.quoted = unknown_command(reply.text).split(b"*")[0].strip()
-            self._foreign_ok = self.quoted != self.flight
+            self._foreign_ok = self.quoted not in self.flights
         elif kind is Kind.BUSY:
             self.conclusive = False
 
     def _hear_ok(self, reply: Reply) -> None:
         if self._foreign_ok:
             self._foreign_ok = False
-        elif reply.number in (-1, self.number):
+        elif reply.number < 0:
             self.oks += 1
+        elif 0 <= (before := reply.number - self.number) < len(self.flights):
+            self.oks = max(self.oks, before + 1)

@@ -59,7 +59,7 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
     """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
     for text in replies:
-        if text.startswith(b"X:") and b" Z:" in text:
+        if text.startswith((b"X:", b"ok C: X:")) and b" Z:" in text:  # the latter is Smoothieware's
             words = text.split(b"Count")[0]
             return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
     return {}
@@ -72,3 +72,33 @@ def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.
         if expected is not None and abs(position.get(axis, expected) - expected) > within_mm:
             return f"{axis} is {position[axis]:.2f} mm where the job says {expected:.2f} mm"
     return ""
+
+
+def relieved_mm(lines: Sequence[bytes], done: int) -> float:
+    """How far the job itself has drawn the plunger back just before line ``done``, mm.
+
+    0 when its last plunger move pushed, or the count was set anew (G92) since.
+    """
+    now: float | None = None
+    for line in reversed(lines[:done]):
+        move = _MOVE.match(line)
+        if not move:
+            continue
+        words = {word[1]: float(word[2]) for word in _WORD.finditer(line)}
+        if b"E" not in words:
+            continue
+        if now is None:
+            now = words[b"E"]
+        elif words[b"E"] != now:
+            return max(0.0, words[b"E"] - now)
+        if line.startswith(b"G92"):
+            return 0.0
+    return 0.0
+
+
+def last_of(lines: Sequence[bytes], done: int, codes: tuple[bytes, ...]) -> bytes | None:
+    """The last line before ``done`` that begins with one of ``codes``; None without one."""
+    for line in reversed(lines[:done]):
+        if line.startswith(codes) and line.split(None, 1)[0] in codes:
+            return line
+    return None

@@ -18,13 +18,15 @@ from pathlib import Path
 from typing import IO, Final
 
 from firmware_profiles import Printer, ProfileError, load
+from printctl.link.care import Care
 from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
-from printctl.link.families import family_of
+from printctl.link.families import protocol_for
+from printctl.link.history import remember_meanwhile
+from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
-from printctl.link.marlin_doubt import Timing
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -34,6 +36,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport import open_port
 
 _LOCK_PATIENCE_S: Final = 0.3
+_HISTORY_PATIENCE_S: Final = 5.0
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +57,7 @@ class Order:
     baud : int or None
         In place of the profile's.
     retreat : Retreat
+    care : Care
     resume : bool
         Go on with the folder's journal, whose link process died.
     """
@@ -64,6 +68,7 @@ class Order:
     folder: Path
     baud: int | None = None
     retreat: Retreat = field(default_factory=Retreat)
+    care: Care = field(default_factory=Care)
     resume: bool = False
 
 
@@ -88,6 +93,7 @@ def serve(order: Order) -> Status:
             started=time.time(),
             baud=order.baud,
             retreat=asdict(order.retreat),
+            care=order.care.to_dict(),
         )
         record.save(order.folder)
         try:
@@ -106,6 +112,7 @@ def serve(order: Order) -> Status:
             raise
         finally:
             _save(replace(record, status=status.to_dict()), order.folder)
+            remember_meanwhile(order.folder).join(_HISTORY_PATIENCE_S)
     return status
 
 
@@ -128,7 +135,7 @@ def _print(order: Order, record: LinkRecord) -> Status:
         streamer = Streamer(
             Wiring(
                 transport=transport,
-                protocol=family_of(printer).make(Timing(quiet_s=transport.quiet_s)),
+                protocol=protocol_for(printer, transport.quiet_s),
                 clock=RealClock(),
                 journal=journal,
                 printer=printer,
@@ -136,6 +143,7 @@ def _print(order: Order, record: LinkRecord) -> Status:
                 on_status=lambda status: server.publish(status),
             ),
             job,
+            order.care,
         )
         server = Server(listener, token, streamer)
         journal.add(
@@ -148,7 +156,9 @@ def _print(order: Order, record: LinkRecord) -> Status:
             port=order.port,
             pid=os.getpid(),
             started=time.time(),
+            **this_user(),
         )
+        remember_meanwhile(order.folder)
         replace(record, address=address, token=token).save(order.folder)
         signal.signal(signal.SIGTERM, lambda *_: streamer.stop())  # a system that shuts down
         server.start()

@@ -122,8 +122,16 @@ class Halted:
 
 
 @dataclass(frozen=True)
+class Booted:
+    """The firmware has started, before anything was agreed on with it."""
+
+
+@dataclass(frozen=True)
 class WasReset:
-    """The firmware has started anew in mid-job; it no longer knows where its needle is."""
+    """The firmware has started anew after its lines were numbered; the protocol is over.
+
+    It no longer knows where its needle is.
+    """
 
 
 @dataclass(frozen=True)
@@ -157,6 +165,7 @@ Event: TypeAlias = (
     | Action
     | Noisy
     | Halted
+    | Booted
     | WasReset
     | OutOfStep
     | Silent
@@ -176,6 +185,8 @@ class LinkProtocol(Protocol):
         Line number known to be taken last, control commands included.
     held : bool
         While set, no further job line is sent; control commands are.
+    limit : int
+        Job lines that may be sent; `load` sets it to all of them.
     keepalive : bool
         Whether the firmware says once a second that it is busy; set once that is known.
     kill_bytes : bytes
@@ -186,6 +197,7 @@ class LinkProtocol(Protocol):
     lines_done: int
     number: int
     held: bool
+    limit: int
     keepalive: bool
     kill_bytes: bytes
 

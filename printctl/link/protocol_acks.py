@@ -48,7 +48,7 @@ class AckProtocol:
     def __init__(self, timing: Timing | None = None) -> None:
         self.timing = timing or Timing()
         self.deadline = math.inf
-        self.lines_done = self.number = 0
+        self.lines_done = self.number = self.limit = 0
         self.held = self.keepalive = True
         self._lines: Sequence[bytes] = ()
         self._controls: deque[bytes] = deque()
@@ -87,7 +87,8 @@ class AckProtocol:
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the count of lines being ``number``."""
-        self._lines, self.lines_done, self.number = lines, first, number
+        self._lines, self.limit = lines, len(lines)
+        self.lines_done, self.number = first, number
 
     def renumber(self, now: float) -> None:
         """Hear that the printer answers, and count from 0; `InStep` follows."""
@@ -145,7 +146,7 @@ class AckProtocol:
         self._said = []
         if self._controls:
             self._flight, self._in_job = self._controls.popleft(), False
-        elif not self.held and self.lines_done < len(self._lines):
+        elif not self.held and self.lines_done < self.limit:
             self._flight, self._in_job = self._lines[self.lines_done], True
         else:
             self._flight, self.deadline = None, math.inf
@@ -167,7 +168,7 @@ class AckProtocol:
             self._end(said.Halted(words), events)
         elif sort is Sort.RESTART:
             over = bool(self._lines)
-            self._end(said.WasReset(), events) if over else events.append(said.WasReset())
+            self._end(said.WasReset(), events) if over else events.append(said.Booted())
         elif sort is Sort.FAULT:
             events.append(said.Fault(words, self.lines_done + self._in_job))
         elif sort is Sort.OK:

@@ -1,8 +1,8 @@
-"""Marlin 1.1 to 2.1: one numbered line in flight, and one way out of every doubt.
+"""Marlin 1.1 to 2.1: a numbered line in flight, or two, and one way out of every doubt.
 
 Every line, manual commands too, is ``N<number> <command>*<xor>``. The printer takes line N only
 after line N-1, so lines can be neither doubled nor swapped by sending one again; what remains is
-to know which line was taken last. An ``ok`` to the one line in flight says so. Anything else (a
+to know which line was taken last. An ``ok`` to the line in flight says so. Anything else (a
 ``Resend``, an unknown-command echo, a garbled reply, silence) is only a reason to ask:
 
 1. **drain**: wait until nothing has come for ``quiet_s``, so that no reply is under way;
@@ -12,6 +12,10 @@ to know which line was taken last. An ``ok`` to the one line in flight says so. 
 3. **settle**: again ``quiet_s`` of silence, which takes the trailing ok and any fragment's ok;
 4. go on from L: send the line in flight again if L is the one before it; count it as taken if L
    is its own number. Any other L must be confirmed by a second answer.
+
+Two plain moves may be in flight (`printctl.link.pairing` says when, and why that is safe). In
+doubt L then is the line before them, the first or the second; what wasn't taken is sent again,
+alone.
 
 ``M110`` without N would answer ``Line: L`` as well (`conf_avr.txt`), but travels without checksum,
 and one flipped bit makes it M112, a halt.
@@ -23,16 +27,16 @@ it reports one, and would run the rest of a half-received line unverified.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import reduce
 from operator import xor
 from typing import Final
 
 from printctl.link import protocol as said
-from printctl.link.line_errors import LineErrors
 from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Goal, Phase, Timing
-from printctl.link.marlin_replies import Kind, Reply, classify, frame
+from printctl.link.marlin_replies import Kind, Reply, classify
+from printctl.link.marlin_sender import MarlinSender
+from printctl.link.pairing import Pairing
 from printctl.link.protocol import Event
 
 _MEMORY: Final = 8
@@ -41,12 +45,14 @@ _REST_LIMIT: Final = 4096
 __all__ = ["QUESTION", "RENUMBER", "MarlinProtocol", "Timing"]
 
 
-class MarlinProtocol:
+class MarlinProtocol(MarlinSender):
     """State machine for one printer; see the module, and `printctl.link.protocol` for the seam.
 
     Parameters
     ----------
     timing : Timing
+    pairing : Pairing, optional
+        Lets two plain moves leave together; without, one line is in flight.
     """
 
     kill_bytes: bytes = b"\nM112\n"
@@ -54,49 +60,12 @@ class MarlinProtocol:
     classify = staticmethod(classify)
     two_resends: bool = False  # the answer to the question: twice the same, no "Last Line"
 
-    def __init__(self, timing: Timing | None = None) -> None:
-        self.timing = timing or Timing()
-        self.deadline = math.inf
-        self.lines_done = self.number = 0
-        self.held = self.keepalive = True
-        self._lines: Sequence[bytes] = ()
-        self._count = 0
-        self._phase = Phase.READY
+    def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
+        super().__init__(timing, pairing)
         self._goal = Goal.GO_ON
-        self._numbered = False
-        self._controls: deque[bytes] = deque()
-        self._control_numbers: dict[int, bytes] = {}
-        self._flight: bytes | None = None
-        self._flight_frame = b""
-        self._flight_control = False
-        self._fast = False
-        self._rest = b""
-        self._out: list[bytes] = []
-        self._said: list[bytes] = []
-        self._complaint = ""
-        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
-        self._busy_since = math.nan
-        self._taken_at = math.nan
         self._doubt = Doubt(0.0)
 
     # --- what the streamer calls -----------------------------------------------------------
-
-    @property
-    def idle(self) -> bool:
-        """Nothing is in flight and nothing is being asked."""
-        return self._phase is Phase.READY
-
-    @property
-    def line_errors(self) -> int:
-        """Lines sent again so far."""
-        return self._errors.total
-
-    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
-        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
-        self._lines, self._count = lines, len(lines)
-        self.lines_done, self.number = first, number
-        self._numbered = True
-        self._control_numbers.clear()
 
     def renumber(self, now: float) -> None:
         """Set the printer's last line to 0; `InStep` follows, or an error event."""
@@ -107,30 +76,13 @@ class MarlinProtocol:
         """Ask which line was taken last; `InStep` follows, or an error event."""
         self._begin(Goal.GO_ON if self._numbered else Goal.NUMBER, now)
 
-    def submit(self, command: bytes, now: float) -> None:
-        """Send a control command ahead of further job lines; `Replied` follows."""
-        self._controls.append(command)
-        self.go(now)
-
-    def go(self, now: float) -> None:
-        """Send the next line if nothing is in flight."""
-        if self._phase is Phase.READY:
-            self._send_next(now)
-
-    def take_output(self) -> bytes:
-        """Give what must be written now, and forget it."""
-        if not self._out:
-            return b""
-        data = self._out[0] if len(self._out) == 1 else b"".join(self._out)
-        self._out.clear()
-        return data
-
     def feed(self, data: bytes, now: float) -> Sequence[Event]:
         """Take what the printer said."""
         if self._fast and data == b"ok\n":  # nearly every line of a print goes this way
             self.number = number = self.number + 1
             self.lines_done = done = self.lines_done + 1
-            if done < self._count and not self.held and not self._controls:
+            alone = self._pairing is None
+            if alone and done < self.limit and not self.held and not self._controls:
                 self._flight = command = self._lines[done]
                 body = b"N%d %b" % (number + 1, command)
                 self._flight_frame = line = b"%b*%d\n" % (body, reduce(xor, body))
@@ -160,37 +112,6 @@ class MarlinProtocol:
         _ON_TIME[self._phase](self, now, events)
         return events
 
-    # --- sending ---------------------------------------------------------------------------
-
-    def _send_next(self, now: float) -> None:
-        self._said, self._complaint = [], ""
-        self._fast = False
-        self._taken_at = self._busy_since = math.nan
-        if self._controls:
-            self._flight, self._flight_control = self._controls.popleft(), True
-        elif not self.held and self.lines_done < self._count:
-            self._flight, self._flight_control = self._lines[self.lines_done], False
-        else:
-            self._flight, self._phase, self.deadline = None, Phase.READY, math.inf
-            return
-        self._flight_frame = frame(self.number + 1, self._flight)
-        self._fast = not self._rest and not self._flight_control
-        self._fly(now)
-
-    def _fly(self, now: float) -> None:
-        self._out.append(self._flight_frame)
-        self._phase, self.deadline = Phase.FLIGHT, now + self.timing.silence_s
-
-    def _acknowledge(self, now: float, events: list[Event]) -> None:
-        self.number += 1
-        if self._flight_control:
-            command = self._flight or b""
-            self._control_numbers[self.number] = command
-            events.append(said.Replied(command, self.number, tuple(self._said)))
-        else:
-            self.lines_done += 1
-        self._send_next(now)
-
     # --- hearing ---------------------------------------------------------------------------
 
     def _hear(self, reply: Reply, now: float, events: list[Event]) -> None:
@@ -204,7 +125,7 @@ class MarlinProtocol:
             if self._numbered:
                 self._end(said.WasReset(), events)
             else:
-                events.append(said.WasReset())
+                events.append(said.Booted())
         elif reply.kind is Kind.ACTION:
             events.append(said.Action(reply.words.removeprefix("//action:")))
         elif reply.kind is Kind.FAULT:
@@ -256,7 +177,8 @@ class MarlinProtocol:
         # says "wait"; it has nothing more to say to a line that it has taken.
         short = reply.kind is Kind.JUNK and len(reply.text) <= 4
         idle = reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
-        self._begin(Goal.GO_ON, now, conclusive=short or idle)
+        self._begin(Goal.GO_ON, now, conclusive=idle)
+        self._doubt.short = short
         if reply.kind is Kind.ERROR and reply.number < 0:
             self._doubt.error = reply.words
         self._hear_in_doubt(reply, now)
@@ -265,8 +187,10 @@ class MarlinProtocol:
 
     def _begin(self, goal: Goal, now: float, conclusive: bool = False) -> None:
         self._fast = False
+        self._alone_until = self.number + self.timing.calm_lines
         self._goal, self._phase = goal, Phase.DRAIN
-        self._doubt = Doubt(now, self.number + 1, self._flight, conclusive, self.two_resends)
+        flights = (self._flight,) if self._second is None else (self._flight, self._second)
+        self._doubt = Doubt(now, self.number + 1, flights, conclusive, self.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def _hear_in_doubt(self, reply: Reply, now: float) -> None:
@@ -319,7 +243,11 @@ class MarlinProtocol:
             self._arrive(events)
         elif last == self.number:
             self._send_again(now, events)
+        elif last == self.number + 2 and self._second is not None:
+            self._both_were_taken(now, events)
         elif last == self.number + 1 and self._flight is not None:
+            if self._second is not None:  # it was refused, and what was complained of was that
+                self._second, self._doubt.error = None, ""
             self._was_taken(now, events)
         elif last != self._doubt.confirmed:
             self._doubt.confirmed = last
@@ -330,7 +258,7 @@ class MarlinProtocol:
             self._end(said.OutOfStep(last, self.number), events)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
-        self._said = []
+        self._said, self._second = [], None
         noisy = self._errors.count(self.number)
         if noisy:
             events.append(noisy)
@@ -341,6 +269,17 @@ class MarlinProtocol:
         self.held = True
         self._send_next(now)
 
+    def _both_were_taken(self, now: float, events: list[Event]) -> None:
+        """Count the first of two as done if an ok was heard; the other is then in flight alone."""
+        doubt = self._doubt
+        if doubt.oks or doubt.short or doubt.conclusive:
+            doubt.oks -= doubt.oks > 0
+            doubt.short = False
+            self._count_taken(events)
+            self._flight, self._flight_frame = self._second, self._second_frame
+            self._second = None
+        self._was_taken(now, events)
+
     def _was_taken(self, now: float, events: list[Event]) -> None:
         doubt = self._doubt
         if doubt.error:
@@ -349,7 +288,7 @@ class MarlinProtocol:
             text = f'unknown command "{doubt.quoted.decode("ascii", "replace")}"'
             events.append(self._fault(text))
             self._acknowledge(now, events)
-        elif doubt.oks or doubt.conclusive:
+        elif doubt.oks or doubt.short or doubt.conclusive:
             if not doubt.oks:
                 events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
@@ -362,7 +301,7 @@ class MarlinProtocol:
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
         events.append(said.WentBack(last + 1, self.number))
-        self.held = True
+        self.held, self._second = True, None
         if self._flight is None:
             events.append(said.InStep(last))  # it was asked for
         elif self._flight_control:

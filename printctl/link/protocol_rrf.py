@@ -8,9 +8,10 @@ number that M409 tells is stored before the check, so it is no evidence of what 
 What is evidence: the position. After silence M400 and M114 are sent behind the line in flight.
 Lines are worked on in turn, so the answer, whenever it comes, is of a time when that line's fate
 was sealed. Where its end is, it was taken; where the line before it ended, it was not and is sent
-again; elsewhere, ask again. Where the line changes no position, it is sent again if doing it
-twice is doing it once (temperatures, modes, a move to where the needle is), else the print ends:
-nobody knows. Silence alone is never followed by a repeat.
+again; elsewhere, ask again, and end the print where the answer stays the same. Where the line
+changes no position, it is sent again if doing it twice is doing it once (temperatures, modes, a
+move to where the needle is), else the print ends: nobody knows. Silence alone is never followed by
+a repeat.
 
 The five digits of the CRC-16 find what the XOR lets through. A line cut in two by noise is done
 half by half, unless the board is told to want a checksum (M575 P0 S1); USB has a CRC of its own.
@@ -29,6 +30,7 @@ from printctl.link.protocol import Event
 from printctl.link.protocol_acks import AckProtocol, Sort
 
 QUESTION: Final = (b"M400", b"M114")
+_SURE: Final = 3
 WITHIN_MM: Final = 0.0016
 """M114 has three decimals, of a 32-bit float."""
 _HARMLESS: Final = frozenset(
@@ -44,6 +46,10 @@ def _harmless(command: bytes) -> bool:
     return found is not None and found[1] + found[2] in _HARMLESS
 
 
+LEFT_OUT: Final = (b"was not driven because", b"Command is not supported")
+"""Warnings by which it says that it hasn't done what was asked."""
+
+
 class RrfProtocol(AckProtocol):
     """See the module.
 
@@ -56,6 +62,8 @@ class RrfProtocol(AckProtocol):
         super().__init__(timing)
         self._asking = False
         self._position: dict[str, float] = {}
+        self._elsewhere: dict[str, float] = {}
+        self._told = 0
 
     def frame(self, number: int, command: bytes) -> bytes:
         """``N<number> <command>*<CRC-16 in five digits>`` and line end."""
@@ -68,12 +76,12 @@ class RrfProtocol(AckProtocol):
             return Sort.OK
         if text.startswith((b"Emergency Stop", b"Printer halted")):
             return Sort.HALT
-        if text.startswith(b"Error:") or b"was not driven because" in text:
+        if text.startswith(b"Error:") or any(words in text for words in LEFT_OUT):
             return Sort.FAULT
         return Sort.TEXT
 
     def _fly(self, now: float) -> None:
-        self._asking = False
+        self._asking, self._told = False, 0
         super()._fly(now)
 
     # --- doubt -----------------------------------------------------------------------------
@@ -111,11 +119,25 @@ class RrfProtocol(AckProtocol):
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
             self._acknowledge(now, events)
         elif self._in_job and not after and not before:
-            self._on_silence(now, events)
+            self._is_elsewhere(position, now, events)
         elif (self._in_job and not after) or _harmless(self._flight or b""):
             self._send_again(now, events)
         else:
             self._end(said.Silent(now - self._sent_at), events)
+
+    def _is_elsewhere(self, position: dict[str, float], now: float, events: list[Event]) -> None:
+        """Ask again; a place told `_SURE` times running is where it is, and not the job's.
+
+        A board that was reset says nothing of it, but stands at 0 in X, Y and Z.
+        """
+        self._told = self._told + 1 if position == self._elsewhere else 1
+        self._elsewhere = position
+        if self._told < _SURE:
+            self._on_silence(now, events)
+        elif any(position.get(axis, 0.0) for axis in "XYZ"):
+            self._end(said.Silent(now - self._sent_at), events)
+        else:
+            self._end(said.WasReset(), events)
 
     def _there(self, position: dict[str, float], done: int) -> bool:
         at: Modal = modal_state(self._lines, done)

@@ -32,6 +32,8 @@ class LinkRecord:
         In place of the profile's.
     retreat : dict
         Fields of `Retreat`.
+    care : dict
+        Fields of `Care`.
     status : dict
         `Status`; the last one once it has ended.
     """
@@ -45,6 +47,7 @@ class LinkRecord:
     started: float
     baud: int | None = None
     retreat: dict[str, float] = field(default_factory=dict)
+    care: dict[str, Any] = field(default_factory=dict)
     status: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:

@@ -32,9 +32,10 @@ def resumable(folder: Path, sha256: str) -> History:
     history = read_journal(folder / JOURNAL)
     end = history.end
     if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
+        hint = "" if end["position_known"] else ", or see `printctl recover`"
         raise LinkError(
             f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
-            "can't be gone on with, print it anew"
+            f"can't be gone on with, print it anew{hint}"
         )
     if not history.begun:
         raise LinkError(f"no line of the job was sent in {folder}; print it anew")

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.modal import Modal
+
+_NOTHING_MM: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Retreat:
     """Relieve the plunger, then lift straight up: the way by which the needle is free.
 
-    A needle under pressure in the bath goes on writing, so the plunger comes first.
+    A needle under pressure in the bath goes on writing, so the plunger comes first. The shaft
+    stands straight above the tip already, so straight up it meets nothing that it hasn't passed.
 
     Attributes
     ----------
@@ -22,30 +26,64 @@ class Retreat:
     lift_mm : float, mm
         Upwards, ended by the top of the axis.
     lift_mm_s : float, mm/s
+    park_mm : float, mm
+        Upwards for a change of syringe, ended by the top of the axis.
+    prime_mm : float, mm
+        Plunger travel pushed in addition on coming back from a pause.
     """
 
     relief_mm: float = 0.1
     relief_mm_s: float = 0.5
     lift_mm: float = 20.0
     lift_mm_s: float = 5.0
+    park_mm: float = 60.0
+    prime_mm: float = 0.0
 
-    def leave(self, at: Modal, printer: Printer) -> list[bytes]:
-        """Commands that leave ``at``; words that the job never gave are left out."""
+    def leave(self, at: Modal, printer: Printer, relieved_mm: float = 0.0) -> list[bytes]:
+        """Commands that leave ``at``; words that the job never gave are left out.
+
+        Parameters
+        ----------
+        at : Modal
+        printer : Printer
+        relieved_mm : float, mm
+            What the job itself has drawn back already.
+        """
         commands = []
-        if at.e is not None and self.relief_mm > 0:
-            commands.append(_move("E", at.e - self.relief_mm, self._relief_speed(printer)))
-        if at.z is not None and self.lift_mm > 0:
-            top = max(at.z, min(at.z + self.lift_mm, printer.z_mm.high))
-            commands.append(_move("Z", top, self._lift_speed(printer)))
-        return commands
+        if at.e is not None and self.relief_mm - relieved_mm > _NOTHING_MM:
+            commands.append(
+                _move("E", self.relieved_e(at.e, relieved_mm), self._relief_speed(printer))
+            )
+        return commands + self.rise(at, printer, self.lift_mm)
 
-    def rejoin(self, at: Modal, printer: Printer) -> list[bytes]:
-        """Commands that come back to ``at``: down, prime again, feed rate as it was."""
+    def relieved_e(self, e: float, relieved_mm: float = 0.0) -> float:
+        """Where the plunger of a needle that left stands, mm, after the job left it at ``e``."""
+        return e - max(0.0, self.relief_mm - relieved_mm)
+
+    def rise(self, at: Modal, printer: Printer, by_mm: float) -> list[bytes]:
+        """Commands that go straight up from ``at``, at most to the top of the axis."""
+        if at.z is None or by_mm <= 0:
+            return []
+        top = max(at.z, min(at.z + by_mm, printer.z_mm.high))
+        return [_move("Z", top, self._lift_speed(printer))]
+
+    def rejoin(self, at: Modal, printer: Printer, prime_mm: float = 0.0) -> list[bytes]:
+        """Commands that come back to ``at``: down, prime again, feed rate as it was.
+
+        Parameters
+        ----------
+        at : Modal
+        printer : Printer
+        prime_mm : float, mm
+            Pushed beyond where the plunger was; it is then counted as where it was.
+        """
         commands = []
         if at.z is not None:
             commands.append(_move("Z", at.z, self._lift_speed(printer)))
         if at.e is not None:
-            commands.append(_move("E", at.e, self._relief_speed(printer)))
+            commands.append(_move("E", at.e + prime_mm, self._relief_speed(printer)))
+            if prime_mm:
+                commands.append(count_from(at.e))
         if at.f is not None:
             commands.append(b"G1 F%b" % f"{at.f:g}".encode())
         return commands
@@ -58,16 +96,21 @@ class Retreat:
 
 
 def heaters_off(printer: Printer) -> list[bytes]:
-    """Commands that switch heaters off, but for what the profile says must stay on.
+    """Commands of the safe state: ``safe_state_off``, then the heaters but for what must stay on.
 
     ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's.
     """
-    commands = []
+    commands = [command.encode("ascii") for command in printer.safe_state_off]
     if not any(item.startswith("ink") for item in printer.safe_state_on):
         commands.append(b"M104 S0")
     if not any(item.startswith("bath") for item in printer.safe_state_on):
         commands.append(b"M140 S0")
     return commands
+
+
+def count_from(e_mm: float) -> bytes:
+    """Command that calls the plunger's place ``e_mm`` without moving it."""
+    return b"G92 E%.5f" % e_mm
 
 
 def _move(axis: str, to_mm: float, speed_mm_s: float) -> bytes:

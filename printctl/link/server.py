@@ -1,9 +1,11 @@
 """The door by which clients speak to the link process: JSON lines over a local socket.
 
 A client sends objects with ``do`` (and ``token`` where the socket is TCP): ``status``,
-``subscribe``, ``stop``, ``kill``, ``pause``, ``resume``, ``detach``, ``command`` (with
-``text``). The server sends ``{"event": "status", ...}`` and, to a command,
-``{"event": "reply", "command": ..., "lines": [...]}``.
+``subscribe``, ``stop``, ``kill``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload``,
+``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, ``detach``,
+``command`` (with ``text``). The server sends ``{"event": "status", ...}`` and, to a command,
+``{"event": "reply", "command": ..., "lines": [...]}``. What can't be done is answered by
+``{"event": "refused", "message": ...}``; a wish with ``answer`` set that can, by ``heard``.
 
 One thread serves all clients and never waits for any: sockets are non-blocking, and a client that
 doesn't read what it is sent is dropped. ``kill`` is handed to a thread that was started in
@@ -26,14 +28,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.channel import Channel
+from printctl.link.care import NewSyringe
+from printctl.link.errors import LinkError
+from printctl.link.marks import MarkKind
+from printctl.link.pausing import Pausing
 from printctl.link.states import Status
 
 _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
 _UNIX_PATH_LIMIT: Final = 100
 _TEMPORARY: Final = "printctl-link-"
-_REFUSED: Final = ("M110", "M112", "M83", "G91")
+_REFUSED: Final = ("M110", "M112", "M83", "G91", "G92", "G20")
 
 
 def listen(folder: Path) -> tuple[socket.socket, str, str]:
@@ -89,12 +94,12 @@ class Server:
     ----------
     listener : socket
     token : str
-    channel : Channel
+    channel : Pausing
     """
 
     listener: socket.socket
     token: str
-    channel: Channel
+    channel: Pausing
     _guests: dict[socket.socket, _Guest] = field(default_factory=dict)
     _mail: deque[tuple[_Guest | None, dict[str, Any]]] = field(default_factory=deque)
     _kill: threading.Event = field(default_factory=threading.Event)
@@ -210,6 +215,10 @@ class Server:
                 self._post(guest, {"event": "refused", "message": "wrong token"})
                 return
             _WISHES[wish["do"]](self, guest, wish)
+            if wish.get("answer"):
+                self._post(guest, {"event": "heard", "do": wish["do"]})
+        except LinkError as exc:
+            self._post(guest, {"event": "refused", "message": str(exc)})
         except (ValueError, KeyError, AttributeError, TypeError):
             self._post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
 
@@ -227,10 +236,20 @@ class Server:
         self.channel.stop()
 
     def _do_pause(self, guest: _Guest, wish: dict[str, Any]) -> None:
-        self.channel.pause()
+        after = wish.get("after")
+        self.channel.pause(MarkKind(after) if after else None)
+        self.publish(self.channel.status)
+
+    def _do_reload(self, guest: _Guest, wish: dict[str, Any]) -> None:
+        self.channel.reload()
+        self.publish(self.channel.status)
 
     def _do_resume(self, guest: _Guest, wish: dict[str, Any]) -> None:
-        self.channel.resume()
+        change = wish.get("change")
+        self.channel.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
+
+    def _do_alive(self, guest: _Guest, wish: dict[str, Any]) -> None:
+        self.channel.alive()
 
     def _do_detach(self, guest: _Guest, wish: dict[str, Any]) -> None:
         guest.subscribed = False
@@ -281,6 +300,8 @@ _WISHES: Final[dict[str, Callable[[Server, _Guest, dict[str, Any]], None]]] = {
     "stop": Server._do_stop,
     "kill": Server._do_kill,
     "pause": Server._do_pause,
+    "reload": Server._do_reload,
+    "alive": Server._do_alive,
     "resume": Server._do_resume,
     "detach": Server._do_detach,
     "command": Server._do_command,

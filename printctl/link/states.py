@@ -57,6 +57,12 @@ class Status:
         Whether the printer still knows where its needle is.
     error : str
         Name of the error's class (`printctl.link.errors`) when the print failed by one.
+    waits_for : str
+        What will hold the print at a mark ("pause after layer", "reload"), or what a paused one
+        needs before it can be resumed ("syringe"); empty for nothing.
+    deadman_left_s : float or None, s
+        Time in which somebody must confirm (`printctl alive`), all of it while the print doesn't
+        go on; None for an attended print.
     """
 
     state: LinkState
@@ -68,6 +74,8 @@ class Status:
     alarms: int = 0
     position_known: bool = True
     error: str = ""
+    waits_for: str = ""
+    deadman_left_s: float | None = None
 
     @property
     def ended(self) -> bool:

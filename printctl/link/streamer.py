@@ -1,7 +1,7 @@
 """Streams a job to a printer: the sequence of a print, from handshake to end.
 
-The states are in ``docs/link.md``; how one step is done, and what other threads may call, in
-`printctl.link.channel`.
+The states are in ``docs/link.md``; how one step is done is in `printctl.link.channel`, how a print
+is held and gone on with in `printctl.link.pausing`.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from printctl.link.channel import POLL_S, Channel, Over, Wiring
+from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import HandshakeError, LinkError
 from printctl.link.families import family_of
 from printctl.link.firmware import differences, parse_firmware
 from printctl.link.journal import History
-from printctl.link.modal import Modal, disagreement, modal_state, parse_position
-from printctl.link.retreat import heaters_off
+from printctl.link.marks import MarkKind
+from printctl.link.pausing import Pausing
+from printctl.link.placing import RETRIES
 from printctl.link.states import LinkState, Status
 
 __all__ = ["Streamer", "Wiring"]
@@ -24,16 +25,13 @@ BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
-RETRIES: Final = 8
 CHECK_LINES: Final = 100
 """On a line that makes errors, the position is compared after so many lines: a word garbled past
 the checksum (X to Z) stays wrong until a later line gives it again."""
-PAUSE_SIGN_S: Final = 20.0
-"""Interval of M105 in a pause: it shows that the printer is there and restarts M85's timer."""
 
 
-class Streamer(Channel):
-    """One print; see `Channel` for what it is given."""
+class Streamer(Pausing):
+    """One print; see `Pausing` for what it is given."""
 
     # --- the print -------------------------------------------------------------------------
 
@@ -71,28 +69,32 @@ class Streamer(Channel):
             self.protocol.load(self.job.lines, 0, 0)
         else:
             self._find_again(history)
+        self.watch.begin(self.wiring.clock.now())
         self._enter(LinkState.PRINTING, f"printing {self.job.name}")
         while self.protocol.lines_done < len(self.job):
             self._stream()
             self._obey()
+            if self.protocol.lines_done < len(self.job):
+                self._at_mark()
             if self.protocol.lines_done == len(self.job):
                 self._finish()
                 self._obey()  # a stop while the last moves were made
         raise Over(LinkState.DONE, f"all {len(self.job)} lines done")
 
     def _stream(self) -> None:
-        """Send lines until the job is at its end or somebody wishes something.
+        """Send lines until the job is at a mark or its end, or somebody wishes something.
 
         This loop is the hot path of the link: one write, one poll and one read a line.
         """
         protocol, transport = self.protocol, self.wiring.transport
         now_s, read, take = self.wiring.clock.now, transport.read, protocol.take_output
-        feed, wishes, commands, total = protocol.feed, self._wishes, self._commands, len(self.job)
+        feed, wishes, commands = protocol.feed, self._wishes, self._commands
         now = now_s()
+        stop = protocol.limit = self._next_stop(now)
         if not self._unverified:
             protocol.held = False
             protocol.go(now)
-        while protocol.lines_done < total and not wishes and not commands:
+        while protocol.lines_done < stop and not wishes and not commands:
             output = take()
             if output:
                 transport.write(output)
@@ -108,6 +110,7 @@ class Streamer(Channel):
             if now >= self._next_note:
                 self._note(now)
                 self._doubt_a_noisy_line()
+                stop = protocol.limit = min(stop, self._next_stop(now))
             if self._fault:
                 self._settle()
                 self._retreat_and_end(LinkState.FAILED, self._fault)
@@ -122,13 +125,10 @@ class Streamer(Channel):
         if errors != self._errors_seen and done - self._checked >= CHECK_LINES:
             self._errors_seen, self._checked, self._unverified = errors, done, True
 
-    def _verify_in_passing(self) -> None:
-        """Compare positions between two lines; the planner isn't drained for it."""
-        self._settle()
-        self._unverified = False
-        self._verify(modal_state(self.job.lines, self.protocol.lines_done))
-        self.protocol.held = False
-        self.protocol.go(self.wiring.clock.now())
+    def _next_stop(self, now: float) -> int:
+        """Command lines after which to look at what is due."""
+        protocol = self.protocol
+        return self.watch.next_stop(now, protocol.lines_done, protocol.idle, len(self.job))
 
     def _obey(self) -> None:
         """Do what was wished, with no line in flight."""
@@ -142,6 +142,10 @@ class Streamer(Channel):
                 self._retreat_and_end(LinkState.STOPPED, "stopped by the user")
             elif wish == "pause":
                 self._pause()
+            elif wish == "resume":
+                self.watch.after = None  # a pause that is waited for no longer
+            elif wish == "reload":  # wished in a pause that is over
+                self.watch.after = MarkKind.RELOAD
 
     # --- connecting ------------------------------------------------------------------------
 
@@ -228,7 +232,7 @@ class Streamer(Channel):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"{self.wiring.printer.firmware} can't tell which line it took last; at least "
-                f"{history.done} job lines were taken; home the printer and print anew",
+                f"{history.done} job lines were taken; `printctl recover` tells how to go on",
                 known=False,
             )
         number = self._agree(self.protocol.ask)
@@ -238,7 +242,8 @@ class Streamer(Channel):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"the printer's last line is {number}, the journal knows of {history.done} job "
-                "lines: it was reset or used by another program since; home it and print anew",
+                "lines: it was reset or used by another program since; `printctl recover` tells "
+                "how to go on",
                 known=False,
             )
         self.protocol.load(self.job.lines, done, number)
@@ -246,96 +251,20 @@ class Streamer(Channel):
         self._check_keepalive(journalled=True)
         self._command(b"M400")
         at = self._where()
+        if history.reload_at is not None:
+            self.watch.reload_at = history.reload_at
+        if history.reloaded == done:
+            self.watch.paused(done)
+        if history.changing(number):
+            self._await_syringe(at)
+            return
         self._verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
         for command in self.wiring.retreat.rejoin(at, self.wiring.printer):
             self._command(command)
         self._command(b"M400")
         self._verify(at)
 
-    # --- pausing, stopping, finishing --------------------------------------------------------
-
-    def _settle(self) -> None:
-        """Send no further job line; wait until the one in flight is taken."""
-        self.protocol.held = True
-        while not self.protocol.idle:
-            self._pump()
-
-    def _pause(self) -> None:
-        self._enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
-        self._command(b"M400")
-        at = self._where()
-        self._verify(at)
-        for command in self.wiring.retreat.leave(at, self.wiring.printer):
-            self._command(command)
-        self._command(b"M400")
-        self._enter(LinkState.PAUSED, "paused")
-        self._stay_paused()
-        self._enter(LinkState.RESUMING, "returning to where the print was left")
-        for command in self.wiring.retreat.rejoin(at, self.wiring.printer):
-            self._command(command)
-        self._command(b"M400")
-        self._verify(at)
-        self._enter(LinkState.PRINTING, "printing")
-
-    def _stay_paused(self) -> None:
-        clock = self.wiring.clock
-        while True:
-            until = clock.now() + PAUSE_SIGN_S
-            while clock.now() < until and not self._wishes and not self._commands:
-                self._pump(until)
-            while self._commands:
-                text, done = self._commands.popleft()
-                done(self._command(text))
-            wish = self._wishes.popleft() if self._wishes else ""
-            if wish == "resume":
-                return
-            if wish == "stop":
-                self._heaters_off()
-                raise Over(LinkState.STOPPED, "stopped by the user while paused")
-            self._command(b"M105")
-
-    def _where(self) -> Modal:
-        """Where the job's text says the printer is; what it doesn't say is asked for."""
-        at = modal_state(self.job.lines, self.protocol.lines_done)
-        if at.z is None or at.e is None:
-            position = parse_position(self._command(b"M114"))
-            at = replace(
-                at,
-                z=position.get("Z") if at.z is None else at.z,
-                e=position.get("E") if at.e is None else at.e,
-            )
-        return at
-
-    def _verify(self, at: Modal) -> None:
-        """Compare the printer's position with the job's text; write both down."""
-        wrong = "its position can't be read (M114)"
-        position: dict[str, float] = {}
-        for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
-            position = parse_position(self._command(b"M114")) or position
-            wrong = disagreement(at, position) if position else wrong
-            if position and not wrong:
-                break
-        done = self.protocol.lines_done
-        self._record("checkpoint", done=done, position=position, agrees=not wrong)
-        if wrong:
-            raise Over(
-                LinkState.POSITION_UNKNOWN,
-                f"after line {done}: {wrong}; home the printer and print anew",
-                known=False,
-            )
-
-    def _retreat_and_end(self, state: LinkState, message: str) -> None:
-        self._enter(LinkState.STOPPING, message)
-        self._fault = ""
-        for command in self.wiring.retreat.leave(self._where(), self.wiring.printer):
-            self._command(command)
-        self._heaters_off()
-        self._command(b"M400")
-        raise Over(state, message)
-
-    def _heaters_off(self) -> None:
-        for command in heaters_off(self.wiring.printer):
-            self._command(command)
+    # --- finishing ---------------------------------------------------------------------------
 
     def _finish(self) -> None:
         """Wait for the last move, and have the printer confirm its last line."""

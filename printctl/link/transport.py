@@ -77,4 +77,4 @@ def open_port(name: str, printer: Printer, baud: int | None = None) -> Transport
         return TcpTransport(tcp["host"].strip("[]"), int(tcp["port"]), name)
     if "://" in name or name.startswith("tcp:"):
         raise PortError(f"port {name!r} isn't tcp:HOST:PORT, socket://HOST:PORT or a device")
-    return SerialTransport(name, baud or printer.baud)
+    return SerialTransport(name, baud or printer.baud, printer.dtr, printer.rts)

@@ -25,6 +25,10 @@ from printctl.link.ports import ports_found
 if sys.platform != "win32":
     import termios
 
+    termios_error: type[Exception] = termios.error
+else:
+    termios_error = OSError
+
 WRITE_LIMIT_S: Final = 5.0
 _CHUNK: Final = 65536
 _RESET_PULSE_S: Final = 0.25
@@ -55,6 +59,9 @@ class SerialTransport:
     name : str
         Device.
     baud : int
+    dtr, rts : bool
+        State of the modem lines while the port is open. On Linux opening raises both all the
+        same; a line that should be low falls at once.
 
     Raises
     ------
@@ -63,12 +70,14 @@ class SerialTransport:
 
     quiet_s: float = 0.05
 
-    def __init__(self, name: str, baud: int) -> None:
+    def __init__(self, name: str, baud: int, dtr: bool = True, rts: bool = True) -> None:
         self.name = name
         try:
             self._serial = serial.Serial(
-                name, baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=True
+                None, baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=True
             )
+            self._serial.port, self._serial.dtr, self._serial.rts = name, dtr, rts
+            self._serial.open()
         except (OSError, ValueError) as exc:
             raise _refusal(name, exc if isinstance(exc, OSError) else OSError(str(exc))) from exc
         self._fd = -1 if sys.platform == "win32" else self._serial.fileno()
@@ -144,12 +153,32 @@ class SerialTransport:
         except (OSError, TypeError, ValueError) as exc:
             raise PortLost(f"port {self.name} went away: {exc}") from exc
 
-    def reset(self) -> bool:
-        """Pulse DTR, which resets most boards; False on a port without modem lines."""
+    def set_baud(self, baud: int) -> None:
+        """Change the rate while the port is open, and forget what came at another.
+
+        Raises
+        ------
+        PortLost
+        """
         try:
+            self._serial.baudrate = baud
+            self._serial.reset_input_buffer()
+        except (OSError, ValueError, termios_error) as exc:
+            raise PortLost(f"port {self.name} can't be set to {baud} Bd: {exc}") from exc
+
+    def reset(self) -> bool:
+        """Pulse DTR, which resets most boards, and leave it as it was.
+
+        What resets is the line's going up: False, then True. False on a port without modem lines.
+        """
+        try:
+            before = self._serial.dtr
             self._serial.dtr = False
             time.sleep(_RESET_PULSE_S)
             self._serial.dtr = True
+            if not before:
+                time.sleep(_RESET_PULSE_S)
+                self._serial.dtr = False
         except (OSError, ValueError):
             return False
         return True

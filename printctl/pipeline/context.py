@@ -17,7 +17,7 @@ from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
-from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
@@ -68,6 +68,12 @@ class RunContext:
     def bath(self) -> Bath:
         """What is in the dish."""
         return load(Bath, self.recipe.printer.bath)
+
+    @cached_property
+    def dish(self) -> Dish | None:
+        """What the bath is in, where the recipe says it."""
+        name = self.recipe.printer.dish
+        return None if name is None else load(Dish, name)
 
     @cached_property
     def tissue(self) -> Tissue:

@@ -1,10 +1,10 @@
-"""What needle, bath and method can print: the smallest lumen and the thinnest wall."""
+"""What needle, bath and method can print: lumens from the smallest to the widest, and walls."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from design.toolpath.embedded import EmbeddedOptions
+from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
 from design.toolpath.fresh import FreshOptions
 from printctl.pipeline.context import RunContext
 from printctl.recipe.making import Fresh
@@ -36,7 +36,8 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     """The limits, for lumens of at least ``asked_mm`` in diameter where that is given.
 
     FRESH: two layers and one line for a lumen, two lines for a wall. Embedded: the thinnest
-    filament of the needle, and room for the needle's tip beside the next filament.
+    filament of the needle, and room for the needle's tip beside the next filament; the widest is
+    what the plunger can fill or the bath's yield stress holds, whichever is less.
     """
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
@@ -49,6 +50,11 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     needle = context.needle
     filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
-    says = f"needle of {needle.inner_mm:g} mm bore and {needle.outer_mm:g} mm outside"
-    wall = filament.smallest_wall_mm(lumen / 2)
-    return Printability(lumen, filament.largest_lumen_mm, wall, says)
+    held = held_diameter_mm(context.bath, context.ink)
+    filled = filament.largest_lumen_mm
+    by = "the bath's yield stress holds" if held < filled else "the plunger's flow fills"
+    says = (
+        f"needle of {needle.inner_mm:g} mm bore and {needle.outer_mm:g} mm outside; at most "
+        f"{min(held, filled):.3g} mm, which {by}"
+    )
+    return Printability(lumen, min(held, filled), filament.smallest_wall_mm(lumen / 2), says)

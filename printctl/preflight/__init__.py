@@ -1,20 +1,44 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
-from printctl.preflight.check import Check, refuse_failed
+from printctl.preflight.check import Check, refuse_failed, warnings
+from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
+from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
+from printctl.preflight.material_checks import (
+    bath_checks,
+    chemistry_check,
+    held_check,
+    temperature_checks,
+)
+from printctl.preflight.set_up import SetUp, file_checks
 from printctl.preflight.setup_checks import (
-    bath_check,
     crossings_check,
     needle_check,
     syringe_check,
+    syringe_checks,
 )
 
 __all__ = [
     "Check",
-    "bath_check",
+    "SetUp",
+    "Standing",
+    "bath_checks",
+    "chemistry_check",
     "crossings_check",
+    "dish_checks",
+    "file_checks",
+    "firmware_checks",
+    "floor_check",
+    "force_checks",
     "gcode_checks",
+    "hardest_push",
+    "held_check",
     "needle_check",
     "refuse_failed",
     "syringe_check",
+    "syringe_checks",
+    "temperature_checks",
+    "unknown_dish",
+    "warnings",
 ]

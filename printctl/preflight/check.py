@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from printctl.errors import SafetyError
 
@@ -26,6 +26,9 @@ class Check:
         Line of the G-code or key of the profile; empty when it has none.
     remedy : str
         What to do when it didn't pass.
+    weight : "refuses" or "warns"
+        Whether a print may go on that didn't pass: ``warns`` where no machine can know, or where
+        the number it rests on was never measured.
     """
 
     check: str
@@ -35,6 +38,12 @@ class Check:
     passed: bool
     place: str = ""
     remedy: str = ""
+    weight: Literal["refuses", "warns"] = "refuses"
+
+    @property
+    def refuses(self) -> bool:
+        """Whether no print may begin."""
+        return not self.passed and self.weight == "refuses"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -43,18 +52,24 @@ class Check:
     def sentence(self) -> str:
         """For the user, when it didn't pass."""
         where = f" ({self.place})" if self.place else ""
-        return (
-            f"{self.check}: {self.value:g} {self.unit}, limit {self.limit:g}{where}; {self.remedy}"
-        )
+        if self.value == self.limit == 0:  # asked of a person; there is nothing to compare
+            return f"{self.check}{where}: {self.remedy}"
+        value = f"{self.value:g} {self.unit}".rstrip()
+        return f"{self.check}: {value}, limit {self.limit:g}{where}; {self.remedy}"
 
     def row(self) -> str:
         """One line of a table for people."""
-        mark = "ok  " if self.passed else "FAIL"
+        mark = "ok  " if self.passed else "FAIL" if self.refuses else "WARN"
         return f"{mark} {self.check:<52} {self.value:10.4g} {self.unit:<6} limit {self.limit:g}"
+
+
+def warnings(checks: list[Check]) -> list[str]:
+    """What a person must know before the print begins."""
+    return [check.sentence() for check in checks if not check.passed and not check.refuses]
 
 
 def refuse_failed(checks: list[Check]) -> None:
     """Raise `SafetyError` naming every check that didn't pass."""
-    failed = [check.sentence() for check in checks if not check.passed]
+    failed = [check.sentence() for check in checks if check.refuses]
     if failed:
         raise SafetyError("\n".join(["refused before the first byte was sent:", *failed]))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from firmware_profiles import Printer
 from printctl.preflight.check import Check
+from printctl.preflight.firmware_checks import firmware_checks
 from sim.dryrun import DryRun
 from sim.dryrun_checks import Finding
+from sim.gcode import code
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",
@@ -16,6 +20,8 @@ _COUNTED = {
 }
 """Findings of which none is allowed, and their names."""
 
+_PROBES = ("G29", "G30", "G32", "G34")
+_NAMED_PROBES = ("BED_MESH_CALIBRATE", "PROBE_ACCURACY", "PROBE_CALIBRATE", "Z_TILT_ADJUST")
 _COUNTED_REMEDY = {
     "homing": "take G28 out and touch the needle off instead: homing would drive it into the dish",
 }
@@ -29,7 +35,10 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *_speed(run, found),
         _plunger(run, printer, found),
         _line_length(run, printer, found),
-        *(_counted(code, name, found) for code, name in _COUNTED.items()),
+        _merged(run, printer),
+        *(_counted(code, name, run.findings) for code, name in _COUNTED.items()),
+        _probing(run),
+        *firmware_checks(run, printer),
     ]
     told = {*_COUNTED, "plunger_travel", "long_line"}
     others = [
@@ -111,12 +120,47 @@ def _line_length(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Ch
     )
 
 
-def _counted(code: str, name: str, found: dict[str, Finding]) -> Check:
-    finding = found.get(code)
-    remedy = _COUNTED_REMEDY.get(code, finding.message if finding else "")
+def _merged(run: DryRun, printer: Printer) -> Check:
+    """Moves that the planner would drop and add to the next: corners cut where it likes."""
+    least = printer.min_steps_per_segment
+    line = run.first_short_line
     return Check(
-        name, finding.count if finding else 0, 0, "", finding is None, _line(finding), remedy
+        f"moves below the planner's least of {least} steps",
+        run.merged_moves,
+        0,
+        "",
+        run.merged_moves == 0,
+        f"line {line}" if line else "",
+        f"the firmware adds each to the move after it (min_steps_per_segment {least}): corners a "
+        "little cut, no ink lost",
+        "warns",
     )
+
+
+def _probing(run: DryRun) -> Check:
+    """Bed probing drives the tool down until something gives, as homing does."""
+    rows = np.flatnonzero(np.isin(run.program.code, [code(name) for name in _PROBES]))
+    named = [at for at in run.named if at.name in _NAMED_PROBES]
+    lines = sorted([*(int(run.program.line[row]) for row in rows), *(at.line for at in named)])
+    return Check(
+        "probing with the needle mounted",
+        len(lines),
+        0,
+        "",
+        not lines,
+        f"line {lines[0]}" if lines else "",
+        "take it out: it would drive the needle into the dish; probe before the needle and the "
+        "dish are mounted, and touch the needle off",
+    )
+
+
+def _counted(code: str, name: str, findings: list[Finding]) -> Check:
+    """All findings of one sort, the first one's line and each one's message."""
+    those = [finding for finding in findings if finding.code == code]
+    remedy = _COUNTED_REMEDY.get(code, "; ".join(finding.message for finding in those))
+    first = those[0] if those else None
+    count = sum(finding.count for finding in those)
+    return Check(name, count, 0, "", not those, _line(first), remedy)
 
 
 def _other(finding: Finding) -> Check:

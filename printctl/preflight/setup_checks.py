@@ -1,26 +1,37 @@
-"""Checks of what is mounted and filled: syringe, needle, bath."""
+"""Checks of what is mounted and filled: syringe, needle."""
 
 from __future__ import annotations
 
 import math
 
-from firmware_profiles import Bath, Needle, Syringe
+import numpy as np
+
+from firmware_profiles import Needle, Printer, Syringe
 from printctl.preflight.check import Check
+from printctl.preflight.firmware_checks import widest_push_check
 from sim.dryrun import DryRun
 
 
 def syringe_check(run: DryRun, syringe: Syringe) -> Check:
     """Ink pushed at the farthest point, with what stays in the needle, against the filling."""
-    pushed = run.plunger_max_mm * math.pi / 4 * syringe.inner_mm**2
+    area = math.pi / 4 * syringe.inner_mm**2
+    needed = run.plunger_max_mm * area + syringe.dead_volume_ul
+    over = np.flatnonzero(run.program.plunger * area + syringe.dead_volume_ul > syringe.volume_ul)
+    line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""
     return Check(
         f"ink, with {syringe.dead_volume_ul:g} µL dead volume",
-        pushed + syringe.dead_volume_ul,
+        needed,
         syringe.volume_ul,
         "µL",
-        pushed + syringe.dead_volume_ul <= syringe.volume_ul,
-        syringe.name,
-        "use a larger syringe or a smaller part",
+        needed <= syringe.volume_ul,
+        f"{line}syringe: volume_ul",
+        f"more than {syringe.name} holds; use a larger syringe or a smaller part",
     )
+
+
+def syringe_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
+    """What the syringe holds, and what the firmware must let it push."""
+    return [syringe_check(run, syringe), *widest_push_check(run, printer, syringe)]
 
 
 def needle_check(part_height_mm: float, needle: Needle) -> Check:
@@ -31,26 +42,9 @@ def needle_check(part_height_mm: float, needle: Needle) -> Check:
         needle.length_mm,
         "mm",
         part_height_mm <= needle.length_mm,
-        needle.name,
-        "use a longer needle or a flatter part",
+        "needle: length_mm",
+        f"the hub of {needle.name} would dip in; use a longer needle or a flatter part",
     )
-
-
-def bath_check(bath: Bath) -> list[Check]:
-    """Whether the bath holds while printing and still melts out; none for a bath that stays."""
-    if bath.melt_out_c is None:
-        return []
-    return [
-        Check(
-            "printing temperature of the bath, below its melt-out",
-            bath.max_printing_c,
-            bath.melt_out_c,
-            "°C",
-            bath.max_printing_c < bath.melt_out_c,
-            bath.name,
-            "mend the bath's profile",
-        )
-    ]
 
 
 def crossings_check(crossings: int, allowed: int) -> Check:

@@ -2,15 +2,19 @@
 
 from printctl.printing.find import Order, find_or_start, running
 from printctl.printing.simulated import SIMULATED, simulated_printer
+from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads
 from printctl.printing.watch import confirm, follow, retreat_for
 
 __all__ = [
     "SIMULATED",
     "Order",
+    "capacity_mm",
     "confirm",
     "find_or_start",
     "follow",
     "retreat_for",
     "running",
     "simulated_printer",
+    "usable_mm",
+    "with_reloads",
 ]

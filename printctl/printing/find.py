@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from printctl.errors import PrintctlError, SafetyError
+from printctl.link.care import Care
 from printctl.link.client import PrintClient, attach, resume_print, start_print
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.journal import read_journal
@@ -34,6 +35,10 @@ class Order:
         For journal and record.
     retreat : Retreat
         How the needle leaves the bath.
+    care : Care
+        How the print is watched over.
+    baud : int, "auto" or None
+        In place of the profile's.
     resume : bool
         Whether to go on with an interrupted print of the same file.
     once : bool
@@ -47,6 +52,8 @@ class Order:
     retreat: Retreat
     resume: bool = False
     once: bool = False
+    care: Care = field(default_factory=Care)
+    baud: int | str | None = None
 
     @property
     def sha256(self) -> str:
@@ -84,7 +91,15 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
         if order.once and (done := _printed(order)) is not None:
             return done
         _refuse_interrupted(order)
-    return start_print(order.job, order.printer, open_port(), order.folder, retreat=order.retreat)
+    return start_print(
+        order.job,
+        order.printer,
+        open_port(),
+        order.folder,
+        retreat=order.retreat,
+        baud=order.baud,
+        care=order.care,
+    )
 
 
 def running(order: Order) -> PrintClient | None:

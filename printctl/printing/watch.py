@@ -59,7 +59,9 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
         try:
             for status in client.events():
                 done = status.lines_done / max(status.lines_total, 1)
-                report(done, f"{status.lines_done} of {status.lines_total} lines")
+                held = status.state in (LinkState.PAUSED, LinkState.STOPPING)
+                lines = f"{status.lines_done} of {status.lines_total} lines"
+                report(done, f"{lines}; {status.message}" if held else lines)
             break
         except KeyboardInterrupt:
             _obey(_ask(bars), client)
@@ -73,13 +75,17 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
     return outcome
 
 
-def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float) -> Retreat:
-    """Out of the bath: relieve the plunger as the ink's profile says, then straight up."""
+def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.0) -> Retreat:
+    """Out of the bath: relieve the plunger as the ink's profile says, then straight up.
+
+    ``prime_ul`` is pushed in addition on coming back.
+    """
     per_ul = 4 / (math.pi * syringe.inner_mm**2)
     return Retreat(
         relief_mm=ink.retract_ul * per_ul,
         relief_mm_s=ink.plunger_ul_s * per_ul,
         lift_mm=lift_mm,
+        prime_mm=prime_ul * per_ul,
     )
 
 

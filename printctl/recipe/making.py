@@ -51,10 +51,29 @@ class PrinterPart(Part):
     syringe: str = "hamilton_1ml"
     ink: str = "collagen_fresh"
     bath: str = "gelatin_support"
+    dish: str | None = Field(
+        default=None, description="Its walls are looked at before printing, if given."
+    )
+    dish_centre_mm: (
+        tuple[
+            Annotated[float, Field(allow_inf_nan=False)],
+            Annotated[float, Field(allow_inf_nan=False)],
+        ]
+        | None
+    ) = Field(default=None, description="x, y in the printer's frame; below the part by default.")
+    bath_depth_mm: Annotated[float, Field(gt=0, le=500)] | None = Field(
+        default=None, description="How high the dish is filled."
+    )
     place_mm: Point | None = Field(
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )
+
+    @model_validator(mode="after")
+    def _bath_is_in_a_dish(self) -> PrinterPart:
+        if self.dish is None and (self.bath_depth_mm is not None or self.dish_centre_mm):
+            raise ValueError("bath_depth_mm and dish_centre_mm belong to a dish; name it (dish)")
+        return self
 
 
 class SimulatedScan(Part):

@@ -6,7 +6,7 @@ from benchmarks.link_answerer import Answerer
 from benchmarks.link_files import START_MM, STEPS_PER_MM, zigzag
 from benchmarks.link_runs import ends_of, facts, new_printer, run
 from benchmarks.link_virtual import fault_rows, kill_rows, uart_rows
-from benchmarks.link_wire import Troubles
+from benchmarks.link_wire import BreakingTroubles
 from sim.dryrun import dry_run
 
 
@@ -23,7 +23,12 @@ def test_file_means_what_its_steps_say():
 
 
 def test_noisy_print_is_found_sound(tmp_path):
-    found = run(zigzag(300), tmp_path, 3, Troubles(0.001, 0.003, 0.003, breaks=0.003))
+    found = run(
+        zigzag(300),
+        tmp_path,
+        3,
+        BreakingTroubles(noise=0.001, drop_ok=0.003, delay=0.003, breaks=0.003),
+    )
     assert found.faults == 0
     assert found.unreached <= found.order.slipped
     assert found.begun > 1

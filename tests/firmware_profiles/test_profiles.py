@@ -6,6 +6,7 @@ import pytest
 
 from firmware_profiles import (
     Bath,
+    Dish,
     Facts,
     Ink,
     Needle,
@@ -17,7 +18,7 @@ from firmware_profiles import (
 )
 from firmware_profiles.load import DATA
 
-MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath)
+MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish)
 SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]
 
 

@@ -10,6 +10,7 @@ from printctl.link.crc16 import crc16 as crc_of_the_link
 from printctl.link.families import FAMILIES
 from printctl.link.job import parse_job
 from printctl.link.journal import Journal
+from printctl.link.protocol_acks import Sort
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from sim.dialect_duet import DuetPrinter, crc16
@@ -20,6 +21,7 @@ from sim.gcode import checksum
 from tests.printctl.link.sim_transport import SimTransport
 
 START = (50.0, 50.0, 10.0)
+PLACED = b"SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
 HEADER = b"G90\nM82\nG92 X50 Y50 Z10 E0\n"
 
 
@@ -69,13 +71,71 @@ def test_klipper_does_a_garbled_line():
     assert said(printer, b"M92\n") == b'// Unknown command:"M92"\nok\n'
 
 
+def test_duet_moves_no_axis_before_it_is_homed_or_placed():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, b"G1 X51 F600\n") == b"Error: G0/G1: insufficient axes homed\nok\n"
+    assert said(printer, b"G92 X50 Y50\nG1 X51 F600\n") == b"ok\nok\n"
+    assert b"insufficient" in said(printer, b"G1 Z11 F600\n")
+
+
+def test_duet_takes_m85_and_does_nothing():
+    printer, _ = printer_of("reprapfirmware")
+    assert said(printer, b"M85 S1\n") == b"ok\n"
+    assert printer.machine.idle_limit_s == 0
+
+
+def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
+    printer, _ = printer_of("reprapfirmware")
+    reply = said(printer, b"M113 S1\n").splitlines()[0]
+    assert reply == b"Warning: M113: Command is not supported"
+    assert FAMILIES["reprapfirmware"].make(None).sort(reply) is Sort.FAULT
+
+
+def test_duet_tells_its_settings_in_its_own_words():
+    printer, _ = printer_of("reprapfirmware")
+    assert b"X: 18000.0, Y: 18000.0, Z: 300.0, E: 120.0, min. speed" in said(printer, b"M203\n")
+    assert b"(mm/sec^2): X: 3000.0" in said(printer, b"M201\n")
+    assert b"X0.0:200.0, Y0.0:200.0" in said(printer, b"M208\n")
+
+
+def test_klipper_takes_g92_for_an_offset_and_moves_only_once_placed():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"G92 X50 Y50 Z10\nG1 X51 F600\n").endswith(
+        b"!! Must home axis first\nok\n"
+    )
+    assert said(printer, PLACED + b"G1 X51 F600\n") == b"ok\nok\n"
+    assert said(printer, b"M84\nG1 X52\n").endswith(b"!! Must home axis first\nok\n")
+
+
+def test_klipper_s_timeout_switches_heaters_and_motors_off():
+    printer, _ = printer_of("klipper")
+    assert said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n") == (
+        b"// idle_timeout: Timeout set to 20.00 s\nok\n"
+    )
+    said(printer, PLACED + b"M140 S40\nG1 X51 F600\n")
+    printer.advance(60.0)
+    assert not printer.dead
+    assert b"B:" in (reply := said(printer, b"M105\n"))
+    assert b"/0.0" in reply or b"/0.00" in reply
+    assert b"Must home" in said(printer, b"G1 X52\n")
+
+
+def test_klipper_s_timeout_begins_anew_when_it_is_set():
+    printer, _ = printer_of("klipper")
+    said(printer, PLACED + b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
+    for _ in range(5):
+        printer.advance(15.0)
+        said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n")
+    assert said(printer, b"G1 X52 F600\n") == b"ok\n"
+
+
 def test_smoothieware_has_no_simulated_printer():
     with pytest.raises(ServeError, match="no simulated printer"):
         printer_of("smoothieware")
 
 
 def gcode(moves: int, firmware: str) -> bytes:
-    first = b"M302 P1\n" if firmware == "reprapfirmware" else b""
+    first = b"M302 P1\n" if firmware == "reprapfirmware" else PLACED
     lines = [
         b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0034375 * (i + 1))
         for i in range(moves)

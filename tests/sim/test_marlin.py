@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from sim.errors import ServeError
+from sim.faults import Fault, parse_fault
 from sim.gcode import checksum
 from sim.marlin import MarlinPrinter
-from sim.marlin_board import Fault, parse_fault
 from sim.marlin_codes import KNOWN
 from sim.marlin_commands import HANDLERS
 
@@ -249,21 +249,21 @@ def test_flow_and_feed_factors_change_what_is_done():
 
 
 def test_a_fault_happens_at_its_line():
-    silent = ready(faults=[Fault("drop_ok", 2)])
+    silent = ready(faults=[parse_fault("drop_ok@2")])
     assert send(silent, "G1 X1 F600", "G1 X2", "G1 X3") == [b"ok\n", b"", b"ok\n"]
-    reset = ready(faults=[Fault("reset", 2)])
+    reset = ready(faults=[parse_fault("reset@2")])
     assert send(reset, "G1 X1 F600", "G1 X2")[1].startswith(b"start\n")
     assert b"Last Line: 0" in reset.exchange(line(3, "G1 X3"))
-    dead = ready(faults=[Fault("kill", 1)])
+    dead = ready(faults=[parse_fault("kill@1")])
     assert b"Thermal Runaway" in send(dead, "G1 X1 F600")[0]
     assert dead.dead
-    pulled = ready(faults=[Fault("unplug", 1)])
+    pulled = ready(faults=[parse_fault("unplug@1")])
     send(pulled, "G1 X1 F600")
     assert pulled.unplugged
 
 
 def test_a_fault_is_read_from_text():
-    assert parse_fault("drop_ok@12") == Fault("drop_ok", 12)
+    assert parse_fault("drop_ok@12") == Fault(fault="drop_ok", line=12)
     for text in ("drop_ok", "melt@3", "reset@x"):
         with pytest.raises(ServeError, match="isn't one of unplug@LINE"):
             parse_fault(text)

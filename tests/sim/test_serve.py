@@ -143,6 +143,24 @@ def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_p
     assert ExecutedMotion.load(record).end[-1, 0] == 15
 
 
+def test_a_cable_that_is_plugged_in_again_has_its_name_back(serve, tmp_path):
+    faults, link = tmp_path / "faults.yaml", tmp_path / "printer"
+    faults.write_text("at: [{fault: unplug, line: 2, back_after_s: 0.2}]")
+    served = serve("--link", str(link), "--faults", str(faults)).open()
+    served.ask("M110 N0")
+    served.send("G1 X5 F600")
+    with pytest.raises((OSError, AssertionError)):
+        served.send("G1 X10")
+        served.send("G1 X15")
+    served.port.close()
+    limit = time.monotonic() + PATIENCE_S
+    while not link.exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    served.open()  # the ready line rises: this board starts anew
+    assert served.ask("M114")[0].startswith(b"X:0.00")
+    assert served.end() == 0
+
+
 def test_a_record_that_can_not_be_written_is_told(serve, tmp_path):
     served = serve("--tcp", "0", "--record", str(tmp_path / "nowhere" / "moved.npz")).open()
     served.port.write(b"M400\n")
@@ -164,6 +182,13 @@ def test_it_ends_with_the_process_that_asked_for_it(serve):
     ],
 )
 def test_wrong_use_is_told_and_ends_with_two(arguments, message):
+    done = used_wrongly(*arguments)
+    assert message in done.stderr
+    assert done.stdout == ""
+
+
+def used_wrongly(*arguments):
+    """A printer that doesn't start, and what it says."""
     done = subprocess.run(
         [sys.executable, "-m", "sim", *arguments],
         cwd=REPO,
@@ -173,21 +198,19 @@ def test_wrong_use_is_told_and_ends_with_two(arguments, message):
         check=False,
     )
     assert done.returncode == 2
-    assert message in done.stderr
-    assert done.stdout == ""
+    return done
+
+
+def test_a_port_that_comes_back_needs_a_name(tmp_path):
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("at: [{fault: unplug, line: 2, back_after_s: 0.2}]")
+    done = used_wrongly("--printer", "marlin_avr", "--faults", str(faults))
+    assert "--link PATH or --tcp PORT" in done.stderr
 
 
 def test_a_link_does_not_replace_a_file(tmp_path):
     file = tmp_path / "precious"
     file.write_text("keep")
-    done = subprocess.run(
-        [sys.executable, "-m", "sim", "--printer", "marlin_avr", "--link", str(file)],
-        cwd=REPO,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 2
+    done = used_wrongly("--printer", "marlin_avr", "--link", str(file))
     assert "isn't a link" in done.stderr
     assert file.read_text() == "keep"

@@ -7,17 +7,26 @@ from collections.abc import Sequence
 from typing import Any
 
 from design.files import write_text
-from printctl.pipeline.context import RunContext
+from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.preflight import (
     Check,
-    bath_check,
+    Standing,
+    bath_checks,
+    chemistry_check,
     crossings_check,
+    dish_checks,
+    floor_check,
+    force_checks,
     gcode_checks,
+    held_check,
     needle_check,
     refuse_failed,
-    syringe_check,
+    syringe_checks,
+    temperature_checks,
+    unknown_dish,
+    warnings,
 )
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
@@ -28,32 +37,62 @@ CHECKS = "dry_run.json"
 
 def depends(context: RunContext) -> Any:
     """Everything that a check looks at, besides the G-code."""
-    profiles = (context.printer, context.needle, context.syringe, context.bath)
-    part = context.recipe.toolpath.model_dump(mode="json")
+    profiles = (context.printer, context.needle, context.syringe, context.ink, context.bath)
+    part, at = context.recipe.toolpath.model_dump(mode="json"), context.recipe.printer
     return [
         part,
         [profile.model_dump(mode="json") for profile in profiles],
         context.start_mm.tolist(),
+        context.dish and context.dish.model_dump(mode="json"),
+        [at.dish_centre_mm, at.bath_depth_mm],
     ]
 
 
 def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
     low, high = context.tissue.bounds
-    part = context.recipe.toolpath
-    planned = context.manifest.stages["toolpath"].summary["plan"]
-    crossings = (
-        []
-        if isinstance(part, Fresh)
-        else [crossings_check(len(planned["crossings"]), part.allowed_crossings)]
-    )
+    ink, bath, needle = context.ink, context.bath, context.needle
     return [
         *gcode_checks(run, context.printer),
-        syringe_check(run, context.syringe),
-        needle_check(float(high[2] - low[2]), context.needle),
-        *bath_check(context.bath),
-        *crossings,
+        *syringe_checks(run, context.printer, context.syringe),
+        needle_check(float(high[2] - low[2]), needle),
+        *force_checks(run, ink, needle, context.syringe, context.printer),
+        chemistry_check(ink, bath),
+        *bath_checks(bath),
+        *temperature_checks(run, ink, bath),
+        held_check(widest_filament_mm(context), ink, bath),
+        floor_check(run, bath, context.printer.z_mm.low),
+        *in_the_dish(context, run),
+        *crossings(context),
     ]
+
+
+def widest_filament_mm(context: RunContext) -> float:
+    """Thickest filament that is written: a vessel, or in layers a line."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        return part.line_um * 1e-3
+    return 2.0 * float(context.network.radius.max())
+
+
+def in_the_dish(context: RunContext, run: DryRun) -> list[Check]:
+    """Walls and depth of the dish that the recipe names."""
+    part = context.recipe.printer
+    if context.dish is None:
+        return [unknown_dish()]
+    x, y, _ = context.start_mm.tolist()
+    centre = part.dish_centre_mm or (x, y)
+    standing = Standing(context.dish, centre, context.printer.z_mm.low, part.bath_depth_mm)
+    return dish_checks(run, standing, context.needle)
+
+
+def crossings(context: RunContext) -> list[Check]:
+    """Passes of the needle through what is written; layers are written from below, without any."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        return []
+    planned = context.manifest.stages["toolpath"].summary["plan"]
+    return [crossings_check(len(planned["crossings"]), part.allowed_crossings)]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -68,7 +107,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     }
     write_text(context.folder / CHECKS, json.dumps(summary, indent=1) + "\n")
     refuse_failed(checks)
+    for text in warnings(checks):
+        context.bars.remark("dry run", text)
     return summary, [CHECKS]
 
 
-STAGE = Stage("dry run", depends, (GCODE,), ("kernels", "sim", "firmware_profiles"), work)
+STAGE = Stage("dry run", depends, (GCODE, NETWORK), ("kernels", "sim", "firmware_profiles"), work)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
+from printctl.link import Care
+from printctl.link.finding import named_port
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
@@ -17,6 +20,7 @@ from printctl.printing import (
     follow,
     retreat_for,
     simulated_printer,
+    usable_mm,
 )
 from printctl.progress import Report
 from sim.executed import ExecutedMotion
@@ -43,16 +47,18 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     def port() -> str:
         if part.port != SIMULATED:
-            confirm(part.port, context.bars, context.assume_yes)
-            return part.port
+            name = named_port(part.port, load(Printer, part.profile))
+            confirm(name, context.bars, context.assume_yes)
+            return name
         record.unlink(missing_ok=True)
         return simulated_printer(part.profile, (x, y, z), record, folder)
 
     low, high = context.tissue.bounds
     retreat = retreat_for(context.syringe, context.ink, lift_mm=float(high[2] - low[2]) + 5.0)
-    client = find_or_start(
-        Order(context.folder / GCODE, part.profile, part.port, folder, retreat, once=True), port
-    )
+    care = Care(syringe=part.syringe, capacity_mm=usable_mm(context.syringe, context.printer))
+    gcode = context.folder / GCODE
+    order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
+    client = find_or_start(order, port)
     outcome = follow(client, report, context.bars)
     summary: dict[str, Any] = {
         "printer": context.printer.name,

@@ -84,6 +84,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         travel_speed_mm_s=context.recipe.toolpath.travel_speed_mm_s,
         relieve_ul=context.ink.retract_ul,
         plunger_ul_s=context.ink.plunger_ul_s,
+        flow_factor=context.ink.flow_factor,
     )
     gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
     write_bytes(context.folder / GCODE, gcode.data)

@@ -10,7 +10,8 @@ from fractions import Fraction
 class Machine:
     """Where the machine stands after each line, in exact decimals.
 
-    `plunger` counts since power-up: G92 moves the count, not the plunger.
+    `plunger` counts since power-up: G92 moves the count, not the plunger. A mark (a comment) is a
+    line that changes nothing; `commands` leaves them out.
     """
 
     position: dict[str, Fraction | None] = field(
@@ -29,9 +30,14 @@ class Machine:
         assert data.endswith(b"\n")
         self.lines = data.decode("ascii").split("\n")[:-1]
         for line in self.lines:
-            self._run(line)
+            if not line.startswith(";"):
+                self._run(line)
             self.states.append((dict(self.position), self.plunger, self.feed))
         return self
+
+    @property
+    def commands(self) -> list[str]:
+        return [line for line in self.lines if not line.startswith(";")]
 
     def _run(self, line: str) -> None:
         code, *rest = line.split(" ")

@@ -71,7 +71,7 @@ def test_maps_name_source_and_last_move_of_each_line():
     toolpath = embedded()
     gcode = write_gcode(toolpath, PRINTER, SYRINGE, PLACE)
     known = gcode.line_move >= 0
-    assert gcode.line_count == gcode.data.count(b"\n") == len(gcode.line_source)
+    assert len(gcode.line_move) == gcode.data.count(b"\n") == len(gcode.line_source)
     assert (np.diff(gcode.line_move[known]) > 0).all()
     assert np.array_equal(gcode.line_source[known], toolpath.source[gcode.line_move[known]])
     assert (gcode.line_source[~known] == -1).all()
@@ -82,7 +82,7 @@ def test_header_sets_modes_and_the_job_never_homes():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
     assert machine.lines[:6] == ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 E0"]
     assert not any(text.startswith("G28") for text in machine.lines)
-    assert not any(mark in text for text in machine.lines for mark in ";()")
+    assert not any(mark in text for text in machine.commands for mark in ";()")
 
 
 def test_way_in_goes_up_across_and_down_from_an_unknown_place():
@@ -192,8 +192,8 @@ def test_moves_too_short_for_the_planner_are_merged():
     points = np.column_stack([2 * np.cos(turn), 2 * np.sin(turn), 0 * turn + 0.06])
     builder.write(points, np.full(len(turn), 3e-4), 20, 0)
     gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
-    # From the path's first point to its last; then come relief, lift and M400.
-    writing = [state[0] for state in Machine().read(gcode.data).states[8:-3]]
+    # From the path's first point to its last; then come the mark, relief, lift and M400.
+    writing = [state[0] for state in Machine().read(gcode.data).states[8:-4]]
     place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
     steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
     assert steps.min() >= PRINTER.min_steps_per_segment
@@ -214,11 +214,8 @@ def test_impossible_places_are_refused(place):
         write_gcode(fresh(), PRINTER, SYRINGE, place)
 
 
-def test_reload_points_and_second_heads_are_refused():
+def test_second_heads_are_refused():
     toolpath = line(3, 0.5, 0.001)
-    reload = replace(toolpath, kind=np.array([0, MoveKind.RELOAD, 0]))
-    with pytest.raises(ToolpathError, match="move 1 is a reload point"):
-        write_gcode(reload, PRINTER, SYRINGE, PLACE)
     with pytest.raises(ToolpathError, match=r"heads \[0, 1\]"):
         write_gcode(replace(toolpath, tool=np.array([0, 1, 0])), PRINTER, SYRINGE, PLACE)
 
@@ -226,3 +223,15 @@ def test_reload_points_and_second_heads_are_refused():
 def test_impossible_options_are_refused():
     with pytest.raises(ToolpathError, match="travel_speed_mm_s is 0"):
         GcodeOptions(travel_speed_mm_s=0)
+
+
+def test_flow_factor_drives_the_plunger_farther_and_changes_no_path():
+    plain = Machine().read(
+        write_gcode(fresh(), PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0)).data
+    )
+    options = GcodeOptions(relieve_ul=0, flow_factor=0.8)
+    driven = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
+    assert float(driven.plunger) == pytest.approx(float(plain.plunger) / 0.8, abs=1e-4)
+    assert driven.position == plain.position
+    with pytest.raises(ToolpathError, match="flow_factor"):
+        GcodeOptions(flow_factor=0)

@@ -26,6 +26,8 @@ from printctl.link.clock import VirtualClock
 class FakeMarlin:
     """Bytes in by `receive`, bytes out as its return value."""
 
+    end = "\n"
+
     def __init__(self, rng: np.random.Generator | None = None) -> None:
         self.rng = rng
         self.last = 0

@@ -108,6 +108,32 @@ def test_family_that_forgets_lines_isnt_gone_on_with(firmware, tmp_path):
     assert fake.executed == before
 
 
+class ForgetfulDuet(FakeDuet):
+    """It is reset at a line without a word, and stands somewhere then."""
+
+    def __init__(self, at: float) -> None:
+        super().__init__()
+        self.stands = at
+
+    def do(self, command: str) -> str:
+        if command == JOB[20].decode() and self.stands is not None:
+            self.at = dict.fromkeys("XYZE", self.stands)
+            self.stands = None
+            return ""
+        return super().do(command)
+
+
+@pytest.mark.parametrize(("at", "state"), [(0.0, "position_unknown"), (7.0, "failed")])
+def test_duet_that_was_reset_without_a_word_is_found_out_by_where_it_stands(tmp_path, at, state):
+    fake = ForgetfulDuet(at)
+    streamer = streamer_of("reprapfirmware", fake, tmp_path)
+    status = streamer.run()
+    assert (status.state, status.position_known) == (state, False)
+    assert status.lines_done == 20
+    assert streamer.wiring.clock.now() < 10
+    assert after_handshake(fake.executed) == [line.decode() for line in JOB[:20]]
+
+
 def test_crc_is_that_of_xmodem():
     assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
 

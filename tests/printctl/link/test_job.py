@@ -92,6 +92,11 @@ def test_cooling_stays_on_where_the_profile_says_so():
     assert heaters_off(load(Printer, "marlin_avr")) == [b"M104 S0", b"M140 S0"]
 
 
+def test_what_is_dangerous_goes_off_before_the_heaters():
+    lamp = load(Printer, "marlin_avr").model_copy(update={"safe_state_off": ("M106 P1 S0",)})
+    assert heaters_off(lamp) == [b"M106 P1 S0", b"M104 S0", b"M140 S0"]
+
+
 def test_firmware_that_differs_from_the_profile_is_told():
     firmware = parse_firmware(
         [b"FIRMWARE_NAME:Marlin 2.1 SOURCE_CODE_URL:x", b"Cap:EMERGENCY_PARSER:0"]

@@ -1,103 +1,27 @@
-"""Hypothesis plays the wire of the other families; no line may be lost, swapped or dosed twice.
-
-Noise that the family's own check wouldn't find is left out: what it can't see nobody can.
-"""
+"""The other families by properties; noise that a family's own check wouldn't find is left out."""
 
 from __future__ import annotations
 
 from itertools import groupby
 
-from hypothesis import HealthCheck, settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-
-from printctl.link.protocol import InStep, OutOfStep, Silent, Stray, WasReset, WentBack
 from printctl.link.protocol_klipper import KlipperProtocol
 from printctl.link.protocol_rrf import RrfProtocol
 from printctl.link.protocol_smoothie import SmoothieProtocol
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
-from tests.printctl.link.fake_marlin import zigzag
-
-LINES = zigzag(40)
-FILE = [line.decode() for line in LINES]
+from tests.printctl.link.wire_machine import FILE, WireMachine, as_test
 
 
-class FamilyWire(RuleBasedStateMachine):
-    make_printer = FakeDuet
-    make_protocol = RrfProtocol
-    noisy = True
+class FamilyWire(WireMachine):
+    printer_class = FakeDuet
+    protocol_class = RrfProtocol
     once = False
     """Whether a line may be executed once only; else again, right after itself, at its end."""
 
-    @initialize()
-    def connect(self) -> None:
-        self.printer, self.protocol = self.make_printer(), self.make_protocol()
-        self.now, self.in_step, self.controls = 0.0, 0, 0
-        self.down = self.up = b""
-        self.over = False
-        self.protocol.renumber(self.now)
-        self.run_clean(lambda: self.in_step > 0)
-        self.protocol.load(LINES, 0, 0)
-        self.protocol.held = False
-        self.protocol.go(self.now)
-        self.flow()
+    def make_printer(self, seed: int):
+        return self.printer_class()
 
-    def flow(self) -> None:
-        self.down += self.protocol.take_output()
-
-    def note(self, events) -> None:
-        for event in events:
-            self.over |= isinstance(event, OutOfStep | Silent | WasReset)
-            self.in_step += isinstance(event, InStep)
-            if isinstance(event, WentBack | Stray):
-                self.protocol.held = False
-                self.protocol.go(self.now)
-        self.flow()
-
-    def run_clean(self, done) -> None:
-        for _ in range(3000):
-            if self.over or done():
-                return
-            self.flow()
-            self.printer_reads()
-            if self.up:
-                self.host_reads(len(self.up))
-            else:
-                self.pass_time(0.05)
-
-    def pass_time(self, seconds: float) -> None:
-        self.now += seconds
-        self.note(self.protocol.tick(self.now))
-
-    @rule()
-    def printer_reads(self) -> None:
-        self.up += self.printer.receive(self.down)
-        self.down = b""
-
-    @rule(count=st.integers(1, 60))
-    def host_reads(self, count: int) -> None:
-        data, self.up = self.up[:count], self.up[count:]
-        if data:
-            self.note(self.protocol.feed(data, self.now))
-
-    @rule(times=st.integers(1, 20))
-    def all_is_well(self, times: int) -> None:
-        for _ in range(times):
-            self.printer_reads()
-            self.host_reads(1000)
-
-    @rule(seconds=st.sampled_from([0.001, 0.06, 0.3, 1.1, 2.6, 4.1]))
-    def time_passes(self, seconds: float) -> None:
-        self.printer_reads()
-        self.host_reads(1000)
-        self.pass_time(seconds)
-
-    @precondition(lambda self: self.noisy and self.down)
-    @rule(data=st.data(), bits=st.integers(1, 3))
-    def garble_down(self, data, bits: int) -> None:
-        garbled = self.flip(self.down, data, bits)
-        if self.found_out(garbled):
-            self.down = garbled
+    def make_protocol(self):
+        return self.protocol_class()
 
     def found_out(self, garbled: bytes) -> bool:
         whole = self.printer._rest + self.down
@@ -105,80 +29,24 @@ class FamilyWire(RuleBasedStateMachine):
         lines = (self.printer._rest + garbled).split(b"\n")
         return all(self.printer.accepts(line) in meant | {None, ""} for line in lines)
 
-    @precondition(lambda self: self.noisy and self.up)
-    @rule(data=st.data(), bits=st.integers(1, 3))
-    def garble_up(self, data, bits: int) -> None:
-        self.up = self.flip(self.up, data, bits)
-
-    def flip(self, text: bytes, data, bits: int) -> bytes:
-        out = bytearray(text)
-        for _ in range(bits):
-            place = data.draw(st.integers(0, len(out) - 1))
-            out[place] ^= 1 << data.draw(st.integers(0, 7))
-        return bytes(out)
-
-    @precondition(lambda self: self.noisy and b"ok" in self.up)
-    @rule()
-    def lose_an_ok(self) -> None:
-        end = b"ok" + self.printer.end.encode()
-        self.up = self.up.replace(end, b"", 1)
-
-    @precondition(lambda self: self.noisy and self.down)
-    @rule()
-    def lose_a_line(self) -> None:
-        self.down = self.down.split(b"\n", 1)[1]
-
-    @rule()
-    def a_manual_command(self) -> None:
-        if self.controls < 3 and not self.over:
-            self.controls += 1
-            self.protocol.submit(b"M105", self.now)
-            self.flow()
-
     def taken(self) -> list[str]:
         lines = [line for line in self.printer.executed if line in FILE]
         return lines if self.once else [line for line, _ in groupby(lines)]
 
-    @invariant()
-    def executed_is_a_prefix_of_the_file(self) -> None:
-        taken = self.taken()
-        assert taken == FILE[: len(taken)]
-
-    def teardown(self) -> None:
-        if not hasattr(self, "protocol"):
-            return
-        for _ in range(4):
-            self.run_clean(lambda: self.protocol.idle)
-            self.protocol.go(self.now)
-        self.executed_is_a_prefix_of_the_file()
-        if not self.over:
-            assert self.protocol.lines_done == len(FILE)
-            assert self.taken() == FILE
-
 
 class SmoothieWire(FamilyWire):
-    make_printer = FakeSmoothie
-    make_protocol = SmoothieProtocol
+    printer_class = FakeSmoothie
+    protocol_class = SmoothieProtocol
     once = True
 
 
 class KlipperWire(FamilyWire):
-    make_printer = FakeKlipper
-    make_protocol = KlipperProtocol
+    printer_class = FakeKlipper
+    protocol_class = KlipperProtocol
     noisy = False
     once = True
 
 
-TestDuet, TestSmoothie, TestKlipper = (
-    FamilyWire.TestCase,
-    SmoothieWire.TestCase,
-    KlipperWire.TestCase,
-)
-for case in (TestDuet, TestSmoothie, TestKlipper):
-    case.settings = settings(
-        max_examples=50,
-        stateful_step_count=50,
-        deadline=None,
-        derandomize=True,
-        suppress_health_check=list(HealthCheck),
-    )
+TestDuet = as_test(FamilyWire, 50)
+TestSmoothie = as_test(SmoothieWire, 50)
+TestKlipper = as_test(KlipperWire, 50)

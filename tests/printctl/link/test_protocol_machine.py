@@ -1,115 +1,30 @@
-"""Hypothesis plays the wire and the firmware's moods; no line may be lost, doubled or swapped."""
+"""Marlin by properties: whatever the wire does, no line is lost, doubled or swapped."""
 
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import rule
 
-from printctl.link.protocol import InStep, OutOfStep, Silent, Stray, WasReset, WentBack
+from printctl.link.marlin_doubt import Timing
+from printctl.link.pairing import Pairing
 from printctl.link.protocol_marlin import MarlinProtocol
-from tests.printctl.link.fake_marlin import FakeMarlin, slips_through, zigzag
-
-LINES = zigzag(60)
-FILE = [line.decode() for line in LINES]
+from tests.printctl.link.fake_marlin import FakeMarlin, slips_through
+from tests.printctl.link.wire_machine import MANUAL, WireMachine, as_test
 
 
-class Wire(RuleBasedStateMachine):
-    @initialize(seed=st.integers(0, 2**32 - 1))
-    def connect(self, seed: int) -> None:
-        self.rng = np.random.default_rng(seed)
-        self.printer = FakeMarlin(self.rng)
-        self.protocol = MarlinProtocol()
-        self.now = 0.0
-        self.down = self.up = b""
-        self.over = False
-        self.in_step = 0
-        self.controls = 0
-        self.protocol.renumber(self.now)
-        self.run_clean(lambda: self.in_step > 0)
-        self.protocol.load(LINES, 0, 0)
-        self.protocol.held = False
-        self.protocol.go(self.now)
-        self.flow()
+class MarlinWire(WireMachine):
+    def make_printer(self, seed: int) -> FakeMarlin:
+        return FakeMarlin(np.random.default_rng(seed))
 
-    # --- the wire
+    def make_protocol(self) -> MarlinProtocol:
+        return MarlinProtocol()
 
-    def flow(self) -> None:
-        self.down += self.protocol.take_output()
+    def found_out(self, garbled: bytes) -> bool:
+        return not slips_through(self.down, garbled)
 
-    def note(self, events) -> None:
-        for event in events:
-            self.over |= isinstance(event, OutOfStep | Silent | WasReset)
-            self.in_step += isinstance(event, InStep)
-            if isinstance(event, WentBack | Stray):
-                self.protocol.held = False
-                self.protocol.go(self.now)
-        self.flow()
-
-    def run_clean(self, done) -> None:
-        for _ in range(2000):
-            if self.over or done():
-                return
-            self.flow()
-            self.printer_reads()
-            if self.up:
-                self.host_reads(len(self.up))
-            else:
-                self.pass_time(0.05)
-
-    def pass_time(self, seconds: float) -> None:
-        self.now += seconds
-        self.note(self.protocol.tick(self.now))
-
-    # --- what may happen
-
-    @rule()
-    def printer_reads(self) -> None:
-        self.up += self.printer.receive(self.down)
-        self.down = b""
-
-    @rule(count=st.integers(1, 60))
-    def host_reads(self, count: int) -> None:
-        data, self.up = self.up[:count], self.up[count:]
-        if data:
-            self.note(self.protocol.feed(data, self.now))
-
-    @rule(times=st.integers(1, 20))
-    def all_is_well(self, times: int) -> None:
-        for _ in range(times):
-            self.printer_reads()
-            self.host_reads(1000)
-
-    @rule(seconds=st.sampled_from([0.001, 0.06, 0.3, 1.1, 2.6]))
-    def time_passes(self, seconds: float) -> None:
-        self.printer_reads()
-        self.host_reads(1000)
-        self.pass_time(seconds)
-
-    @precondition(lambda self: self.down)
-    @rule(data=st.data(), bits=st.integers(1, 3))
-    def garble_down(self, data, bits: int) -> None:
-        garbled = self.flip(self.down, data, bits)
-        if not slips_through(self.down, garbled):
-            self.down = garbled
-
-    @precondition(lambda self: self.up)
-    @rule(data=st.data(), bits=st.integers(1, 3))
-    def garble_up(self, data, bits: int) -> None:
-        self.up = self.flip(self.up, data, bits)
-
-    def flip(self, text: bytes, data, bits: int) -> bytes:
-        out = bytearray(text)
-        for _ in range(bits):
-            place = data.draw(st.integers(0, len(out) - 1))
-            out[place] ^= 1 << data.draw(st.integers(0, 7))
-        return bytes(out)
-
-    @precondition(lambda self: b"ok\n" in self.up)
-    @rule()
-    def lose_an_ok(self) -> None:
-        self.up = self.up.replace(b"ok\n", b"", 1)
+    def taken(self) -> list[str]:
+        return [line for line in self.printer.numbered if line != MANUAL]
 
     @rule(
         text=st.sampled_from(
@@ -127,44 +42,13 @@ class Wire(RuleBasedStateMachine):
         if self.up.endswith(b"\n") or not self.up:
             self.up += text
 
-    @rule()
-    def a_manual_command(self) -> None:
-        if self.controls < 3 and not self.over:
-            self.controls += 1
-            self.protocol.submit(b"M105", self.now)
-            self.flow()
 
-    # --- what must hold
+class PairsWire(MarlinWire):
+    """Two lines in flight, after a doubt at once again; the flush may cut anywhere."""
 
-    def taken(self) -> list[str]:
-        return [line for line in self.printer.numbered if line != "M105"]
-
-    @invariant()
-    def executed_is_a_prefix_of_the_file(self) -> None:
-        taken = self.taken()
-        assert taken == FILE[: len(taken)]
-
-    def teardown(self) -> None:
-        if not hasattr(self, "protocol"):
-            return
-        for _ in range(4):
-            self.run_clean(lambda: self.protocol.idle)
-            self.in_step = 0
-            if not self.over:
-                self.protocol.ask(self.now)
-                self.run_clean(lambda: self.in_step > 0)
-            self.protocol.go(self.now)
-        self.executed_is_a_prefix_of_the_file()
-        if not self.over:
-            assert self.protocol.lines_done == len(FILE)
-            assert self.taken() == FILE
+    def make_protocol(self) -> MarlinProtocol:
+        return MarlinProtocol(Timing(calm_lines=0), Pairing(128))
 
 
-TestWire = Wire.TestCase
-TestWire.settings = settings(
-    max_examples=60,
-    stateful_step_count=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=list(HealthCheck),
-)
+TestOneInFlight = as_test(MarlinWire)
+TestTwoInFlight = as_test(PairsWire, 80)

@@ -8,6 +8,9 @@ import threading
 
 import pytest
 
+from printctl.link.care import NewSyringe
+from printctl.link.errors import LinkError
+from printctl.link.marks import MarkKind
 from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
 
@@ -23,11 +26,19 @@ class Spy:
     def stop(self) -> None:
         self.wishes.append("stop")
 
-    def pause(self) -> None:
-        self.wishes.append("pause")
+    def pause(self, after: MarkKind | None = None) -> None:
+        if after is MarkKind.VESSEL:
+            raise LinkError("no end of a vessel is marked")
+        self.wishes.append(f"pause after {after}" if after else "pause")
 
-    def resume(self) -> None:
-        self.wishes.append("resume")
+    def reload(self) -> None:
+        self.wishes.append("reload")
+
+    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+        self.wishes.append(f"resume {change}" if change else "resume")
+
+    def alive(self) -> None:
+        self.wishes.append("alive")
 
     def command(self, text: bytes, done) -> None:
         self.wishes.append(text.decode())
@@ -92,6 +103,24 @@ def test_status_and_wishes_arrive(door):
     assert spy.wishes == ["stop", "pause", "resume", "M114"]
 
 
+def test_wish_that_asks_for_an_answer_is_heard_or_refused(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="pause", after="layer", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "pause"}
+    say(guest, do="pause", after="vessel", answer=True, token=token)
+    assert hear(guest) == {"event": "refused", "message": "no end of a vessel is marked"}
+    say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
+    assert hear(guest)["event"] == "heard"
+    say(guest, do="pause", after="lunch", answer=True, token=token)
+    assert "can't read" in hear(guest)["message"]
+    for wish in ("reload", "alive"):
+        say(guest, do=wish, answer=True, token=token)
+        assert hear(guest)["event"] == "heard"
+    change = NewSyringe(plunger_mm=2.5)
+    assert spy.wishes == ["pause after layer", f"resume {change}", "reload", "alive"]
+
+
 def test_only_subscribers_are_told(door):
     _, server, enter, token = door
     one, other = enter(), enter()
@@ -117,7 +146,9 @@ def test_nonsense_is_refused_and_the_door_stays_open(door, line):
     assert spy.wishes == []
 
 
-@pytest.mark.parametrize("text", ["M110 N5", "M112", "M83", "g91", "G1 X1*5", "", "G1\nX2", "µ"])
+@pytest.mark.parametrize(
+    "text", ["M110 N5", "M112", "M83", "g91", "G92 E0", "G1 X1*5", "", "G1\nX2", "µ"]
+)
 def test_command_that_must_not_be_sent_is_refused(door, text):
     spy, _, enter, token = door
     guest = enter()

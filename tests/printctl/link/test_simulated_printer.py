@@ -18,10 +18,12 @@ from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
+from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
+from sim.faults import parse_fault
 from sim.marlin import MarlinPrinter
-from sim.marlin_board import Board, parse_fault
+from sim.marlin_board import Board
 from tests.printctl.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")
@@ -86,6 +88,14 @@ def test_reset_in_mid_print_ends_as_position_unknown(tmp_path):
     assert status.state is LinkState.POSITION_UNKNOWN
     assert not status.position_known
     assert 38 <= status.lines_done <= 40
+
+
+def test_reset_during_the_handshake_ends_as_failed_and_moves_nothing(tmp_path):
+    transport = wire("reset@3")
+    status, _ = printed(gcode(100), tmp_path, transport)
+    assert (status.state, status.error) == (LinkState.FAILED, "HandshakeError")
+    assert "reset during the handshake" in status.message
+    assert len(transport.printer.executed()) == 0
 
 
 def test_firmware_that_kills_itself_ends_as_killed(tmp_path):
@@ -203,26 +213,11 @@ def test_advanced_ok_is_understood(tmp_path):
     assert status.line_errors == 0
 
 
-class HostDiedError(BaseException):
-    """In place of kill -9: nothing of the host runs after it."""
-
-
-class DoomedTransport(SimTransport):
-    """Dies at its ``last``-th write, of which only a part leaves."""
-
-    def __init__(self, printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> None:
-        super().__init__(printer, clock)
-        self._left, self._part = last, part
-
-    def write(self, data: bytes) -> None:
-        self._left -= 1
-        if self._left > 0:
-            super().write(data)
-            return
-        super().write(data[: round(len(data) * self._part)])
-        self.printer.settle()
-        self.printer.take_output()  # the answer, if any, reaches nobody
-        raise HostDiedError
+def doomed(printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> SimTransport:
+    """A wire on which the host dies in its ``last``-th write, of which only a part leaves."""
+    transport = SimTransport(printer, clock)
+    transport.die_at(last, part)
+    return transport
 
 
 def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
@@ -272,7 +267,7 @@ def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
 def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
     with pytest.raises(HostDiedError):
-        printed(data, tmp_path, DoomedTransport(printer, clock, 60, 1.0))
+        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
     printer.reset()
     printer.settle()
     printer.take_output()
@@ -287,11 +282,11 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     rng = np.random.default_rng(seed)
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
     handshake = 8  # writes before the first job line
-    doomed = DoomedTransport(printer, clock, handshake + int(rng.integers(1, 60)), rng.random())
+    last = handshake + int(rng.integers(1, 60))
     with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed)
+        printed(data, tmp_path, doomed(printer, clock, last, rng.random()))
     with pytest.raises(HostDiedError):
-        resumed(data, tmp_path, DoomedTransport(printer, clock, int(rng.integers(1, 9)), 0.5))
+        resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
     status = resumed(data, tmp_path, SimTransport(printer, clock))
     assert status.state is LinkState.DONE, status
     motion = printer.executed()

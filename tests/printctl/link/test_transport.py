@@ -7,9 +7,10 @@ import socket
 import threading
 
 import pytest
-from serial import SerialException
+from serial import Serial, SerialException
 
 from firmware_profiles import Printer, load
+from printctl.link import transport_serial
 from printctl.link.errors import PortDenied, PortError, PortInUse, PortLost, PortMissing
 from printctl.link.ports import list_ports
 from printctl.link.transport import open_port
@@ -51,6 +52,38 @@ def test_port_is_held_by_one_program_alone():
     wire = SerialTransport(os.ttyname(slave), 115_200)
     with pytest.raises(PortInUse, match="another program"):
         SerialTransport(os.ttyname(slave), 115_200)
+    wire.close()
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.parametrize(("dtr", "rts"), [(True, True), (False, True), (False, False)])
+def test_modem_lines_are_as_the_profile_says_before_the_port_opens(monkeypatch, dtr, rts):
+    lines = []
+
+    class Spy(Serial):
+        def open(self) -> None:
+            lines.append((self.port, self.dtr, self.rts))
+            raise SerialException(2, "no such port")
+
+    monkeypatch.setattr(transport_serial.serial, "Serial", Spy)
+    facts = PRINTER.model_copy(update={"dtr": dtr, "rts": rts})
+    with pytest.raises(PortMissing):
+        open_port("/dev/board", facts)
+    assert lines == [("/dev/board", dtr, rts)]
+
+
+@needs_pty
+def test_rate_is_changed_while_the_port_is_open():
+    import termios
+
+    master, slave = os.openpty()
+    wire = SerialTransport(os.ttyname(slave), 115_200)
+    os.write(master, b"from another rate")
+    wire.set_baud(57_600)
+    assert termios.tcgetattr(slave)[5] == termios.B57600
+    assert not termios.tcgetattr(slave)[2] & termios.HUPCL
+    assert wire.read(0.0) == b""
     wire.close()
     os.close(slave)
     os.close(master)

@@ -1,0 +1,204 @@
+"""What can be wrong with a profile though every key is within its bounds: keys against each other.
+
+Nothing here knows a real machine; `printctl profiles probe` asks one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles.schema import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
+
+AVR_STEPS_HZ: Final = 40_000.0
+"""What Marlin's stepper interrupt does on an ATmega2560 at 16 MHz, all axes together."""
+WITH_TIMEOUT: Final = ("marlin", "prusa", "klipper")
+SMALLEST_DOSE_UL: Final = 0.02
+STEP_SHARE: Final = 0.25
+"""A step should be at most this part of the smallest dose."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something wrong with a profile, or to be known of it.
+
+    Attributes
+    ----------
+    key : str
+    text : str
+        What, value, limit, unit, remedy.
+    grave : bool
+        Whether the profile mustn't be used so.
+    """
+
+    key: str
+    text: str
+    grave: bool = True
+
+
+def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
+    """All that is to be said of a profile.
+
+    Parameters
+    ----------
+    facts : Facts
+    syringes : sequence of Syringe
+        To hold a printer's plunger against.
+    """
+    found: list[Doubt] = []
+    match facts:
+        case Printer():
+            found += [*_printer(facts), *_plunger(facts, syringes)]
+        case Syringe():
+            found += _syringe(facts)
+        case Needle():
+            found += _needle(facts)
+        case Ink():
+            found += _ink(facts)
+        case Bath():
+            found += _bath(facts)
+        case Dish():
+            pass
+    unmeasured = ", ".join(facts.starting_values)
+    if unmeasured:
+        found.append(Doubt("starting_values", f"to be measured before use: {unmeasured}", False))
+    return found
+
+
+def _printer(printer: Printer) -> Iterator[Doubt]:
+    limit = printer.max_step_rate_hz or AVR_STEPS_HZ
+    whose = "max_step_rate_hz" if printer.max_step_rate_hz else "an 8-bit board's; else say it"
+    for axis in "xyze":
+        rate = getattr(printer.steps_per_mm, axis) * getattr(printer.max_speed_mm_s, axis)
+        if rate > limit:
+            yield Doubt(
+                f"max_speed_mm_s.{axis}",
+                f"{getattr(printer.steps_per_mm, axis):g} steps/mm at "
+                f"{getattr(printer.max_speed_mm_s, axis):g} mm/s are {rate:.0f} steps/s, above "
+                f"{limit:.0f} ({whose}: max_step_rate_hz); lower the speed",
+            )
+    for axis in "xy":
+        most = getattr(printer.max_acceleration_mm_s2, axis)
+        if printer.acceleration_mm_s2 > most:
+            yield Doubt(
+                "acceleration_mm_s2",
+                f"{printer.acceleration_mm_s2:g} mm/s² is above the {most:g} mm/s² of {axis} "
+                "(max_acceleration_mm_s2); the firmware would use the lower",
+                False,
+            )
+    if printer.firmware == "marlin" and printer.max_line_bytes > printer.receive_buffer_bytes:
+        yield Doubt(
+            "max_line_bytes",
+            f"{printer.max_line_bytes} bytes don't fit into the receive buffer of "
+            f"{printer.receive_buffer_bytes} (receive_buffer_bytes); lines would be cut",
+        )
+    yield from _safety(printer)
+
+
+def _safety(printer: Printer) -> Iterator[Doubt]:
+    timed = printer.firmware in WITH_TIMEOUT
+    if timed and printer.idle_timeout_s == 0:
+        yield Doubt(
+            "idle_timeout_s",
+            "0 s: a dead host leaves heaters and motors on; 600 s is usual",
+            False,
+        )
+    if not timed:
+        yield Doubt(
+            "firmware",
+            f"{printer.firmware} has no timeout that a job can set: a dead host leaves heaters "
+            "and motors on",
+            False,
+        )
+    if "safe_state_on" not in printer.model_fields_set:
+        yield Doubt(
+            "safe_state_on",
+            "not said: after a stop all heaters go off; name what must stay on (ink cooling, bath "
+            "cooling), or write [] if nothing must",
+        )
+    for item in printer.safe_state_on:
+        if not item.startswith(("ink", "bath")):
+            yield Doubt(
+                "safe_state_on",
+                f"{item!r} begins with neither ink (the tool's temperature) nor bath (the bed's), "
+                "so nothing would keep it on",
+            )
+
+
+def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
+    """Steps, speed and stroke of the plunger in each syringe."""
+    for syringe in syringes:
+        area = math.pi / 4 * syringe.inner_mm**2
+        step_ul = area / printer.steps_per_mm.e
+        if step_ul > STEP_SHARE * SMALLEST_DOSE_UL:
+            yield Doubt(
+                "steps_per_mm.e",
+                f"one step is {step_ul * 1e3:.3g} nL in {syringe.name}, more than a quarter of "
+                f"the smallest dose, {SMALLEST_DOSE_UL:g} µL; take a narrower syringe or finer "
+                "steps",
+                False,
+            )
+        stroke = syringe.volume_ul / area
+        if stroke > printer.plunger_travel_mm + 0.5:
+            yield Doubt(
+                "plunger_travel_mm",
+                f"{syringe.name} is {stroke:.1f} mm long when full, above "
+                f"{printer.plunger_travel_mm:g} mm; it can't be filled whole",
+                False,
+            )
+
+
+def _syringe(syringe: Syringe) -> Iterator[Doubt]:
+    stroke = syringe.volume_ul / (math.pi / 4 * syringe.inner_mm**2)
+    if not 5 <= stroke <= 200:
+        yield Doubt(
+            "inner_mm",
+            f"{syringe.volume_ul:g} µL in a bore of {syringe.inner_mm:g} mm are {stroke:.3g} mm "
+            "long; 5 to 200 mm is what syringes are: see the units",
+        )
+    if syringe.dead_volume_ul > 0.5 * syringe.volume_ul:
+        yield Doubt(
+            "dead_volume_ul",
+            f"{syringe.dead_volume_ul:g} µL are more than half of {syringe.volume_ul:g} µL "
+            "(volume_ul): see the units",
+        )
+
+
+def _needle(needle: Needle) -> Iterator[Doubt]:
+    wall = (needle.outer_mm - needle.inner_mm) / 2
+    if wall < 0.02:
+        yield Doubt(
+            "outer_mm",
+            f"a wall of {wall * 1e3:.3g} µm is thinner than any needle's (20 µm); see both "
+            "diameters",
+        )
+    if needle.length_mm < 5 * needle.inner_mm:
+        yield Doubt(
+            "length_mm",
+            f"{needle.length_mm:g} mm is short for a bore of {needle.inner_mm:g} mm: see the units",
+        )
+
+
+def _ink(ink: Ink) -> Iterator[Doubt]:
+    yield from _measured(ink.calibrated, ink)
+
+
+def _bath(bath: Bath) -> Iterator[Doubt]:
+    yield from _measured(bath.calibrated, bath)
+    if bath.melt_out_c is not None and bath.max_printing_c >= bath.melt_out_c:
+        yield Doubt(
+            "max_printing_c",
+            f"{bath.max_printing_c:g} °C isn't below melt_out_c, {bath.melt_out_c:g} °C: it would "
+            "melt while it is printed in",
+        )
+
+
+def _measured(calibrated: bool, facts: Facts) -> Iterator[Doubt]:
+    if calibrated and facts.starting_values:
+        yield Doubt(
+            "calibrated",
+            f"true, but starting_values has {', '.join(facts.starting_values)}; take out what was "
+            "measured, or say false",
+        )

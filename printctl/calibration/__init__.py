@@ -1,0 +1,30 @@
+"""Constants of a machine and an ink, from measurements, each with its uncertainty."""
+
+from printctl.calibration.backlash import Backlash, fit_backlash
+from printctl.calibration.estimate import Estimate
+from printctl.calibration.lag import Lag, LagPattern, fit_lag
+from printctl.calibration.level import Level, fit_level, gap_between
+from printctl.calibration.offset import fit_offset
+from printctl.calibration.paths import backlash_path, lag_path, weighing_path
+from printctl.calibration.readings import Readings, read_readings
+from printctl.calibration.weighing import Weighing, fit_weighing
+
+__all__ = [
+    "Backlash",
+    "Estimate",
+    "Lag",
+    "LagPattern",
+    "Level",
+    "Readings",
+    "Weighing",
+    "backlash_path",
+    "fit_backlash",
+    "fit_lag",
+    "fit_level",
+    "fit_offset",
+    "fit_weighing",
+    "gap_between",
+    "lag_path",
+    "read_readings",
+    "weighing_path",
+]

@@ -1,0 +1,54 @@
+"""Lost motion when an axis turns round, and its scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.calibration.estimate import Estimate, fit_line
+from printctl.errors import UsageError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Backlash:
+    """Of one axis.
+
+    Attributes
+    ----------
+    lost_mm : Estimate
+        How much farther the axis stands when it comes from above than from below.
+    scale : Estimate
+        Travelled over commanded distance.
+    scatter_mm : float
+        Standard deviation of one reading.
+    """
+
+    lost_mm: Estimate
+    scale: Estimate
+    scatter_mm: float
+
+
+def fit_backlash(target_mm: FloatArray, approach: FloatArray, measured_mm: FloatArray) -> Backlash:
+    """Fit measured = c + s · target − approach · B/2.
+
+    Parameters
+    ----------
+    target_mm, measured_mm : (n,) float64
+        Commanded place and what the dial says, from any zero.
+    approach : (n,) float64
+        +1 where the axis came from below, -1 from above.
+
+    Raises
+    ------
+    UsageError
+        With too few readings, or from one side only.
+    """
+    if not np.all(np.abs(approach) == 1):
+        raise UsageError("approach must be 1 (came from below) or -1 (from above) in every row")
+    columns = np.column_stack([np.ones(len(target_mm)), target_mm, -approach / 2])
+    fit = fit_line(columns, measured_mm, "backlash")
+    return Backlash(fit.estimate(2, "mm"), fit.estimate(1, "mm/mm"), fit.residual)

@@ -1,0 +1,95 @@
+"""Readings from a CSV file: named columns, units in the names, ``# key=value`` before them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Readings:
+    """A table of readings.
+
+    Attributes
+    ----------
+    numbers : dict of str to (n,) float64
+    words : dict of str to list of str
+        Columns that aren't numbers.
+    facts : dict of str to float
+        What the lines ``# key=value`` say, as `printctl calibrate` wrote them.
+    """
+
+    numbers: dict[str, NDArray[np.float64]]
+    words: dict[str, list[str]]
+    facts: dict[str, float]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.numbers.values())))
+
+
+def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = ()) -> Readings:
+    """Read a file; rows whose last number is empty weren't measured and are left out.
+
+    Raises
+    ------
+    UsageError
+        For a missing file or column, or what isn't a number; the message names the line.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as exc:
+        raise UsageError(f"{path} can't be read: {exc}; give a CSV file") from exc
+    facts = _facts(lines)
+    kept = [(at, text) for at, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
+    if not kept:
+        raise UsageError(f"{path} is empty; it wants the columns {', '.join((*words, *numbers))}")
+    header = [name.strip() for name in next(csv.reader([kept[0][1]]))]
+    missing = [name for name in (*numbers, *words) if name not in header]
+    if missing:
+        raise UsageError(
+            f"{path}, line {kept[0][0]}: no column {missing[0]!r} (there are {', '.join(header)}); "
+            f"it wants {', '.join((*words, *numbers))}, units as in the names"
+        )
+    rows = [
+        (at, dict(zip(header, map(str.strip, next(csv.reader([text]))), strict=False)))
+        for at, text in kept[1:]
+    ]
+    rows = [(at, row) for at, row in rows if row.get(numbers[-1])]
+    if not rows:
+        raise UsageError(f"{path} has no reading in the column {numbers[-1]!r}; fill it in")
+    return Readings(
+        {name: np.array([_number(path, at, name, row) for at, row in rows]) for name in numbers},
+        {name: [row.get(name, "") for _, row in rows] for name in words},
+        facts,
+    )
+
+
+def _facts(lines: list[str]) -> dict[str, float]:
+    found = {}
+    for text in lines:
+        if text.startswith("#"):
+            key, _, value = text[1:].partition("=")
+            try:
+                found[key.strip()] = float(value)
+            except ValueError:
+                continue
+    return found
+
+
+def _number(path: Path, at: int, name: str, row: dict[str, str]) -> float:
+    try:
+        value = float(row.get(name, ""))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UsageError(
+            f"{path}, line {at}: {name} is {row.get(name, '')!r}, not a number; write it like 1.25"
+        )
+    return value

@@ -1,0 +1,25 @@
+"""`printctl calibrate`: write a test, read what was measured, give the constant with its interval.
+
+A subcommand with a test has two ways: ``--gcode FILE`` writes the G-code and, beside it, a CSV file
+to fill in; with that file as argument it fits. No profile is written but with ``--write``.
+"""
+
+from __future__ import annotations
+
+import typer
+
+from printctl.cli.calibrate_backlash import backlash
+from printctl.cli.calibrate_lag import lag
+from printctl.cli.calibrate_level import level
+from printctl.cli.calibrate_offset import offset
+from printctl.cli.calibrate_weigh import weigh
+
+calibrate = typer.Typer(
+    help="Measure a machine's and an ink's constants, each with its uncertainty.",
+    no_args_is_help=True,
+)
+calibrate.command("weigh")(weigh)
+calibrate.command("offset")(offset)
+calibrate.command("level")(level)
+calibrate.command("backlash")(backlash)
+calibrate.command("lag")(lag)

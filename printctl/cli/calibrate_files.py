@@ -1,0 +1,84 @@
+"""What `printctl calibrate` writes: a test's G-code with a CSV to fill in, and a mended profile."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+import yaml
+
+from design.files import write_bytes, write_text
+from design.toolpath import Toolpath
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Facts, Printer, Syringe
+from printctl.calibration import Estimate
+from printctl.cli.options import messages, print_lines
+from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
+from sim.dryrun import dry_run
+
+
+@dataclass(frozen=True)
+class Job:
+    """A test: where it goes, what it does, on what, from where."""
+
+    path: Path
+    toolpath: Toolpath
+    printer: Printer
+    syringe: Syringe
+    at_mm: tuple[float, float, float]
+
+
+def write_test(
+    job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
+) -> None:
+    """Write the G-code and the CSV file beside it, after the same checks as a print's.
+
+    Raises
+    ------
+    SafetyError
+        When a check refuses it.
+    """
+    options = GcodeOptions(start_mm=job.at_mm, relieve_ul=0.0)
+    gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
+    run = dry_run(gcode.data, job.printer, job.at_mm)
+    checks = [*gcode_checks(run, job.printer), *syringe_checks(run, job.printer, job.syringe)]
+    refuse_failed(checks)
+    for text in warnings(checks):
+        messages().print(f"note: {text}", markup=False)
+    write_bytes(job.path, gcode.data)
+    table = io.StringIO()
+    table.writelines(f"# {key}={value:g}\n" for key, value in facts.items())
+    csv.writer(table, lineterminator="\n").writerows([list(columns), *rows])
+    sheet = job.path.with_suffix(".csv")
+    write_text(sheet, table.getvalue())
+    start = ",".join(f"{value:g}" for value in job.at_mm)
+    print_lines(
+        f"{job.path}: {gcode.line_count} lines, {run.duration_s:.0f} s; put the tip to {start} "
+        f"and print it with --start {start}",
+        f"{sheet}: fill in the last column ({columns[-1]}), then give it to the same command",
+    )
+
+
+def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None:
+    """Write a copy of a profile with one key measured; its source says so."""
+    data = facts.model_dump(mode="json", exclude_unset=True)
+    name, _, part = key.partition(".")
+    if part:
+        data[name] = {**getattr(facts, name).model_dump(mode="json"), part: estimate.value}
+    else:
+        data[name] = estimate.value
+    left = [other for other in facts.starting_values if other != key]
+    if left:
+        data["starting_values"] = left
+    else:
+        data.pop("starting_values", None)
+    data["source"] = (
+        f"{facts.source} {key} measured by printctl calibrate, {date.today().isoformat()}: "
+        f"{estimate.text()}, 95 %."
+    )
+    type(facts).model_validate(data)
+    write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
+    messages().print(f"wrote {path}: {key} {estimate.text()}", markup=False)

@@ -1,0 +1,100 @@
+"""`printctl calibrate lag`: pressure lag and flow factor, from one printed line."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.calibration import Estimate, Lag, LagPattern, fit_lag, lag_path
+from printctl.cli.calibrate_files import Job, write_mended, write_test
+from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, tell
+from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
+
+
+def lag(
+    readings: Csv = None,
+    printer: PrinterOption = "generic_marlin",
+    syringe: SyringeOption = "hamilton_1ml",
+    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    slow: Annotated[float, typer.Option("--slow", help="mm/s", min=0.01)] = 4.0,
+    fast: Annotated[float, typer.Option("--fast", help="mm/s", min=0.01)] = 16.0,
+    length: Annotated[float, typer.Option("--length", help="Of each stretch, mm.", min=1)] = 40.0,
+    width: Annotated[float, typer.Option("--width", help="Of the line, mm.", min=0.01)] = 0.4,
+    layer: Annotated[float, typer.Option("--layer", help="mm", min=0.01)] = 0.2,
+    round_bead: Annotated[
+        bool, typer.Option("--round/--flat", help="A filament in a bath, or a bead on a plate.")
+    ] = False,
+    lines: Annotated[int, typer.Option("--lines", help="Of the test.", min=1)] = 3,
+    at: At = "40,100,1",
+    gcode: Gcode = None,
+    write: Write = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there."""
+    material = load(Ink, ink)
+    said = {"slow_mm_s": slow, "fast_mm_s": fast, "length_mm": length, "width_mm": width}
+    said |= {"layer_mm": layer, "round": float(round_bead)}
+    if gcode is not None:
+        path = lag_path(
+            _pattern(said),
+            lines,
+            prime_ul=material.retract_ul,
+            flow_ul_s=material.plunger_ul_s,
+            spacing_mm=10 * width,
+        )
+        place = three_numbers(at, "--at")
+        job = Job(gcode, path, load(Printer, printer), load(Syringe, syringe), place)
+        write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], said)
+        return
+    data = given(readings, ("x_mm", "width_mm"))
+    found = fit_lag(data.numbers["x_mm"], data.numbers["width_mm"], _pattern(said | data.facts))
+    factor = found.flow_factor.times(material.flow_factor, "")
+    tell(_told(found, factor), _notes(found), as_json)
+    if write is not None:
+        write_mended(write, material, "flow_factor", factor)
+
+
+def _pattern(said: dict[str, float]) -> LagPattern:
+    """The line, as options say it or the CSV file that was written with its G-code."""
+    return LagPattern(
+        said["slow_mm_s"],
+        said["fast_mm_s"],
+        said["length_mm"],
+        said["width_mm"],
+        said["layer_mm"],
+        "round" if said["round"] else "flat",
+    )
+
+
+def _told(found: Lag, factor: Estimate) -> dict[str, Estimate]:
+    return {
+        "flow factor": factor,
+        "τ, flow going up": found.rise_s,
+        "τ, flow going down": found.fall_s,
+        "K (advance)": found.advance_s,
+    }
+
+
+def _notes(found: Lag) -> list[str]:
+    return [
+        f"one width scatters by {found.scatter_mm * 1e3:.3g} µm",
+        "rise and fall agree: the ink is linear here"
+        if found.linear
+        else "rise and fall differ: the ink holds pressure by its yield stress, so no single K "
+        "is right; keep to one speed",
+        "printctl sends no advance: set it in the firmware (Marlin M900 K, RepRapFirmware M572 S, "
+        "Klipper SET_PRESSURE_ADVANCE) and print the test again",
+    ]
+
+
+def _places(length: float) -> list[float]:
+    """Where to measure: close together after the changes of speed."""
+    after = [0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 0.95]
+    steady = [0.55, 0.65, 0.75, 0.85, 0.95]
+    return [
+        round(length * (stretch + part), 3)
+        for stretch, parts in ((0, steady), (1, after), (2, after))
+        for part in parts
+    ]

@@ -1,0 +1,78 @@
+"""`printctl calibrate weigh`: steps per µL, by weight."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from firmware_profiles import Printer, Syringe, load
+from printctl.calibration import Estimate, Weighing, fit_weighing, weighing_path
+from printctl.cli.calibrate_files import Job, write_mended, write_test
+from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, numbers_of, tell
+from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
+from printctl.errors import UsageError
+
+
+def weigh(
+    readings: Csv = None,
+    printer: PrinterOption = "generic_marlin",
+    syringe: SyringeOption = "hamilton_1ml",
+    density: Annotated[float, typer.Option("--density", help="Of what is weighed, g/cm³.")] = 0.998,
+    density_error: Annotated[
+        float, typer.Option("--density-error", help="Half of its 95 % interval, g/cm³.", min=0)
+    ] = 0.001,
+    mend: Annotated[
+        str, typer.Option("--mend", help="What --write changes: bore (syringe) or steps (printer).")
+    ] = "steps",
+    doses: Annotated[str, typer.Option("--doses", help="Of the test, µL.")] = "20,40,60",
+    repeats: Annotated[int, typer.Option("--repeats", help="Of each dose.", min=1)] = 4,
+    flow: Annotated[float, typer.Option("--flow", help="Of the test, µL/s.", min=0.001)] = 2.0,
+    wait: Annotated[float, typer.Option("--wait", help="To change vials, s.", min=0)] = 30.0,
+    at: At = "100,100,50",
+    gcode: Gcode = None,
+    write: Write = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose."""
+    machine, filled = load(Printer, printer), load(Syringe, syringe)
+    if gcode is not None:
+        volumes = numbers_of(doses, "--doses") * repeats
+        per_ul = 4 / (math.pi * filled.inner_mm**2)
+        rows = [[f"{volume * per_ul:.5f}", ""] for volume in volumes]
+        path = weighing_path(volumes, flow, wait)
+        job = Job(gcode, path, machine, filled, three_numbers(at, "--at"))
+        write_test(job, ("travel_mm", "mass_mg"), rows, {})
+        return
+    if mend not in ("bore", "steps"):
+        raise UsageError(f"--mend {mend!r} is neither bore nor steps")
+    data = given(readings, ("travel_mm", "mass_mg"))
+    found = fit_weighing(data.numbers["travel_mm"], data.numbers["mass_mg"], density, density_error)
+    tell(_told(found, machine, filled), _notes(found, filled), as_json)
+    if write is not None and mend == "bore":
+        write_mended(write, filled, "inner_mm", found.bore_mm())
+    elif write is not None:
+        write_mended(write, machine, "steps_per_mm.e", found.steps_per_mm(machine, filled))
+
+
+def _told(found: Weighing, machine: Printer, filled: Syringe) -> dict[str, Estimate]:
+    lines = {
+        "volume per travel": found.ul_per_mm,
+        "steps per volume": found.steps_per_ul(machine),
+        "steps per travel, if the bore is right": found.steps_per_mm(machine, filled),
+        "bore, if the steps are right": found.bore_mm(),
+    }
+    if found.lost_ul is not None:
+        lines["missing from each dose"] = found.lost_ul
+    return lines
+
+
+def _notes(found: Weighing, filled: Syringe) -> list[str]:
+    nominal = math.pi / 4 * filled.inner_mm**2
+    agrees = found.ul_per_mm.holds(nominal)
+    return [
+        f"one dose scatters by {found.scatter_ul:.3g} µL",
+        f"the profiles say {nominal:.3f} µL/mm, which "
+        f"{'agrees' if agrees else 'does not agree: mend steps or bore'}",
+    ]

@@ -1,0 +1,50 @@
+"""Options of how a print is watched over."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from printctl.link.care import Care
+
+CheckpointOption = Annotated[
+    float,
+    typer.Option(
+        "--checkpoint-every",
+        metavar="SECONDS",
+        min=0.0,
+        help="Verify the position where a layer or pass ends, at most so often; 0 for each end, "
+        "inf for none.",
+    ),
+]
+DeadmanOption = Annotated[
+    float,
+    typer.Option(
+        "--deadman",
+        metavar="MINUTES",
+        min=0.0,
+        help="Pause unless somebody confirms within this time (`printctl alive`).",
+    ),
+]
+DeadmanStopsFlag = Annotated[bool, typer.Option("--deadman-stops", help="Stop instead of pausing.")]
+PrimeOption = Annotated[
+    float, typer.Option("--prime-ul", min=0.0, help="Ink to push in addition after a pause, µL.")
+]
+ReloadFlag = Annotated[
+    bool, typer.Option("--reload", help="Pause for a new syringe where one doesn't last.")
+]
+
+
+def care_for(
+    syringe: str, capacity_mm: float, checkpoint_every: float, deadman: float, stops: bool
+) -> Care:
+    """From the options' seconds and minutes."""
+    return Care(
+        checkpoint_s=None if math.isinf(checkpoint_every) else checkpoint_every,
+        deadman_s=60.0 * deadman,
+        deadman_stops=stops,
+        syringe=syringe,
+        capacity_mm=capacity_mm,
+    )

@@ -1,0 +1,42 @@
+"""`printctl pause`: hold a print."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import print_lines
+from printctl.cli.run_folder import RunArg, running_print
+from printctl.errors import UsageError
+from printctl.link.marks import MarkKind
+
+
+class After(StrEnum):
+    """What is to be finished first."""
+
+    LAYER = "layer"
+    VESSEL = "vessel"
+
+
+def pause(
+    run: RunArg,
+    after: Annotated[
+        After | None,
+        typer.Option("--after", help="Finish the current layer or vessel first."),
+    ] = None,
+    now: Annotated[
+        bool, typer.Option("--now", help="After the line in flight; the default.")
+    ] = False,
+) -> None:
+    """Hold a print: relieve the plunger, lift the needle straight up, keep the temperatures.
+
+    `printctl resume RUN` comes back to the same point and goes on.
+    """
+    if now and after:
+        raise UsageError("--now and --after exclude each other; give one")
+    with running_print(run) as client:
+        client.pause(MarkKind(after.value) if after else None)
+        where = f"at the end of this {after.value}" if after else "after the line in flight"
+        print_lines(f"will pause {where}; `printctl status {run}` tells when")

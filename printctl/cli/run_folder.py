@@ -1,0 +1,48 @@
+"""Find the print that a user means: by its folder, its run's folder, or its G-code file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from printctl.errors import PrintctlError
+from printctl.link.client import PrintClient, attach
+from printctl.link.record import RECORD
+
+RunArg = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RUN",
+        help="The print: its folder, its recipe's run folder, or its G-code file.",
+        show_default=False,
+    ),
+]
+
+
+def print_folder(run: Path) -> Path:
+    """Folder of the print's journal; where one should be when none is found."""
+    beside = run.with_name(run.name + ".print")
+    places = (run, run / "print", beside)
+    found = (place for place in places if (place / RECORD).is_file())
+    return next(found, beside if run.is_file() else run)
+
+
+def running_print(run: Path) -> PrintClient:
+    """A client of a print that is going on.
+
+    Raises
+    ------
+    PrintctlError
+        When it has ended.
+    LinkError
+        When no print was ever started there.
+    """
+    client = attach(print_folder(run))
+    status = client.status
+    if status.ended:
+        raise PrintctlError(
+            f"the print in {client.folder} has ended ({status.state.value}: {status.message})"
+        )
+    return client

@@ -1,0 +1,64 @@
+"""How a print is watched over while it runs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Care:
+    """What the link does beside sending lines.
+
+    Attributes
+    ----------
+    checkpoint_s : float or None, s
+        Least time between two checkpoints, which are made where a layer or pass ends; 0 for one
+        at each end, None for none.
+    deadman_s : float, s
+        Unless somebody confirms within this time (`printctl alive`), the print pauses at the next
+        mark; 0 for an attended print.
+    deadman_stops : bool
+        End it by a controlled stop there instead.
+    syringe : str
+        Profile of the syringe in use, by name or path; empty where nobody said.
+    capacity_mm : float, mm
+        Plunger travel of a full syringe of this sort; 0 where unknown.
+    reload_at : tuple of int
+        Reload points, by the command lines before them, at which the syringe must be changed.
+    """
+
+    checkpoint_s: float | None = 30.0
+    deadman_s: float = 0.0
+    deadman_stops: bool = False
+    syringe: str = ""
+    capacity_mm: float = 0.0
+    reload_at: tuple[int, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> Care:
+        """Read `to_dict`."""
+        return Care(**{**data, "reload_at": tuple(data.get("reload_at", ()))})
+
+
+@dataclass(frozen=True)
+class NewSyringe:
+    """What was put in at a change of syringe.
+
+    Attributes
+    ----------
+    plunger_mm : float, mm
+        Where its plunger stands: travel that is used up already, 0 for a full one.
+    name : str
+        Its profile; empty for one like the last.
+    capacity_mm : float, mm
+        Travel when full; 0 for the same as the last.
+    """
+
+    plunger_mm: float = 0.0
+    name: str = ""
+    capacity_mm: float = 0.0

@@ -1,0 +1,110 @@
+"""A client's connection to the link process: found, lost, found again."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, Self
+
+from printctl.link.errors import LinkError
+from printctl.link.reach import alive, connect
+from printctl.link.record import LinkRecord, load_record
+from printctl.link.states import Status
+
+START_LIMIT_S: Final = 60.0
+ANSWER_LIMIT_S: Final = 5.0
+
+
+class Connection:
+    """A socket to the link process of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    record : LinkRecord
+    """
+
+    def __init__(self, folder: Path, record: LinkRecord) -> None:
+        self.folder, self.record = folder, record
+        self._socket: socket.socket | None = None
+        self._heard = b""
+        self._last: Status | None = None
+        self._reach()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.detach()
+
+    def detach(self) -> None:
+        """Leave; the print goes on."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _reach(self) -> bool:
+        """Connect, or connect again; False when the print is over."""
+        limit = time.monotonic() + START_LIMIT_S
+        while self._socket is None and time.monotonic() < limit:
+            self.record = load_record(self.folder)
+            self._socket = connect(self.record)
+            if self._socket is not None:
+                self._heard = b""
+                self._post("subscribe")
+            elif self.record.status or not alive(self.folder):
+                return False
+            else:
+                time.sleep(0.02)
+        return self._socket is not None
+
+    def _send(self, do: str, **values: Any) -> None:
+        """Send a wish; without effect when the print is over, which `wait` tells."""
+        if not self._post(do, **values):
+            self.detach()
+            if self._reach():
+                self._post(do, **values)
+
+    def _ask(self, do: str, **values: Any) -> None:
+        """Send a wish and hear that it was understood; without effect when the print is over."""
+        self._send(do, answer=True, **values)
+        for message in self._messages(ANSWER_LIMIT_S):
+            if message["event"] == "status":
+                self._last = Status.from_dict(message)
+            if message["event"] == "refused":
+                raise LinkError(message["message"])
+            if message["event"] == "heard" and message["do"] == do:
+                return
+
+    def _post(self, do: str, **values: Any) -> bool:
+        message = {"do": do, "token": self.record.token, **values}
+        try:
+            if self._socket is not None:
+                self._socket.sendall(json.dumps(message).encode() + b"\n")
+        except OSError:
+            return False
+        return self._socket is not None
+
+    def _messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
+        """Give messages until the connection or the time is at its end."""
+        limit = None if timeout is None else time.monotonic() + timeout
+        while (connection := self._socket) is not None:
+            while b"\n" in self._heard:
+                line, self._heard = self._heard.split(b"\n", 1)
+                yield json.loads(line)
+            try:
+                left = None if limit is None else limit - time.monotonic()
+                if left is not None and left <= 0:
+                    return
+                connection.settimeout(left)
+                data = connection.recv(65536)
+            except TimeoutError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.detach()
+            self._heard += data

@@ -1,0 +1,128 @@
+"""One print as its journal tells it: who, what, when, how it ended, every alarm."""
+
+from __future__ import annotations
+
+import getpass
+import platform
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from printctl.link.journal import Record, read_records
+
+INTERRUPTED = "interrupted"
+"""State of a print whose journal has no end: its link process died, or it is going on."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """One alarm of a print.
+
+    Attributes
+    ----------
+    at : float
+        Wall-clock time, s since 1970; 0 where the journal doesn't say.
+    text : str
+    """
+
+    at: float
+    text: str
+
+
+@dataclass(frozen=True)
+class PrintEntry:
+    """One print.
+
+    Attributes
+    ----------
+    id : str
+        The same as long as the journal's first record is, whatever the file is called by now.
+    journal : Path
+    who, host : str
+    file, path, sha256 : str
+        Name, place and hash of the job file.
+    profile, port : str
+    started, ended : float
+        Wall-clock time, s since 1970; 0 for unknown or not yet.
+    state, message, error : str
+        How it ended; `INTERRUPTED` without an end.
+    done, total : int
+        Command lines.
+    begun : int
+        How often it was begun or gone on with.
+    alarms : tuple of Alarm
+    """
+
+    id: str
+    journal: Path
+    who: str = ""
+    host: str = ""
+    file: str = ""
+    path: str = ""
+    sha256: str = ""
+    profile: str = ""
+    port: str = ""
+    started: float = 0.0
+    ended: float = 0.0
+    state: str = INTERRUPTED
+    message: str = ""
+    error: str = ""
+    done: int = 0
+    total: int = 0
+    begun: int = 0
+    alarms: tuple[Alarm, ...] = ()
+
+
+def this_user() -> dict[str, str]:
+    """Who prints here, for the journal's job record."""
+    try:
+        who = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a container's user may have no name
+        who = ""
+    return {"who": who, "host": platform.node()}
+
+
+def entry_of(journal: Path) -> PrintEntry | None:
+    """Read a journal from its first job record on; None where there is none.
+
+    Raises
+    ------
+    OSError
+        When the file can't be read.
+    """
+    records = [record for record in read_records(journal) if record is not None]
+    jobs = [record for record in records if record.get("t") == "job"]
+    if not jobs:
+        return None
+    end: Record = {}
+    for record in records:
+        if record.get("t") == "end":
+            end = record
+        elif record.get("t") == "job":
+            end = {}
+    first, taken = jobs[0], (r.get("done", 0) for r in records if r.get("t") in ("ack", "end"))
+    states = [record for record in records if record.get("t") == "state"]
+    return PrintEntry(
+        id=_identity(first),
+        journal=journal,
+        started=float(first.get("started", 0.0)),
+        ended=float(end.get("at", 0.0)),
+        state=str(end.get("state", INTERRUPTED)),
+        message=str(end.get("message", states[-1].get("message", "") if states else "")),
+        error=str(end.get("error", "")),
+        done=max(taken, default=0),
+        total=int(first.get("lines", 0)),
+        begun=len(jobs),
+        alarms=tuple(
+            Alarm(float(r.get("at", 0.0)), str(r.get("text", "")))
+            for r in records
+            if r.get("t") == "alarm"
+        ),
+        file=str(first.get("name", "")),
+        **{k: str(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile", "port")},
+    )
+
+
+def _identity(job: Record) -> str:
+    told = "|".join(str(job.get(key)) for key in ("started", "pid", "host", "sha256", "path"))
+    return f"{int(job.get('started', 0)):010d}-{zlib.crc32(told.encode()):08x}"

@@ -1,0 +1,148 @@
+"""What Marlin's protocol sends: job lines and control commands, numbered, one or two in flight."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from printctl.link import protocol as said
+from printctl.link.line_errors import LineErrors
+from printctl.link.marlin_doubt import Phase, Timing
+from printctl.link.marlin_replies import frame
+from printctl.link.pairing import Pairing
+from printctl.link.protocol import Event
+
+
+class MarlinSender:
+    """The sending half of `printctl.link.protocol_marlin.MarlinProtocol`.
+
+    Parameters
+    ----------
+    timing : Timing
+    pairing : Pairing, optional
+        Lets two plain moves leave together; without, one line is in flight.
+    """
+
+    def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
+        self.timing = timing or Timing()
+        self.deadline = math.inf
+        self.lines_done = self.number = 0
+        self.held = self.keepalive = True
+        self._pairing = pairing
+        self._alone_until = 0
+        self._lines: Sequence[bytes] = ()
+        self.limit = 0
+        self._phase = Phase.READY
+        self._numbered = False
+        self._controls: deque[bytes] = deque()
+        self._control_numbers: dict[int, bytes] = {}
+        self._flight: bytes | None = None
+        self._flight_frame = b""
+        self._flight_control = False
+        self._second: bytes | None = None  # in flight behind it
+        self._second_frame = b""
+        self._fast = False
+        self._rest = b""
+        self._out: list[bytes] = []
+        self._said: list[bytes] = []
+        self._complaint = ""
+        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
+        self._busy_since = math.nan
+        self._taken_at = math.nan
+
+    # --- what the streamer calls -----------------------------------------------------------
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is in flight and nothing is being asked."""
+        return self._phase is Phase.READY
+
+    @property
+    def line_errors(self) -> int:
+        """Lines sent again so far."""
+        return self._errors.total
+
+    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
+        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
+        self._lines, self.limit = lines, len(lines)
+        self.lines_done, self.number = first, number
+        self._numbered = True
+        self._alone_until = 0
+        self._control_numbers.clear()
+
+    def submit(self, command: bytes, now: float) -> None:
+        """Send a control command ahead of further job lines; `Replied` follows."""
+        self._controls.append(command)
+        self.go(now)
+
+    def go(self, now: float) -> None:
+        """Send the next line if nothing is in flight."""
+        if self._phase is Phase.READY:
+            self._send_next(now)
+
+    def take_output(self) -> bytes:
+        """Give what must be written now, and forget it."""
+        if not self._out:
+            return b""
+        data = self._out[0] if len(self._out) == 1 else b"".join(self._out)
+        self._out.clear()
+        return data
+
+    # --- sending ---------------------------------------------------------------------------
+
+    def _send_next(self, now: float) -> None:
+        self._said, self._complaint = [], ""
+        self._fast = False
+        self._taken_at = self._busy_since = math.nan
+        if self._second is not None:  # it is in flight already
+            self._flight, self._flight_frame = self._second, self._second_frame
+            self._second = None
+            self._await_ok(now)
+            self._fast = not self._rest
+            return
+        if self._controls:
+            self._flight, self._flight_control = self._controls.popleft(), True
+        elif not self.held and self.lines_done < self.limit:
+            self._flight, self._flight_control = self._lines[self.lines_done], False
+        else:
+            self._flight, self._phase, self.deadline = None, Phase.READY, math.inf
+            return
+        self._flight_frame = frame(self.number + 1, self._flight)
+        if self._pairing is not None and not self._flight_control:
+            self._take_along(self._pairing, self._flight)
+        self._fly(now)
+        self._fast = not self._rest and not self._flight_control
+
+    def _take_along(self, pairing: Pairing, first: bytes) -> None:
+        """Let the next job line leave together with ``first`` where that is allowed."""
+        after = self.lines_done + 1
+        if after < self.limit and self.number >= self._alone_until:
+            second = self._lines[after]
+            framed = frame(self.number + 2, second)
+            if pairing.allows(first, second, len(self._flight_frame) + len(framed)):
+                self._second, self._second_frame = second, framed
+
+    def _fly(self, now: float) -> None:
+        """Write what is in flight, in one piece."""
+        self._out.append(self._flight_frame)
+        if self._second is not None:
+            self._out.append(self._second_frame)
+        self._await_ok(now)
+
+    def _await_ok(self, now: float) -> None:
+        self._phase, self.deadline = Phase.FLIGHT, now + self.timing.silence_s
+
+    def _count_taken(self, events: list[Event]) -> None:
+        """Note that the line in flight was taken."""
+        self.number += 1
+        if self._flight_control:
+            command = self._flight or b""
+            self._control_numbers[self.number] = command
+            events.append(said.Replied(command, self.number, tuple(self._said)))
+        else:
+            self.lines_done += 1
+
+    def _acknowledge(self, now: float, events: list[Event]) -> None:
+        self._count_taken(events)
+        self._send_next(now)

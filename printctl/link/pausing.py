@@ -1,0 +1,313 @@
+"""Pauses: where the print is held, how it is left and rejoined, and the change of syringe.
+
+What other threads may call leaves a wish or a word; the streamer's thread looks at it between two
+lines. A change of syringe is journalled before each of its steps, so that a host that dies in the
+middle of it knows afterwards whether the plunger's count was set anew or not (`History`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from printctl.link.care import Care, NewSyringe
+from printctl.link.channel import Over, Wiring
+from printctl.link.errors import LinkError
+from printctl.link.job import Job
+from printctl.link.marks import MarkKind
+from printctl.link.modal import Modal, last_of, modal_state, relieved_mm
+from printctl.link.placing import Placing
+from printctl.link.reloading import plan_reloads
+from printctl.link.retreat import count_from, heaters_off
+from printctl.link.states import LinkState, Status
+from printctl.link.watch import Due, Watch
+
+PAUSE_SIGN_S: Final = 20.0
+"""Interval of the sign of life in a pause."""
+_TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
+_HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
+"""Firmwares that cut the motors' power some time after the last move, unless M84 S0 forbids it."""
+CHANGE: Final = (
+    "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "
+    "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if you didn't"
+)
+
+
+class Pausing(Placing):
+    """Holds a print and goes on with it.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    job : Job
+    care : Care, optional
+    """
+
+    def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
+        super().__init__(wiring, job)
+        self.care = care or Care()
+        self.watch = Watch(job.marks, self.care)
+        self._changing = False
+        self._change: NewSyringe | None = None
+        self._unchanged = False
+
+    # --- for any thread --------------------------------------------------------------------
+
+    def pause(self, after: MarkKind | None = None) -> None:
+        """Ask for a pause: now, or once a layer or vessel has ended.
+
+        Raises
+        ------
+        LinkError
+            When the job has no such mark ahead.
+        """
+        if after is None:
+            self._wishes.append("pause")
+            return
+        if self.job.marks.next(after, self.protocol.lines_done) is None:
+            what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
+            raise LinkError(
+                f"{self.job.name} marks no {what} after line "
+                f"{self.job.file_line(self.protocol.lines_done)}; pause at once (--now) instead"
+            )
+        self.watch.after = after
+        self._wishes.append("look")
+
+    def reload(self) -> None:
+        """Ask for a change of syringe: at the next reload point, or here when it is paused.
+
+        Raises
+        ------
+        LinkError
+            When the job has no reload point ahead.
+        """
+        if self._state is LinkState.PAUSED:
+            self._wishes.append("reload")
+        else:
+            self.pause(MarkKind.RELOAD)
+
+    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+        """Ask to go on after a pause; takes back a pause that is still waited for.
+
+        Parameters
+        ----------
+        change : NewSyringe, optional
+            What was put in, in a pause for a change of syringe.
+        unchanged : bool
+            The syringe wasn't changed after all.
+
+        Raises
+        ------
+        LinkError
+            When a change of syringe is to be told, or is told where none is going on.
+        """
+        if self._changing and self._state is LinkState.PAUSED and not (change or unchanged):
+            raise LinkError(f"the print is paused for a change of syringe: {CHANGE}")
+        if change and not self._changing:
+            raise LinkError(
+                "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
+                "that the change is in the journal"
+            )
+        self._change, self._unchanged = change, unchanged
+        self._wishes.append("resume")
+
+    def alive(self) -> None:
+        """Confirm that somebody is there: the dead-man's time begins anew."""
+        self.watch.confirmed = self.wiring.clock.now()
+
+    @property
+    def status(self) -> Status:
+        """The print as it stands."""
+        status = super().status
+        if status.ended:
+            return status
+        left = self.care.deadman_s or None  # it stands still in a pause
+        if status.state is LinkState.PRINTING:
+            left = self.watch.deadman_left(self.wiring.clock.now())
+        return replace(status, waits_for=self._waits_for(), deadman_left_s=left)
+
+    def _waits_for(self) -> str:
+        if self._changing:
+            return "syringe"
+        after = self.watch.after
+        if after is None:
+            return ""
+        return "reload" if after is MarkKind.RELOAD else f"pause after {after}"
+
+    # --- between two lines -------------------------------------------------------------------
+
+    def _at_mark(self) -> None:
+        """Do what is due after the lines that were taken; nothing is in flight."""
+        clock, done = self.wiring.clock, self.protocol.lines_done
+        due = self.watch.due(clock.now(), done)
+        where = ", ".join(str(mark) for mark in self.job.marks.here(done)) or f"line {done}"
+        if due is Due.RELOAD:
+            self._pause(f"paused at the {where}: {CHANGE}", changing=True)
+        elif due is Due.PAUSE:
+            self._pause(f"paused at the {where}")
+        elif due is Due.DEADMAN:
+            self._nobody_there()
+        elif due is Due.CHECKPOINT:
+            self._verify(modal_state(self.job.lines, done), mark=where)
+            self.watch.checked(clock.now(), done)
+
+    def _nobody_there(self) -> None:
+        message = f"nobody confirmed for {self.care.deadman_s / 60:g} min (dead-man)"
+        self._alarm(message)
+        if self.care.deadman_stops:
+            self._retreat_and_end(LinkState.STOPPED, message)
+        self._pause(f"paused: {message}; `printctl resume RUN` goes on")
+
+    # --- leaving, waiting, coming back ---------------------------------------------------------
+
+    def _pause(self, message: str = "paused", changing: bool = False) -> None:
+        done = self.protocol.lines_done
+        self.watch.paused(done)
+        self._enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
+        self._hold_motors()
+        self._command(b"M400")
+        at = self._where()
+        self._verify(at)
+        retreat, printer = self.wiring.retreat, self.wiring.printer
+        for command in retreat.leave(at, printer, relieved_mm(self.job.lines, done)):
+            self._command(command)
+        if changing:
+            self._begin_change(at)
+        self._command(b"M400")
+        self._wait_and_come_back(at, message)
+
+    def _wait_and_come_back(self, at: Modal, message: str) -> None:
+        self._enter(LinkState.PAUSED, message)
+        self._stay_paused(at)
+        self._enter(LinkState.RESUMING, "returning to where the print was left")
+        if self._changing and self._change:
+            self._count_new_syringe(at, self._change)
+        retreat = self.wiring.retreat
+        for command in retreat.rejoin(at, self.wiring.printer, retreat.prime_mm):
+            self._command(command)
+        self._command(b"M400")
+        self._verify(at)
+        self._changing, self._change, self._unchanged = False, None, False
+        self.alive()
+        self._enter(LinkState.PRINTING, "printing")
+
+    def _stay_paused(self, at: Modal) -> None:
+        clock = self.wiring.clock
+        while True:
+            until = clock.now() + PAUSE_SIGN_S
+            while clock.now() < until and not self._wishes and not self._commands:
+                self._pump(until)
+            while self._commands:
+                text, done = self._commands.popleft()
+                done(self._command(text))
+            wish = self._wishes.popleft() if self._wishes else ""
+            if wish == "stop":
+                self._heaters_off()
+                raise Over(LinkState.STOPPED, "stopped by the user while paused")
+            if wish == "reload" and not self._changing:
+                self._begin_change(at)
+                self._enter(LinkState.PAUSED, f"paused: {CHANGE}")
+            if wish == "resume":
+                problem = self._why_not_resume(at)
+                if not problem:
+                    return
+                self._alarm(problem)
+                self._enter(LinkState.PAUSED, problem)
+            self._sign_of_life()
+
+    def _why_not_resume(self, at: Modal) -> str:
+        """What keeps the needle from coming down; empty for nothing."""
+        if self._changing and not (self._change or self._unchanged):
+            return f"not resumed: {CHANGE}"
+        wrong, _ = self._compare(Modal(x=at.x, y=at.y))
+        if wrong:
+            return f"not resumed: {wrong}; bring the needle back above that place first"
+        if self._changing and self._change:
+            try:
+                self.watch.reload_at = self._reloads_with(self._change)
+            except LinkError as exc:
+                return f"not resumed: {exc}"
+        return ""
+
+    def _reloads_with(self, change: NewSyringe) -> tuple[int, ...]:
+        """Where the syringe must be changed again, after this one."""
+        capacity = change.capacity_mm or self.care.capacity_mm
+        if not capacity:
+            return self.watch.reload_at
+        done = self.protocol.lines_done
+        return plan_reloads(self.job, capacity, change.plunger_mm, done)
+
+    def _hold_motors(self) -> None:
+        """Keep the firmware from cutting the motors' power while the needle waits."""
+        if self.wiring.printer.firmware in _HELD_BY_M84:
+            self._command(b"M84 S0")
+
+    def _sign_of_life(self) -> None:
+        """Show that the printer is there, and begin its own switch-off time anew.
+
+        Only moves and the command that sets that time begin it anew; M105 doesn't.
+        """
+        timeout = last_of(self.job.lines, self.protocol.lines_done, _TIMEOUTS)
+        self._command(timeout or b"M105")
+
+    # --- the change of syringe ------------------------------------------------------------------
+
+    def _begin_change(self, at: Modal) -> None:
+        """Write down that the plunger's count is about to lose its meaning, and make room."""
+        self._changing = True
+        self._record("reload", done=self.protocol.lines_done, e=at.e)
+        for command in self.wiring.retreat.rise(at, self.wiring.printer, self._room_mm):
+            self._command(command)
+
+    @property
+    def _room_mm(self) -> float:
+        return max(self.wiring.retreat.park_mm, self.wiring.retreat.lift_mm)
+
+    def _count_new_syringe(self, at: Modal, change: NewSyringe) -> None:
+        """Call the new plunger's place what the job goes on from, relieved like the old one."""
+        if at.e is None:
+            return
+        relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
+        e = self.wiring.retreat.relieved_e(at.e, relieved)
+        command = count_from(e)
+        self._record(
+            "syringe",
+            n=self.protocol.number + 1,
+            command=command.decode(),
+            done=self.protocol.lines_done,
+            name=change.name or self.care.syringe,
+            plunger_mm=change.plunger_mm,
+            reload_at=self.watch.reload_at,
+        )
+        self._command(command)
+        self._verify(Modal(e=e))
+
+    def _await_syringe(self, at: Modal) -> None:
+        """Go on waiting for a syringe: the host died while it was changed.
+
+        The plunger is left alone, since nobody knows what is in front of it.
+        """
+        self._changing = True
+        self._hold_motors()
+        z = self._compare(Modal())[1].get("Z")
+        for command in self.wiring.retreat.rise(at, self.wiring.printer, self._room_mm):
+            if z is None or at.z is None or z < at.z + self._room_mm:
+                self._command(command)
+        self._command(b"M400")
+        self._wait_and_come_back(at, f"paused, found again: {CHANGE}")
+
+    # --- ends ------------------------------------------------------------------------------------
+
+    def _retreat_and_end(self, state: LinkState, message: str) -> None:
+        self._enter(LinkState.STOPPING, message)
+        self._fault = ""
+        relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
+        for command in self.wiring.retreat.leave(self._where(), self.wiring.printer, relieved):
+            self._command(command)
+        self._heaters_off()
+        self._command(b"M400")
+        raise Over(state, message)
+
+    def _heaters_off(self) -> None:
+        for command in heaters_off(self.wiring.printer):
+            self._command(command)

@@ -1,0 +1,242 @@
+"""After the printer has lost its position: the rest of a job as a file of its own.
+
+Nothing here speaks to a printer. What a person has to do first is told as steps, because only a
+person sees where the needle stands; the file then comes from high above, over the point, down,
+primes, and goes on with the job's own lines.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles import Printer
+from printctl.link.errors import LinkError
+from printctl.link.job import Job
+from printctl.link.journal import History
+from printctl.link.marks import MarkKind
+from printctl.link.modal import Modal, modal_state, relieved_mm
+from printctl.link.reloading import plunger_travel
+from printctl.link.retreat import Retreat, count_from
+
+CLEARANCE_MM: Final = 5.0
+TRAVEL_MM_S: Final = 20.0
+_MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
+_Z: Final = re.compile(rb"Z([+-]?\d*\.?\d+)")
+_PLACED: Final = re.compile(rb"G92\b.*[XYZ]|SET_KINEMATIC_POSITION\b")
+_NO_SETUP: Final = re.compile(rb"(?:G0*[0-4]|G10|G11|G2[89]|G92|M400|M105|M114|M73)(?!\d|\.)")
+_MODES: Final = (b"G21", b"G90", b"M82")
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """How to go on.
+
+    Attributes
+    ----------
+    begin : int
+        Command lines of the job that aren't printed again.
+    gcode : bytes
+        The rest of the job, with a way to it.
+    steps : tuple of str
+        What a person does first, in order.
+    start : (x, y, z) or None, mm
+        Where the file takes the tip to stand before its first line; None for a homed machine.
+    """
+
+    begin: int
+    gcode: bytes
+    steps: tuple[str, ...]
+    start: tuple[float, float, float] | None
+
+
+def surely_moved(lines: Sequence[bytes], taken: int, queued: int) -> int:
+    """Lines whose motion had ended when ``taken`` were taken, at most ``queued`` moves ahead."""
+    left = queued
+    for index in range(taken - 1, -1, -1):
+        if _MOVE.match(lines[index]):
+            if left == 0:
+                return index + 1
+            left -= 1
+    return 0
+
+
+def plan_recovery(
+    job: Job,
+    data: bytes,
+    history: History,
+    printer: Printer,
+    retreat: Retreat,
+    from_line: int | None = None,
+) -> Recovery:
+    """Plan how to go on after the position was lost.
+
+    From the last checkpoint whose lines had surely been moved, not only taken: the planner may
+    have held some when the power went.
+
+    Parameters
+    ----------
+    job : Job
+    data : bytes
+        The job's file.
+    history : History
+    printer : Printer
+    retreat : Retreat
+        How the plunger is primed.
+    from_line : int, optional
+        Line of the file to begin with instead.
+
+    Raises
+    ------
+    LinkError
+        When there is no checkpoint, or the job doesn't say where the needle is there.
+    """
+    begin, why = _beginning(job, history, printer, from_line)
+    at = modal_state(job.lines, begin)
+    if None in (at.x, at.y, at.z, at.e):
+        raise LinkError(
+            f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
+            "plunger are; give a later line (--from-line)"
+        )
+    start = _declared(job, begin)
+    gcode = _way_in(job, begin, at, printer, retreat, start) + _rest(job, data, begin)
+    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why))
+    return Recovery(begin, gcode, steps, start)
+
+
+def _beginning(
+    job: Job, history: History, printer: Printer, from_line: int | None
+) -> tuple[int, str]:
+    if from_line is not None:
+        begin = bisect_left(job.file_lines, from_line)
+        if not 0 < begin < len(job):
+            raise LinkError(f"line {from_line} isn't between the job's first line and its last")
+        return begin, "as asked"
+    queued = printer.planner_blocks + printer.command_queue
+    sure = surely_moved(job.lines, history.done, queued)
+    for record in reversed(history.checkpoints):
+        if record["done"] <= sure and record["done"] < len(job):
+            return record["done"], f"checkpoint, {record['mark']}"
+    raise LinkError(
+        f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
+        "were surely made; look at the part and give --from-line"
+    )
+
+
+def _declared(job: Job, begin: int) -> tuple[float, float, float] | None:
+    """Where the job tells the firmware that the tip stands, before its first move."""
+    places = [k for k, line in enumerate(job.lines[:begin]) if _PLACED.match(line)]
+    moves = (k for k, line in enumerate(job.lines) if _MOVE.match(line))
+    if not places:
+        return None
+    first = next(moves, begin)
+    words = dict(re.findall(rb"([XYZ])=?([+-]?\d*\.?\d+)", job.lines[places[0]]))
+    if len(places) > 1 or places[0] > first or set(words) != {b"X", b"Y", b"Z"}:
+        raise LinkError(
+            f"line {job.file_lines[places[-1]]} moves the job's frame ({job.lines[places[-1]]!r}); "
+            "the rest can't be placed by a machine"
+        )
+    return float(words[b"X"]), float(words[b"Y"]), float(words[b"Z"])
+
+
+def _way_in(
+    job: Job,
+    begin: int,
+    at: Modal,
+    printer: Printer,
+    retreat: Retreat,
+    start: tuple[float, float, float] | None,
+) -> bytes:
+    """Settings of the job so far; then up, across, down and prime."""
+    x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
+    heights = [float(found[1]) for line in job.lines if (found := _Z.search(line))]
+    top = max([z, *heights])
+    high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, start[2] if start else top)
+    speed = printer.max_speed_mm_s
+    level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
+    relieved = retreat.relieved_e(e, relieved_mm(job.lines, begin))
+    commands = [*_settings(job, begin), count_from(relieved)]
+    commands += [
+        b"G0 Z%.4f F%.0f" % (high, rise * 60),
+        b"G0 X%.4f Y%.4f F%.0f" % (x, y, level * 60),
+        *retreat.rejoin(at, printer, retreat.prime_mm),
+    ]
+    title = f"; rest of {job.name} (sha256 {job.sha256}) from its line {job.file_lines[begin]}"
+    return b"\n".join([title.encode("ascii", "replace"), *commands]) + b"\n"
+
+
+def _settings(job: Job, begin: int) -> list[bytes]:
+    """Modes, temperatures and the like as they stand, each as it was last given."""
+    last: dict[bytes, bytes] = {mode: mode for mode in _MODES}
+    for line in job.lines[:begin]:
+        if _PLACED.match(line):
+            last[b"placed"] = re.sub(rb" *E[+-]?[\d.]+", b"", line)
+        elif not _NO_SETUP.match(line):
+            word = line.split(None, 1)[0]
+            last.pop(word, None)  # the order in which they were last given
+            last[word] = line
+    return list(last.values())
+
+
+def _rest(job: Job, data: bytes, begin: int) -> bytes:
+    lines = data.splitlines(keepends=True)
+    return b"".join(lines[job.file_lines[begin] - 1 :])
+
+
+def _by_hand(
+    job: Job, printer: Printer, start: tuple[float, float, float] | None
+) -> tuple[str, ...]:
+    lift = (
+        "Lift the needle out before anything else moves: straight up, by hand on the Z screw or "
+        "by Z alone, until its tip is above the dish's wall. No X or Y before that: the needle "
+        "would plough through the part."
+    )
+    plunger = "Leave the plunger as it is; wipe the tip, the file primes at the point."
+    if start is None:
+        place = (
+            "This job needs a homed machine. Home X and Y (G28 X Y) once the needle is above the "
+            "dish and can't touch it. Don't home Z with the needle mounted: it would be driven "
+            "into the dish; touch it off at a known height and tell it by G92 Z."
+        )
+    else:
+        x, y, z = start
+        place = (
+            "Don't home. Once it is clear of the dish, bring the tip back to the very place where "
+            f"it was touched off before the print, which the job calls X{x:g} Y{y:g} Z{z:g}: the "
+            "rest is written as far beside the part as the tip is beside that place now."
+        )
+    limits = (
+        f"Check that the path is free at the height of the file's first move; Z ends at "
+        f"{printer.z_mm.high:g} mm."
+    )
+    return lift, place, plunger, limits
+
+
+def _what_is_there(job: Job, history: History, begin: int, why: str) -> tuple[str, ...]:
+    """From where the file goes on, and what may be written twice."""
+    first = job.file_lines[begin]
+    steps = [f"The file begins with line {first} of {job.name} ({why})."]
+    if history.done > begin:
+        travel = plunger_travel(job.lines)
+        again = max(travel[begin : history.done + 1]) - travel[begin]
+        steps.append(
+            f"Lines {first} to {job.file_line(history.done)}, and up to half a second more, were "
+            f"taken after that and are perhaps written already ({again:.3f} mm of plunger): they "
+            "would be written twice. Look at the part; to begin later, give --from-line"
+            + _later(job, history.done)
+            + "."
+        )
+    return tuple(steps)
+
+
+def _later(job: Job, done: int) -> str:
+    marks = [job.marks.next(kind, done) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
+    found = [
+        f" {job.file_lines[mark.index]} (after the {mark})"
+        for mark in marks
+        if mark is not None and mark.index < len(job)
+    ]
+    return ", such as" + " or".join(found) if found else ""

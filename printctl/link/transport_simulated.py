@@ -1,0 +1,114 @@
+"""A wire to the simulated printer inside this process: for tests, benchmarks and rehearsals.
+
+Clock and printer move together: what the host waits, the printer lives through. What the cable
+does to the bytes is `sim.bad_line`'s.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from printctl.link.clock import VirtualClock
+from printctl.link.errors import PortLost
+from sim.bad_line import BadLine
+from sim.faults import Troubles
+from sim.marlin import MarlinPrinter
+
+
+class HostDiedError(BaseException):
+    """In place of kill -9: nothing of the host runs after it."""
+
+
+class SimulatedTransport:
+    """See the module, and `printctl.link.transport.Transport`.
+
+    Parameters
+    ----------
+    printer : MarlinPrinter
+    clock : VirtualClock
+    troubles : Troubles, optional
+        Of the cable; it works as it should without.
+    rng : Generator, optional
+        Of what goes wrong by chance.
+    """
+
+    quiet_s: float = 0.05
+
+    def __init__(
+        self,
+        printer: MarlinPrinter,
+        clock: VirtualClock,
+        troubles: Troubles | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.name = "simulated"
+        self.printer, self.clock = printer, clock
+        self.line = printer.bad_line = BadLine(troubles, rng)
+        self._writes_left, self._last_part = 0, 1.0
+
+    def die_at(self, write: int, part: float = 1.0) -> None:
+        """Let the host die in a write to come, the next being 1, of which ``part`` still leaves."""
+        self._writes_left, self._last_part = write, part
+
+    def write(self, data: bytes) -> None:
+        """Give the printer what the cable leaves of ``data``.
+
+        Raises
+        ------
+        PortLost
+        HostDiedError
+            As `die_at` says; the printer's answer, if any, reaches nobody.
+        """
+        self._check()
+        self._writes_left -= 1
+        dies = self._writes_left == 0
+        if dies:
+            data = data[: round(len(data) * self._last_part)]
+        self.printer.run_to(self.clock.now())
+        self.printer.receive(self.on_the_way(data))
+        if dies:
+            self.printer.settle()
+            self.printer.take_output()
+            raise HostDiedError
+
+    def write_urgent(self, data: bytes) -> None:
+        """Write; nothing waits here."""
+        self.write(data)
+
+    def on_the_way(self, data: bytes) -> bytes:
+        """What becomes of the host's bytes."""
+        return self.line.down(data)
+
+    def read(self, timeout: float) -> bytes:
+        """Let the printer work; give what the cable leaves of its words, or let time pass.
+
+        Raises
+        ------
+        PortLost
+        """
+        until = self.clock.now() + timeout
+        self.printer.settle()
+        said = self.printer.take_output()
+        if said:
+            self.clock.move_to(self.printer.now)
+            self.line.up(said, self.clock.now())
+        self._check()
+        at = self.line.next_s
+        if at <= max(until, self.clock.now()):
+            self.clock.move_to(at)
+            return self.line.due(at)
+        self.clock.move_to(until)
+        self.printer.run_to(self.clock.now())
+        return b""
+
+    def _check(self) -> None:
+        if self.printer.unplugged:
+            raise PortLost("the simulated cable was pulled")
+
+    def reset(self) -> bool:
+        """Pull the board's reset line."""
+        self.printer.reset()
+        return True
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to let go of."""

@@ -1,0 +1,120 @@
+"""When a print that runs is to be held at a mark, and for what: no I/O, no clock."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from enum import Enum, auto
+from typing import Final
+
+from printctl.link.care import Care
+from printctl.link.marks import Mark, MarkKind, Marks
+
+_AHEAD: Final = 2
+"""Most lines in flight: a mark nearer than that may be passed before it is looked at."""
+
+
+class Due(Enum):
+    """What is to be done between two lines."""
+
+    NOTHING = auto()
+    RELOAD = auto()
+    PAUSE = auto()
+    DEADMAN = auto()
+    CHECKPOINT = auto()
+
+
+class Watch:
+    """Knows which mark comes next at which something is to be done.
+
+    Parameters
+    ----------
+    marks : Marks
+    care : Care
+
+    Attributes
+    ----------
+    after : MarkKind or None
+        What the user wants ended before the next pause.
+    confirmed : float, s
+        When somebody was last heard of; any thread may set it.
+    reload_at : tuple of int
+        As in `Care`.
+    """
+
+    def __init__(self, marks: Marks, care: Care) -> None:
+        self.marks, self.care = marks, care
+        self.after: MarkKind | None = None
+        self.confirmed = self._checkpoint_due = 0.0
+        self.reload_at = care.reload_at
+        self._seen = -1
+
+    def begin(self, now: float) -> None:
+        """Start counting time."""
+        self.confirmed = now
+        self._checkpoint_due = now + (self.care.checkpoint_s or 0.0)
+
+    def deadman_left(self, now: float) -> float | None:
+        """Seconds until somebody must confirm; None for an attended print."""
+        if not self.care.deadman_s:
+            return None
+        return max(0.0, self.confirmed + self.care.deadman_s - now)
+
+    def next_stop(self, now: float, done: int, idle: bool, total: int) -> int:
+        """Command lines after which to look at `due` again; ``total`` when there is nothing.
+
+        Parameters
+        ----------
+        now : float, s
+        done : int
+            Command lines taken.
+        idle : bool
+            Whether nothing is in flight.
+        total : int
+            Command lines of the job.
+        """
+        first = done + (1 if idle else _AHEAD)
+        wanted = [mark.index for mark in self._wanted(now, first) if mark is not None]
+        place = bisect_left(self.reload_at, first)
+        wanted += self.reload_at[place : place + 1]
+        if self._overdue(now) and not self._any_from(first):
+            wanted.append(first)
+        return min([*wanted, total])
+
+    def due(self, now: float, done: int) -> Due:
+        """What is to be done now, with nothing in flight after ``done`` lines."""
+        kinds = {mark.kind for mark in self.marks.here(done)}
+        if done in self.reload_at or (self.after is MarkKind.RELOAD and self.after in kinds):
+            return Due.RELOAD
+        if self.after in kinds:
+            return Due.PAUSE
+        if self._overdue(now) and (kinds or not self._any_from(done)):
+            return Due.DEADMAN
+        if self._wants_checkpoint(now) and done != self._seen and kinds - {MarkKind.RELOAD}:
+            return Due.CHECKPOINT
+        return Due.NOTHING
+
+    def paused(self, done: int) -> None:
+        """Take notice that the print is held after ``done`` lines, for whatever reason."""
+        self.after = None
+        self.reload_at = tuple(index for index in self.reload_at if index > done)
+
+    def checked(self, now: float, done: int) -> None:
+        """Take notice that a checkpoint was made."""
+        self._seen, self._checkpoint_due = done, now + (self.care.checkpoint_s or 0.0)
+
+    def _wanted(self, now: float, first: int) -> list[Mark | None]:
+        marks = [self.marks.next(self.after, first)] if self.after else []
+        if self._overdue(now):
+            marks += [self.marks.next(kind, first) for kind in MarkKind]
+        if self._wants_checkpoint(now):
+            marks += [self.marks.next(kind, first) for kind in (MarkKind.LAYER, MarkKind.VESSEL)]
+        return marks
+
+    def _any_from(self, index: int) -> bool:
+        return any(self.marks.next(kind, index) is not None for kind in MarkKind)
+
+    def _overdue(self, now: float) -> bool:
+        return self.deadman_left(now) == 0.0
+
+    def _wants_checkpoint(self, now: float) -> bool:
+        return self.care.checkpoint_s is not None and now >= self._checkpoint_due

@@ -1,0 +1,153 @@
+"""The dish and the bath in it: walls, floor and depth against the needle's way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Bath, Dish, Needle
+from printctl.preflight.check import Check
+from sim.dryrun import DryRun
+from sim.gcode_modal import MOVE
+
+FloatArray = NDArray[np.float64]
+WALL_CLEARANCE_MM: Final = 1.0
+"""Kept between needle and wall: a touch-off by eye is no better."""
+_TINY_MM: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A dish on the printer.
+
+    Attributes
+    ----------
+    dish : Dish
+    centre_mm : (x, y), mm
+        Printer's frame.
+    floor_mm : float, mm
+        Height of its floor, printer's frame.
+    bath_mm : float or None, mm
+        Depth of the bath; None where nobody said it.
+    """
+
+    dish: Dish
+    centre_mm: tuple[float, float]
+    floor_mm: float
+    bath_mm: float | None = None
+
+
+def floor_check(run: DryRun, bath: Bath, floor_mm: float) -> Check:
+    """How near the tip comes to the dish's floor."""
+    value = float(run.low_mm[2]) - floor_mm
+    return Check(
+        "lowest tip above the dish's floor",
+        value,
+        bath.floor_clearance_mm,
+        "mm",
+        value >= bath.floor_clearance_mm - _TINY_MM,
+        f"line {int(run.low_line[2])}",
+        "the needle could touch the dish (bath: floor_clearance_mm); raise the part (place_mm)",
+    )
+
+
+def unknown_dish() -> Check:
+    """Nobody said which dish: its walls and the bath's depth can't be looked at."""
+    return Check(
+        "dish",
+        0,
+        0,
+        "",
+        False,
+        "printer.dish, --dish",
+        "none is named, so walls and depth of the bath weren't looked at; name it, or see for "
+        "yourself that the needle clears the wall",
+        "warns",
+    )
+
+
+def dish_checks(run: DryRun, standing: Standing, needle: Needle) -> list[Check]:
+    """Walls for every move below their top; depth where it is known."""
+    checks = [_wall(run, standing, needle)]
+    if standing.bath_mm is not None:
+        checks += _depth(run, standing, standing.bath_mm, needle)
+    return checks
+
+
+def _tips(run: DryRun) -> FloatArray:
+    """Tip before and after each row, (n, 2, 3)."""
+    ends = run.program.target[:, :3]
+    begins = np.vstack([run.program.start[None, :3], ends[:-1]])[: len(ends)]
+    return np.stack([begins, ends], axis=1)
+
+
+def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
+    """Least distance between needle and wall; both ends of a move count if one is below the top.
+
+    A dish is convex, so a move whose ends are inside is inside.
+    """
+    dish, tips = standing.dish, _tips(run)
+    low = (tips[:, :, 2].min(axis=1) < standing.floor_mm + dish.wall_mm) & (
+        run.program.kind == MOVE
+    )
+    off = np.abs(tips[:, :, :2] - standing.centre_mm)
+    if dish.shape == "round":
+        gap = dish.inner_x_mm / 2 - np.linalg.norm(off, axis=2)
+    else:
+        gap = np.minimum(dish.inner_x_mm / 2 - off[:, :, 0], dish.inner_y_mm / 2 - off[:, :, 1])
+    gap = np.where(low, gap.min(axis=1) - needle.outer_mm / 2, np.inf)
+    row = int(gap.argmin()) if len(gap) else -1
+    value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
+    return Check(
+        "needle to the dish's wall",
+        value,
+        WALL_CLEARANCE_MM,
+        "mm",
+        value >= WALL_CLEARANCE_MM,
+        f"line {int(run.program.line[row])}" if row >= 0 else "",
+        f"it would run into the wall of {dish.name}; take a wider dish, move the part or say where "
+        "the dish stands (dish_centre_mm)",
+    )
+
+
+def _depth(run: DryRun, standing: Standing, bath_mm: float, needle: Needle) -> list[Check]:
+    surface = standing.floor_mm + bath_mm
+    dish, tips = standing.dish, _tips(run)
+    pushed = np.diff(run.program.plunger, prepend=0.0) > 0
+    written = pushed & (np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0)
+    heights = np.where(written, tips[:, :, 2].max(axis=1), -np.inf)
+    row = int(heights.argmax()) if written.any() else -1
+    top = float(heights[row]) if row >= 0 else standing.floor_mm
+    deepest = surface - float(run.low_mm[2])
+    return [
+        Check(
+            "depth of the bath, below the dish's wall",
+            bath_mm,
+            dish.wall_mm,
+            "mm",
+            bath_mm <= dish.wall_mm,
+            "printer.bath_depth_mm",
+            f"{dish.name} would run over; fill less or take a higher dish",
+        ),
+        Check(
+            "highest writing, below the bath's surface",
+            top,
+            surface,
+            "mm",
+            top <= surface + _TINY_MM,
+            f"line {int(run.program.line[row])}" if row >= 0 else "",
+            "it would write in the air; fill the dish higher (bath_depth_mm) or lower the part",
+        ),
+        Check(
+            "deepest tip below the bath's surface, against the needle",
+            deepest,
+            needle.length_mm,
+            "mm",
+            deepest <= needle.length_mm + _TINY_MM,
+            f"line {int(run.low_line[2])}",
+            f"the hub of {needle.name} would dip into the bath; take a longer needle or less bath",
+        ),
+    ]

@@ -1,0 +1,161 @@
+"""What the firmware does by itself: switch off when the host is dead, and let the plunger move.
+
+A killed host can switch nothing off. Marlin and Prusa's fork kill themselves after M85's time
+without motion; Klipper switches heaters and motors off after its idle timeout; RepRapFirmware (M85
+does nothing there, M84 S lowers the idle motors' current only) and Smoothieware have nothing of the
+sort. Sources: `design.toolpath.gcode.dialect`, which writes these commands; this module reads them
+by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from firmware_profiles import Printer, Syringe
+from printctl.preflight.check import Check
+from sim.dryrun import DryRun
+from sim.firmware_codes import is_known, is_known_name
+from sim.gcode import code
+from sim.gcode_modal import DWELL, MOVE
+
+_HEATS: Final = tuple(code(name) for name in ("M104", "M109", "M140", "M190"))
+_TIMEOUT: Final = {"marlin": "M85 S600", "prusa": "M85 S600", "klipper": "SET_IDLE_TIMEOUT"}
+_NAME: Final = "the firmware's own switch-off"
+
+
+def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
+    """The timeout, the safe state, and what no command can set."""
+    return [_timeout(run, printer), *_safe_state(printer), *_configured(run, printer)]
+
+
+def _safe_state(printer: Printer) -> list[Check]:
+    """Whether the firmware knows the commands that a stop would send."""
+    named = printer.firmware == "klipper"
+    strange = []
+    for command in printer.safe_state_off:
+        name = command.partition(" ")[0]
+        known = is_known(printer, code(name)) if name[1:].isdigit() else False
+        if not known and not (named and is_known_name(printer, name.upper())):
+            strange.append(command)
+    if not printer.safe_state_off:
+        return []
+    return [
+        Check(
+            "commands of the safe state unknown to the firmware",
+            len(strange),
+            0,
+            "",
+            not strange,
+            f"{printer.name}: safe_state_off",
+            f"{', '.join(strange)}: a stop would switch nothing off; mend the profile, or name "
+            "them in extra_commands",
+        )
+    ]
+
+
+def _timeout(run: DryRun, printer: Printer) -> Check:
+    """Whether the job sets the timeout before its first move, and no dwell outlasts it.
+
+    Without one a job that heats is refused where the firmware has such a command.
+    """
+    command = _TIMEOUT.get(printer.firmware)
+    heats = bool((np.isin(run.program.code, _HEATS) & (run.program.value > 0)).any())
+    if command is None:
+        remedy = (
+            f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
+            "stay as they are until somebody comes; don't leave the print alone, or have the "
+            "board's own configuration watch it"
+        )
+        return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
+    seconds, line = _set_before_moving(run, printer.firmware)
+    dwell = float(run.program.value[run.program.kind == DWELL].max(initial=0.0))
+    if seconds <= 0:
+        return Check(
+            _NAME,
+            0,
+            1,
+            "s",
+            False,
+            "before the first move",
+            f"the job doesn't set it, so a dead host leaves everything on; begin it with {command} "
+            f"(profile: idle_timeout_s {printer.idle_timeout_s:g})",
+            "refuses" if heats else "warns",
+        )
+    return Check(
+        f"{_NAME}, above the longest dwell",
+        seconds,
+        dwell,
+        "s",
+        seconds > dwell,
+        f"line {line}",
+        "a longer dwell would kill the print; raise idle_timeout_s or shorten the dwell",
+    )
+
+
+def _set_before_moving(run: DryRun, firmware: str) -> tuple[float, int]:
+    """The timeout that the job has set when it first moves, s, and the line; 0 for none."""
+    program = run.program
+    moves = np.flatnonzero(program.kind == MOVE)
+    first = int(program.line[moves[0]]) if len(moves) else math.inf
+    if firmware == "klipper":
+        said = [at for at in run.named if at.name == "SET_IDLE_TIMEOUT" and at.line < first]
+        return (_number(said[-1].words.get("TIMEOUT", "")), said[-1].line) if said else (0.0, 0)
+    rows = np.flatnonzero((program.code == code("M85")) & (program.line < first))
+    if not len(rows):
+        return 0.0, 0
+    return float(np.nan_to_num(program.value[rows[-1]])), int(program.line[rows[-1]])
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def _configured(run: DryRun, printer: Printer) -> list[Check]:
+    """Things that stand in the firmware's configuration, where nothing tells them."""
+    if run.plunger_max_mm <= 0:
+        return []
+    asked = {
+        "klipper": (
+            "printer.cfg",
+            "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
+            "there with enable_force_move, else it refuses the first move; see that they are",
+        ),
+        "reprapfirmware": (
+            "config.g",
+            "a tool must be selected (T0), else the board refuses to push; the job selects none, "
+            "since that may run macros that move; see that it is",
+        ),
+    }
+    if printer.firmware not in asked:
+        return []
+    place, remedy = asked[printer.firmware]
+    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
+
+
+def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
+    """Klipper refuses a move that pushes more ink per length than its limit: say what it needs."""
+    if printer.firmware != "klipper":
+        return []
+    program = run.program
+    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    way = np.linalg.norm((program.target - before)[:, :3], axis=1)
+    pushed = (program.target - before)[:, 3] * math.pi / 4 * syringe.inner_mm**2
+    moves = (program.kind == MOVE) & (way > 0)
+    area = np.zeros(len(program))
+    np.divide(pushed, way, out=area, where=moves)
+    at = int(area.argmax()) if len(area) else 0
+    widest = float(area.max(initial=0.0))
+    if widest <= 0:
+        return []
+    remedy = (
+        f"max_extrude_cross_section (section extruder) must be above {widest:.3g} mm² with "
+        f"filament_diameter {syringe.inner_mm:g}; see that it is"
+    )
+    place = f"line {int(program.line[at])}, printer.cfg"
+    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]

@@ -1,0 +1,69 @@
+"""A job that needs more ink than a syringe holds: where it may be changed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from firmware_profiles import Printer, Syringe
+from printctl.link.errors import LinkError
+from printctl.link.job import Job
+from printctl.link.reloading import plan_reloads
+from printctl.preflight import Check
+
+_ABOUT_THE_SYRINGE = ("plunger travel", "ink, with")
+"""How the names of the checks begin that a change of syringe satisfies."""
+
+
+def capacity_mm(syringe: Syringe) -> float:
+    """Plunger travel of a full syringe, but for its dead volume, mm."""
+    return (syringe.volume_ul - syringe.dead_volume_ul) * 4 / (math.pi * syringe.inner_mm**2)
+
+
+def usable_mm(syringe: Syringe, printer: Printer) -> float:
+    """Plunger travel that the syringe and the printer's drive both have, mm."""
+    return min(capacity_mm(syringe), printer.plunger_travel_mm)
+
+
+def with_reloads(
+    checks: list[Check], job: Job, usable: float, *, wanted: bool
+) -> tuple[list[Check], tuple[int, ...]]:
+    """Plan changes of syringe where the checks say that one isn't enough.
+
+    Parameters
+    ----------
+    checks : list of Check
+    job : Job
+    usable : float, mm
+        Plunger travel of a full syringe.
+    wanted : bool
+        Whether the user agrees to changes; else the remedy offers them.
+
+    Returns
+    -------
+    checks : list of Check
+        With those passed that the changes satisfy, or with the offer in their remedies.
+    reload_at : tuple of int
+        Command lines before each change.
+    """
+    short = [check for check in checks if not check.passed and _is_about_it(check)]
+    if not short:
+        return checks, ()
+    try:
+        reload_at = plan_reloads(job, usable)
+    except LinkError as exc:
+        return [_told(check, f"{check.remedy}; {exc}", short) for check in checks], ()
+    if wanted:
+        passed = [replace(check, passed=True) if check in short else check for check in checks]
+        return passed, reload_at
+    lines = ", ".join(str(job.file_line(index + 1)) for index in reload_at)
+    offer = f"or give --reload: the syringe is then changed before line {lines}"
+    return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], ()
+
+
+def _is_about_it(check: Check) -> bool:
+    return check.check.startswith(_ABOUT_THE_SYRINGE)
+
+
+def _told(check: Check, remedy: str, short: list[Check]) -> Check:
+    return replace(check, remedy=remedy) if check in short else check

@@ -1,0 +1,15 @@
+"""Ask a printer for its own settings, and hold them against a profile."""
+
+from printctl.probing.ask import ask_settings
+from printctl.probing.compare import Row, compare, corrected
+from printctl.probing.settings import QUESTIONS, Settings, read_settings
+
+__all__ = [
+    "QUESTIONS",
+    "Row",
+    "Settings",
+    "ask_settings",
+    "compare",
+    "corrected",
+    "read_settings",
+]

@@ -1,0 +1,93 @@
+"""Put questions to a printer, through the link's own channel.
+
+The port is opened as a link process opens it, alone: while a print holds it, it is in use. Nothing
+is sent but the handshake and questions. On boards that reset when the port opens, it resets them.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from firmware_profiles import Printer
+from printctl.link.channel import Over, Wiring
+from printctl.link.clock import RealClock
+from printctl.link.errors import LinkError
+from printctl.link.families import protocol_for
+from printctl.link.finding import named_port
+from printctl.link.job import Job
+from printctl.link.journal import Journal
+from printctl.link.streamer import Streamer
+from printctl.link.transport import open_port
+from printctl.probing.settings import QUESTIONS, Settings, read_settings
+
+_TRIES = 3
+
+
+class Asker(Streamer):
+    """A streamer that never streams: connects, asks, ends."""
+
+    def answers(self, questions: Sequence[bytes]) -> dict[bytes, tuple[bytes, ...]]:
+        """What the printer says to each question.
+
+        Raises
+        ------
+        LinkError
+            When nobody answers, or the printer halts.
+        """
+        try:
+            self._connect()
+            return {question: self._asked(question) for question in questions}
+        except Over as over:
+            raise LinkError(f"the printer couldn't be asked: {over.message}") from over
+
+    def _asked(self, question: bytes) -> tuple[bytes, ...]:
+        for _ in range(_TRIES):
+            replies = self._command(question, journalled=False)
+            if replies:
+                return replies
+        return ()
+
+
+def ask_wired(wiring: Wiring) -> Settings:
+    """Ask over a wire that is open already."""
+    nothing = Job([], [], "", "questions")
+    family = wiring.printer.firmware
+    return read_settings(family, dict(Asker(wiring, nothing).answers(QUESTIONS[family])))
+
+
+def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:
+    """Open the port, ask for the printer's settings, and close it.
+
+    Parameters
+    ----------
+    port : str
+        Or ``auto``.
+    printer : Printer
+        Profile, for the firmware's family and the baud rate.
+    baud : int, optional
+        In place of the profile's.
+
+    Raises
+    ------
+    LinkError
+        `PortInUse` while a print or another program holds the port; or nobody answers.
+    """
+    transport = open_port(named_port(port, printer), printer, baud)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            journal = Journal(Path(folder) / "journal.log")
+            try:
+                wiring = Wiring(
+                    transport=transport,
+                    protocol=protocol_for(printer, transport.quiet_s),
+                    clock=RealClock(),
+                    journal=journal,
+                    printer=printer,
+                )
+                return ask_wired(wiring)
+            finally:
+                journal.close()
+    finally:
+        transport.close()

@@ -1,0 +1,127 @@
+"""What each firmware family is asked, and how its answers read.
+
+Only questions: none of these commands sets anything. Answers are read as
+
+- Marlin, Prusa: M115, M503 (M92, M201, M203, M204, M205 in it), M211;
+- RepRapFirmware: M115, M92, M201, M203 (mm/min), M208, M302, as ``GCodes2.cpp`` (3.5) words them;
+- Klipper: SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their
+  present values (``toolhead.py``, ``idle_timeout.py``, ``extruder.py``); its steps, limits and
+  min_extrude_temp it doesn't tell on its terminal;
+- Smoothieware: M115, M503.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from printctl.link.firmware import parse_firmware
+
+QUESTIONS: Final[dict[str, tuple[bytes, ...]]] = {
+    "marlin": (b"M115", b"M503", b"M211"),
+    "prusa": (b"M115", b"M503", b"M211"),
+    "smoothieware": (b"M115", b"M503"),
+    "reprapfirmware": (b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),
+    "klipper": (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),
+}
+"""By the profile's ``firmware``."""
+
+_SETTING: Final = re.compile(r"\b(M\d+(?:\.\d+)?)((?: [A-Z]-?\d+(?:\.\d+)?)+)")
+_PAIR: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
+_LISTED: Final = re.compile(r"\b([XYZE]): ?(-?\d+(?:\.\d+)?)")
+_SPAN: Final = re.compile(r"\b([XYZ]) ?(-?\d+(?:\.\d+)?):(-?\d+(?:\.\d+)?)")
+_ENDS: Final = re.compile(r"Min: (.*?)Max: (.*)")
+_KLIPPER: Final = {
+    "max_accel": "acceleration_mm_s2",
+    "idle_timeout: Timeout set to": "idle_timeout_s",
+}
+_LISTS: Final = (
+    ("Steps/mm:", "steps_per_mm", 1.0),
+    ("Accelerations (mm/sec^2):", "max_acceleration_mm_s2", 1.0),
+    ("Max speeds (mm/min):", "max_speed_mm_s", 1 / 60),
+    ("Max speeds (mm/sec):", "max_speed_mm_s", 1.0),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a printer says of itself.
+
+    Attributes
+    ----------
+    firmware : str
+        Its name for itself.
+    values : dict of str to float or bool
+        By the profile's key: ``steps_per_mm.x``, ``x_mm.low``, ``emergency_parser``.
+    notes : tuple of str
+        What it says that no profile has a key for.
+    """
+
+    firmware: str
+    values: dict[str, float | bool] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def read_settings(family: str, answers: dict[bytes, Sequence[bytes]]) -> Settings:
+    """Read the answers to a family's `QUESTIONS`."""
+    told = parse_firmware(answers.get(b"M115", ()))
+    values: dict[str, float | bool] = {}
+    notes: list[str] = []
+    for name, key in (("EMERGENCY_PARSER", "emergency_parser"), ("ADVANCED_OK", "advanced_ok")):
+        if name in told.capabilities:
+            values[key] = told.capabilities[name]
+    for replies in answers.values():
+        for reply in replies:
+            text = reply.decode("ascii", "replace")
+            values.update(_read(family, text))
+            notes += _noted(text)
+    return Settings(told.name, values, tuple(notes))
+
+
+def _read(family: str, text: str) -> Iterator[tuple[str, float | bool]]:
+    if family == "klipper":
+        for words, key in _KLIPPER.items():
+            found = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
+            if found:
+                yield key, float(found[1])
+        return
+    for begin, key, factor in _LISTS:
+        if text.startswith(begin):
+            for axis, value in _LISTED.findall(text.partition(", min.")[0]):
+                yield f"{key}.{axis.lower()}", float(value) * factor
+    if text.startswith("Axis limits"):
+        for axis, low, high in _SPAN.findall(text.partition(")s ")[2] or text):
+            yield f"{axis.lower()}_mm.low", float(low)
+            yield f"{axis.lower()}_mm.high", float(high)
+    ends = _ENDS.search(text)
+    if ends:
+        for end, words in (("low", ends[1]), ("high", ends[2])):
+            for axis, value in _PAIR.findall(words):
+                yield f"{axis.lower()}_mm.{end}", float(value)
+    for code, words in _SETTING.findall(text):
+        yield from _setting(code, dict(_PAIR.findall(words)))
+
+
+def _setting(code: str, words: dict[str, str]) -> Iterator[tuple[str, float | bool]]:
+    """A command that would set what is set, as M503 lists them."""
+    keys = {"M92": "steps_per_mm", "M201": "max_acceleration_mm_s2", "M203": "max_speed_mm_s"}
+    if code in keys:
+        for axis in words.keys() & set("XYZE"):
+            yield f"{keys[code]}.{axis.lower()}", float(words[axis])
+    if code == "M204" and words.keys() & set("PS"):
+        yield "acceleration_mm_s2", float(words.get("P") or words["S"])
+    if code == "M205" and "J" in words:
+        yield "junction_deviation_mm", float(words["J"])
+    if code == "M205" and "B" in words:
+        yield "min_segment_time_s", float(words["B"]) * 1e-6
+
+
+def _noted(text: str) -> Iterator[str]:
+    if text.startswith(("Cold extrusion is", "echo:Cold extrudes are")):
+        yield text.removeprefix("echo:")
+    if "M211 S0" in text:
+        yield "its software endstops are off (M211 S0): only the host's own checks hold it back"
+    if "pressure_advance:" in text and float(text.split(":")[-1]) != 0:
+        yield f"{text.removeprefix('// ')}: it changes the plunger's flow by itself"

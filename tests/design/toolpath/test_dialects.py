@@ -1,0 +1,74 @@
+"""What a job says to each firmware family before its first move and after its last."""
+
+from __future__ import annotations
+
+import pytest
+
+from design.errors import ToolpathError
+from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath.gcode.dialect import DIALECTS, dialect_of
+from firmware_profiles import Printer, Syringe, load
+from tests.design.toolpath.shapes import as_solid, block
+
+MARLIN = load(Printer, "generic_marlin")
+HEADERS = {
+    "marlin": ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "prusa": ["M85 S600", "G21", "G90", "M82", "M302 S0", "G92 X50 Y60 Z30 E0"],
+    "reprapfirmware": ["G21", "G90", "M82", "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "smoothieware": ["G21", "G90", "M82", "G92 X50 Y60 Z30 E0"],
+    "klipper": [
+        "SET_IDLE_TIMEOUT TIMEOUT=600",
+        "G21",
+        "G90",
+        "M82",
+        "SET_KINEMATIC_POSITION X=50.000 Y=60.000 Z=30.0000",
+        "G92 E0",
+    ],
+}
+
+
+def of(firmware: str, **more: object) -> Printer:
+    return MARLIN.model_copy(update={"firmware": firmware, **more})
+
+
+def lines_of(printer: Printer, options: GcodeOptions) -> list[str]:
+    toolpath = fresh_toolpath(as_solid(block(2, 2, 0.12)), FreshOptions())
+    gcode = write_gcode(toolpath, printer, load(Syringe, "hamilton_1ml"), (60, 70, 20), options)
+    lines = gcode.data.decode().split("\n")[:-1]
+    assert len(lines) == len(gcode.line_source) == len(gcode.line_move)
+    return lines
+
+
+@pytest.mark.parametrize("firmware", sorted(DIALECTS))
+def test_header_and_footer_are_the_family_s_own(firmware: str) -> None:
+    lines = lines_of(of(firmware), GcodeOptions(start_mm=(50.0, 60.0, 30.0)))
+    header = HEADERS[firmware]
+    assert lines[: len(header)] == header
+    assert lines[len(header)].startswith("G0")
+    assert lines[-1] == "M400"
+
+
+@pytest.mark.parametrize("firmware", sorted(DIALECTS))
+def test_between_header_and_footer_all_families_read_the_same(firmware: str) -> None:
+    options = GcodeOptions(start_mm=(50.0, 60.0, 30.0))
+    body = lines_of(of(firmware), options)[len(HEADERS[firmware]) : -1]
+    assert body == lines_of(MARLIN, options)[len(HEADERS["marlin"]) : -1]
+
+
+def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
+    lines = lines_of(of("klipper"), GcodeOptions())
+    assert not any(line.startswith("SET_KINEMATIC") for line in lines)
+    assert lines[4] == "G92 E0"
+
+
+def test_klipper_has_no_timeout_of_zero() -> None:
+    assert lines_of(of("klipper", idle_timeout_s=0), GcodeOptions())[0] == "G21"
+    assert lines_of(of("marlin", idle_timeout_s=0), GcodeOptions())[0] == "M85 S0"
+
+
+def test_every_family_of_the_schema_has_a_dialect() -> None:
+    families = Printer.model_fields["firmware"].annotation.__args__  # type: ignore[union-attr]
+    assert set(families) == set(DIALECTS)
+    with pytest.raises(ToolpathError, match="no G-code writer for firmware 'grbl'"):
+        dialect_of(of("grbl"))

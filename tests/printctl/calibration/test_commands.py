@@ -1,0 +1,173 @@
+"""`printctl calibrate`: the test it writes is printable, and what is measured comes back mended."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.calibration import LagPattern, read_readings
+from printctl.calibration.lag import expected_width
+from printctl.cli.main import app
+from printctl.errors import SafetyError, UsageError
+from sim.dryrun import DryRun, dry_run
+
+PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+AREA = math.pi / 4 * SYRINGE.inner_mm**2
+
+
+def calibrate(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
+
+
+def estimates(*words: str | Path) -> dict[str, dict[str, float]]:
+    done = calibrate(*words, "--json")
+    assert done.exit_code == 0, done.output
+    found: dict[str, dict[str, float]] = json.loads(done.stdout)["estimates"]
+    return found
+
+
+def dry(path: Path, at: tuple[float, float, float]) -> DryRun:
+    return dry_run(path.read_bytes(), PRINTER, at)
+
+
+def filled(path: Path, column: np.ndarray) -> Path:
+    """Fill in the last column of a sheet."""
+    lines = path.read_text().splitlines()
+    head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    rows = [f"{line}{value:.6f}" for line, value in zip(lines[head + 1 :], column, strict=True)]
+    path.write_text("\n".join([*lines[: head + 1], *rows]) + "\n")
+    return path
+
+
+def test_weighing_from_the_test_to_the_mended_profile(tmp_path: Path) -> None:
+    job = tmp_path / "weigh.gcode"
+    assert calibrate("weigh", "--gcode", job, "--repeats", "3").exit_code == 0
+    travel = read_readings_of(tmp_path / "weigh.csv", "travel_mm")
+    run = dry(job, (100, 100, 50))
+    assert run.plunger_max_mm == pytest.approx(travel.sum(), abs=1e-3)
+    assert np.ptp(run.program.target[:, :2], axis=0).max() == 0  # it pushes, and moves nowhere
+    mass = 0.96 * AREA * travel * 0.998 + np.random.default_rng(1).normal(0, 0.05, len(travel))
+    sheet = filled(tmp_path / "weigh.csv", mass)
+    found = estimates("weigh", sheet, "--density", "0.998", "--write", tmp_path / "mine.yaml")
+    assert found["volume per travel"]["low"] < 0.96 * AREA < found["volume per travel"]["high"]
+    mine = load(Printer, str(tmp_path / "mine.yaml"))
+    assert mine.steps_per_mm.e == pytest.approx(6400 / 0.96, rel=5e-3)
+    assert mine.steps_per_mm.x == PRINTER.steps_per_mm.x
+    assert "measured by printctl calibrate" in mine.source
+    assert (
+        calibrate("weigh", sheet, "--mend", "bore", "--write", tmp_path / "s.yaml").exit_code == 0
+    )
+    bore = load(Syringe, str(tmp_path / "s.yaml")).inner_mm
+    assert bore == pytest.approx(SYRINGE.inner_mm * math.sqrt(0.96), rel=2e-3)
+
+
+def read_readings_of(path: Path, column: str) -> np.ndarray:
+    """A column of a sheet that isn't filled in yet."""
+    lines = [line.split(",") for line in path.read_text().splitlines() if line[0] != "#"]
+    return np.array([float(row[lines[0].index(column)]) for row in lines[1:]])
+
+
+@pytest.mark.parametrize("axis", ["z", "e"])
+def test_backlash_test_waits_where_its_sheet_says(axis: str, tmp_path: Path) -> None:
+    job = tmp_path / "back.gcode"
+    done = calibrate("backlash", "--axis", axis, "--gcode", job, "--wait", "4")
+    assert done.exit_code == 0
+    run = dry(job, (100, 100, 50))
+    waits = np.flatnonzero(run.program.value == 4.0)
+    along = run.program.plunger if axis == "e" else run.program.target[:, 2] - 50
+    target = read_readings_of(tmp_path / "back.csv", "target_mm")
+    np.testing.assert_allclose(along[waits], target, atol=2e-3)
+    side = read_readings_of(tmp_path / "back.csv", "approach")
+    before = along[waits - 2]  # the overshoot
+    np.testing.assert_array_equal(np.sign(target - before), side)
+    sheet = filled(tmp_path / "back.csv", target - side * 0.025 + 0.001 * np.cos(np.arange(10)))
+    found = estimates("backlash", sheet)
+    assert found["lost motion"]["low"] < 0.05 < found["lost motion"]["high"]
+
+
+def test_lag_sheet_remembers_the_line_and_gives_the_ink_s_factor(tmp_path: Path) -> None:
+    job = tmp_path / "lag.gcode"
+    shape = ("--slow", "5", "--fast", "15", "--length", "30", "--width", "0.5")
+    assert calibrate("lag", "--gcode", job, *shape).exit_code == 0
+    pattern = LagPattern(5, 15, 30, 0.5, 0.2)
+    x = read_readings_of(tmp_path / "lag.csv", "x_mm")
+    width = expected_width(x, 0.9, 0.5, 0.5, pattern)
+    width += np.random.default_rng(4).normal(0, 0.008, len(x))
+    sheet = filled(tmp_path / "lag.csv", width)
+    found = estimates("lag", sheet, "--write", tmp_path / "ink.yaml")
+    assert found["flow factor"]["low"] < 0.9 < found["flow factor"]["high"]
+    assert found["K (advance)"]["low"] < 0.5 < found["K (advance)"]["high"]
+    ink = load(Ink, str(tmp_path / "ink.yaml"))
+    assert ink.flow_factor == pytest.approx(0.9, abs=0.02)
+    assert not ink.calibrated  # one constant of several
+    # Measured again with that ink's factor, the factors multiply.
+    again = estimates("lag", sheet, "--ink", tmp_path / "ink.yaml")
+    assert again["flow factor"]["value"] == pytest.approx(ink.flow_factor**2, rel=1e-6)
+
+
+def test_lag_test_writes_the_same_ink_per_length_at_both_speeds(tmp_path: Path) -> None:
+    job = tmp_path / "lag.gcode"
+    assert calibrate("lag", "--gcode", job, "--lines", "1").exit_code == 0
+    run = dry(job, (40, 100, 1))
+    pushed = np.diff(run.program.plunger, prepend=0)
+    way = np.diff(run.program.target[:, 0], prepend=40)
+    written = (pushed > 0) & (way > 0)
+    np.testing.assert_allclose(way[written], [40, 40, 40])
+    np.testing.assert_allclose(pushed[written] * AREA / way[written], 0.08, rtol=1e-3)
+    np.testing.assert_allclose(run.program.feed[written], [4, 16, 4])
+
+
+def test_level_tells_tilt_and_depth(tmp_path: Path) -> None:
+    rows = ["surface,x_mm,y_mm,z_mm"]
+    for x, y in ((0, 0), (60, 0), (0, 60), (60, 60), (30, 30)):
+        rows += [f"bed,{x},{y},{0.1 + 0.001 * x:.4f}", f"bath,{x},{y},8.15"]
+    (tmp_path / "level.csv").write_text("\n".join(rows))
+    found = estimates("level", tmp_path / "level.csv")
+    assert found["bed, rise along x"]["value"] == pytest.approx(0.1)
+    assert found["depth of the bath (bath_depth_mm)"]["value"] == pytest.approx(8.02)
+
+
+def test_offset_tells_one_needle_from_the_other(tmp_path: Path) -> None:
+    rows = ["needle,x_mm,y_mm,z_mm"]
+    rows += [f"old,{100 + e},50,3" for e in (-0.01, 0, 0.01)]
+    rows += [f"new,{100.3 + e},49.9,3.5" for e in (-0.01, 0, 0.01)]
+    (tmp_path / "offset.csv").write_text("\n".join(rows))
+    found = estimates("offset", tmp_path / "offset.csv")
+    assert found["new less old, x"]["value"] == pytest.approx(0.3)
+    assert found["new less old, y"]["value"] == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is empty"),
+        ("travel_mm\n1\n", "line 1: no column 'mass_mg'"),
+        ("travel_mm,mass_mg\n1,\n", "no reading"),
+        ("travel_mm,mass_mg\n# remark\n1,x\n", "line 3: mass_mg is 'x'"),
+    ],
+)
+def test_a_bad_sheet_is_named_with_its_line(text: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "weigh.csv"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=says):
+        calibrate("weigh", path)
+
+
+def test_a_test_that_leaves_the_work_area_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SafetyError, match="x, highest"):
+        calibrate("lag", "--gcode", tmp_path / "lag.gcode", "--at", "150,100,1")
+    assert not (tmp_path / "lag.gcode").exists()
+
+
+def test_unmeasured_rows_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "weigh.csv"
+    path.write_text("# key=2.5\n# no fact\ntravel_mm,mass_mg\n1,16\n2,\n3,48\n")
+    found = read_readings(path, ("travel_mm", "mass_mg"))
+    assert found.numbers["travel_mm"].tolist() == [1, 3]
+    assert found.facts == {"key": 2.5}

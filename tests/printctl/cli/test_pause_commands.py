@@ -1,0 +1,127 @@
+"""`printctl pause`, `resume`, `reload`, `status`, `alive` over a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from firmware_profiles import Printer, load
+from printctl.cli.alive import alive
+from printctl.cli.pause import After, pause
+from printctl.cli.recover import recover
+from printctl.cli.reload import reload
+from printctl.cli.resume import resume
+from printctl.cli.status import status
+from printctl.errors import PrintctlError, SafetyError, UsageError
+from printctl.link import Care, LinkError, LinkState, PrintClient, start_print
+from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.link.layered import layered
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+@pytest.fixture(scope="module")
+def profile(tmp_path_factory) -> str:
+    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
+    path = tmp_path_factory.mktemp("profile") / "test.yaml"
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
+
+
+def until(client: PrintClient, state: LinkState) -> None:
+    limit = time.monotonic() + 20
+    while client.status.state is not state:
+        assert time.monotonic() < limit, client.status
+        time.sleep(0.02)
+
+
+def begun(folder: Path, profile: str, port: str) -> PrintClient:
+    """A print of ``folder``/job.gcode, as a user's recipe would run it."""
+    job = folder / "job.gcode"
+    job.write_bytes(layered(4, 60))
+    care = Care(checkpoint_s=0.0, syringe="hamilton_1ml", capacity_mm=58.0, deadman_s=600.0)
+    return start_print(job, profile, port, folder / "job.gcode.print", care=care)
+
+
+def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, capsys):
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        run = tmp_path / "job.gcode"
+        assert served.held.wait(10)
+        pause(run, After.LAYER)
+        with pytest.raises(LinkError, match="marks no end of a vessel"):
+            pause(run, After.VESSEL)
+        alive(run)
+        served.gate.set()
+        until(client, LinkState.PAUSED)
+        status(run)
+        said = capsys.readouterr().out
+        assert "will pause at the end of this layer" in said
+        assert "confirm again within 10.0 min" in said
+        assert "paused: paused at the end of layer 0, reload point" in said
+        reload(run)
+        while client.status.waits_for != "syringe":
+            time.sleep(0.02)
+        with pytest.raises(LinkError, match="paused for a change of syringe"):
+            resume(run)
+        with pytest.raises(UsageError, match=r"bore of 7\.28 mm"):
+            resume(run, syringe="hamilton_2_5ml")
+        resume(run, plunger_mm=1.5)
+        assert client.wait(30).state is LinkState.DONE
+        sent = served.printer.numbered
+    assert any(line.startswith("G92 E") for line in sent[40:])
+    with pytest.raises(PrintctlError, match=r"has ended \(done"):
+        pause(run)
+
+
+def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, capsys):
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        assert served.held.wait(10)
+        pause(tmp_path / "job.gcode.print", After.LAYER)
+        capsys.readouterr()
+        status(tmp_path / "job.gcode.print", as_json=True)
+        found = yaml.safe_load(capsys.readouterr().out)
+        assert found["waits_for"] == "pause after layer"
+        assert 590 < found["deadman_left_s"] <= 600
+        client.stop()
+        served.gate.set()
+        assert client.wait(30).state is LinkState.STOPPED
+
+
+def test_file_that_was_never_printed_is_told(tmp_path):
+    (tmp_path / "job.gcode").write_text("G90")
+    for place in (tmp_path / "job.gcode", tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(LinkError, match="no print was started in"):
+            status(place)
+
+
+def test_rest_of_a_print_that_lost_its_position_is_written_when_confirmed(
+    tmp_path, profile, capsys
+):
+    printer = FakeMarlin()
+    printer.reset_at = 190
+    job, rest = tmp_path / "job.gcode", tmp_path / "job.rest.gcode"
+    with pty_printer(printer, hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        assert served.held.wait(10)
+        with pytest.raises(PrintctlError, match="nothing to recover"):
+            recover(job, yes=True)
+        served.gate.set()
+        assert client.wait(30).state is LinkState.POSITION_UNKNOWN
+    with pytest.raises(SafetyError, match="wasn't written"):
+        recover(job)
+    assert not rest.exists()
+    recover(job, yes=True)
+    said = capsys.readouterr()
+    assert "1. Lift the needle out before anything else moves" in said.err
+    assert f"printctl print {rest} --printer {profile}" in said.out
+    assert "--start 50,50,10" in said.out
+    assert rest.read_bytes().endswith(b";LAYER_END:3\n;RELOAD\nM400\n")
+    job.write_bytes(job.read_bytes() + b"M105\n")
+    with pytest.raises(PrintctlError, match="has changed since it was printed"):
+        recover(job, yes=True)

@@ -1,0 +1,146 @@
+"""A job with marks, and prints of it that are interrupted by a script."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from firmware_profiles import Printer, load
+from printctl.link.care import Care
+from printctl.link.channel import Wiring
+from printctl.link.clock import VirtualClock
+from printctl.link.job import Job, parse_job
+from printctl.link.journal import History, Journal
+from printctl.link.protocol import LinkProtocol
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
+from printctl.link.transport import Transport
+from sim.marlin import MarlinPrinter
+from tests.printctl.link.fake_marlin import FakeMarlin
+from tests.printctl.link.sim_transport import SimTransport
+
+PRINTER = load(Printer, "generic_marlin")
+START = (50.0, 50.0, 10.0)
+HEADER = b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
+RETRACT_MM = 0.25
+
+
+def layered(layers: int, moves: int, mark: str = "LAYER_END") -> bytes:
+    """Zigzag layers; each ends relieved, lifted and marked, and the next one primes first."""
+    text, e = [HEADER.rstrip().decode()], 0.0
+    for layer in range(layers):
+        z = 10.0 + 0.25 * layer
+        if layer:
+            text += [f"G0 X50 Y{51 + layer % 3:g} F6000", f"G1 E{e:.5f} F60"]
+        for k in range(moves):
+            e += 0.0035
+            x, y = 50 + (k + layer + 1) % 2 * 3.5, 50 + k % 40 * 0.25
+            text.append(f"G1 X{x:.3f} Y{y:.3f} E{e:.5f} F1800")
+        text += [f"G1 E{e - RETRACT_MM:.5f} F60", f"G0 Z{z + 0.25:g} F300"]
+        text += [f";{mark}:{layer}", ";RELOAD"]
+    return ("\n".join(text) + "\nM400\n").encode()
+
+
+@dataclass
+class Script:
+    """What a user does: told of each status and of each job line that the printer takes."""
+
+    streamer: Streamer | None = None
+    seen: list[Status] = field(default_factory=list)
+    on_paused: Callable[[Streamer], None] = lambda streamer: streamer.resume()
+    at_line: dict[int, Callable[[Streamer], None]] = field(default_factory=dict)
+
+    def status(self, status: Status) -> None:
+        self.seen.append(status)
+        if status.state is LinkState.PAUSED and self.streamer is not None:
+            self.on_paused(self.streamer)
+
+    def took(self, line: int) -> None:
+        wish = self.at_line.pop(line, None)
+        if wish is not None and self.streamer is not None:
+            wish(self.streamer)
+
+    @property
+    def pauses(self) -> list[Status]:
+        return [one for one in self.seen if one.state is LinkState.PAUSED]
+
+
+class Following(FakeMarlin):
+    """Tells a script how many lines of the job it has taken."""
+
+    def __init__(self, job: Job, script: Script) -> None:
+        super().__init__()
+        self._job, self._script, self._next = job, script, 0
+
+    @property
+    def taken(self) -> int:
+        return self._next
+
+    def _do(self, command: str) -> bytes:
+        said = super()._do(command)
+        if self._next < len(self._job) and command == self._job.lines[self._next].decode():
+            self._next += 1
+            self._script.took(self._next)
+        return said
+
+
+def played(
+    data: bytes,
+    folder: Path,
+    transport: Transport,
+    script: Script,
+    care: Care | None = None,
+    retreat: Retreat | None = None,
+    history: History | None = None,
+    protocol: LinkProtocol | None = None,
+    printer: Printer = PRINTER,
+) -> Status:
+    wiring = Wiring(
+        transport=transport,
+        protocol=protocol or MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(folder / "journal.log"),
+        printer=printer,
+        retreat=retreat or Retreat(),
+        on_status=script.status,
+    )
+    script.streamer = Streamer(wiring, parse_job(data, "test.gcode"), care)
+    return script.streamer.run(history)
+
+
+class HostDiedError(BaseException):
+    """In place of kill -9: nothing of the host runs after it."""
+
+
+class Doomed(SimTransport):
+    """Dies at its ``last``-th write once ``armed``; a part of that write leaves."""
+
+    armed = False
+
+    def __init__(self, printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> None:
+        super().__init__(printer, clock)
+        self._left, self._part = last, part
+
+    def write(self, data: bytes) -> None:
+        self._left -= self.armed
+        if self._left > 0:
+            super().write(data)
+            return
+        super().write(data[: round(len(data) * self._part)])
+        self.printer.settle()
+        self.printer.take_output()
+        raise HostDiedError
+
+
+class Arming(Script):
+    """Arms the transport once the print is about to pause."""
+
+    transport: Doomed | None = None
+
+    def status(self, status: Status) -> None:
+        if status.state is LinkState.PAUSING and self.transport is not None:
+            self.transport.armed = True
+        super().status(status)

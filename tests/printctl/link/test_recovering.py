@@ -1,0 +1,174 @@
+"""The rest of a job after a power cut: from a checkpoint that was moved, by a way from above."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from printctl.link.care import Care
+from printctl.link.clock import VirtualClock
+from printctl.link.errors import LinkError
+from printctl.link.job import parse_job
+from printctl.link.journal import History, read_journal
+from printctl.link.marks import MarkKind
+from printctl.link.recovering import Recovery, plan_recovery, surely_moved
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
+from sim.dryrun import dry_run
+from sim.executed import ExecutedMotion
+from sim.faults import parse_fault
+from sim.marlin import MarlinPrinter
+from tests.printctl.link.layered import PRINTER, START, Script, layered, played
+from tests.printctl.link.sim_transport import SimTransport
+
+DATA = layered(5, 20)
+JOB = parse_job(DATA, "test.gcode")
+FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
+RETREAT = Retreat(relief_mm=0.3)
+
+
+def rows(motion: ExecutedMotion, keep: np.ndarray) -> np.ndarray:
+    pushed = motion.plunger_end - motion.plunger_start
+    return np.column_stack([motion.start, motion.end, pushed])[keep]
+
+
+def assert_rest_is_the_jobs(plan: Recovery) -> ExecutedMotion:
+    """Run the file on a fresh printer: its way in is free, all that follows is as in the job."""
+    run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False)
+    assert run.unknown == ()
+    commands = parse_job(plan.gcode, "rest")
+    before = len(commands) - (len(JOB) - plan.begin)
+    assert commands.lines[before:] == JOB.lines[plan.begin :]
+    motion = run.executed
+    ours = rows(motion, motion.line >= before)
+    foreseen = rows(FORESEEN, FORESEEN.line >= plan.begin)
+    assert ours.shape == foreseen.shape
+    np.testing.assert_array_equal(ours[:, :6], foreseen[:, :6])
+    np.testing.assert_allclose(ours[:, 6], foreseen[:, 6], atol=1e-9)
+    assert_free_way(motion, motion.line < before)
+    return motion
+
+
+def assert_free_way(motion: ExecutedMotion, keep: np.ndarray) -> None:
+    """Up, across above everything, straight down, then prime: never two of them at once."""
+    across = np.any(motion.start[keep, :2] != motion.end[keep, :2], axis=1)
+    top = FORESEEN.end[:, 2].max()
+    heights = np.minimum(motion.start[keep, 2], motion.end[keep, 2])
+    assert (heights[across] >= top).all()
+    pushes = motion.plunger_end[keep] - motion.plunger_start[keep]
+    still = np.all(motion.start[keep] == motion.end[keep], axis=1)
+    assert (pushes[~still] == 0).all()
+
+
+@pytest.mark.parametrize("line", [70, 95, 118])
+def test_rest_after_a_power_cut_is_moved_as_the_job_foresaw(tmp_path, line):
+    printer = MarlinPrinter(PRINTER, START, faults=(parse_fault(f"reset@{line}"),))
+    transport = SimTransport(printer, VirtualClock())
+    status = played(DATA, tmp_path, transport, Script(), Care(checkpoint_s=0.0), retreat=RETREAT)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    history = read_journal(tmp_path / "journal.log")
+    plan = plan_recovery(JOB, DATA, history, PRINTER, RETREAT)
+    marks = [mark.index for mark in JOB.marks.of(MarkKind.LAYER)]
+    assert plan.begin in marks
+    assert plan.start == START
+    # What the journal calls sure had really been moved when the power went.
+    moved = transport.printer.executed().line
+    assert plan.begin <= surely_moved(JOB.lines, history.done, 20)
+    assert len(moved) >= np.count_nonzero(FORESEEN.line < plan.begin)
+    assert_rest_is_the_jobs(plan)
+    assert "would be written twice" in " ".join(plan.steps)
+
+
+@pytest.mark.parametrize("begin", range(7, len(JOB) - 1, 9))
+def test_rest_from_any_line_is_moved_as_the_job_foresaw(begin):
+    plan = plan_recovery(
+        JOB, DATA, History(done=len(JOB)), PRINTER, RETREAT, from_line=JOB.file_lines[begin]
+    )
+    assert plan.begin == begin
+    assert_rest_is_the_jobs(plan)
+
+
+def test_plunger_counted_anew_in_the_job_is_taken_over():
+    lines = DATA.decode().split("\n")
+    at = next(k for k, text in enumerate(lines) if text.startswith(";LAYER_END:1"))
+    e = float(next(text for text in lines[at::-1] if " E" in text).split("E")[1].split()[0])
+    moved = [
+        text if k <= at or " E" not in text else shifted(text, e) for k, text in enumerate(lines)
+    ]
+    moved.insert(at + 1, "G92 E0")
+    data = "\n".join(moved).encode()
+    job = parse_job(data, "a")
+    begin = job.marks.of(MarkKind.LAYER)[2].index
+    plan = plan_recovery(
+        job, data, History(done=0), PRINTER, RETREAT, from_line=job.file_lines[begin]
+    )
+    rest = parse_job(plan.gcode, "rest")
+    before = len(rest) - (len(job) - begin)
+    motion = dry_run(plan.gcode, PRINTER, START).executed
+    whole = dry_run(data, PRINTER, START).executed
+    ours, foreseen = rows(motion, motion.line >= before), rows(whole, whole.line >= begin)
+    np.testing.assert_array_equal(ours[:, :6], foreseen[:, :6])
+    np.testing.assert_allclose(ours[:, 6], foreseen[:, 6], atol=1e-9)
+
+
+def shifted(text: str, by: float) -> str:
+    before, _, after = text.partition("E")
+    value, _, rest = after.partition(" ")
+    return f"{before}E{float(value) - by:.5f} {rest}"
+
+
+def test_settings_are_carried_over_as_they_stood():
+    data = DATA.replace(b";LAYER_END:1\n", b"M104 S37\nM140 S4\nM104 S20\n;LAYER_END:1\n")
+    job = parse_job(data, "a")
+    begin = job.marks.of(MarkKind.LAYER)[2].index
+    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=job.file_lines[begin])
+    lines = parse_job(plan.gcode, "a").lines
+    assert {b"G21", b"G90", b"M82", b"M85 S600", b"M302 P1", b"M140 S4"} <= set(lines[:10])
+    assert b"M104 S20" in lines[:10]
+    assert b"M104 S37" not in lines
+
+
+def test_checkpoint_whose_moves_may_still_have_been_queued_is_not_believed():
+    marks = [mark.index for mark in JOB.marks.of(MarkKind.LAYER)]
+    made = [{"done": index, "mark": f"end of layer {k}"} for k, index in enumerate(marks)]
+    just_after = History(done=marks[2] + 5, checkpoints=made[:3])
+    assert plan_recovery(JOB, DATA, just_after, PRINTER, RETREAT).begin == marks[1]
+    long_after = History(done=marks[3] - 1, checkpoints=made[:3])
+    assert plan_recovery(JOB, DATA, long_after, PRINTER, RETREAT).begin == marks[2]
+    with pytest.raises(LinkError, match="no checkpoint before line"):
+        plan_recovery(JOB, DATA, History(done=30, checkpoints=made[:1]), PRINTER, RETREAT)
+
+
+def test_later_beginnings_are_offered():
+    marks = JOB.marks.of(MarkKind.LAYER)
+    made = [{"done": marks[0].index, "mark": "end of layer 0"}]
+    history = History(done=marks[1].index + 3, checkpoints=made)
+    steps = " ".join(plan_recovery(JOB, DATA, history, PRINTER, RETREAT).steps)
+    line = JOB.file_lines[marks[2].index]
+    assert f"--from-line, such as {line} (after the end of layer 2)" in steps
+    assert "straight up" in steps.split(".")[0]
+    assert "Don't home" in steps
+
+
+def test_homed_machine_is_told_to_home_clear_of_the_part():
+    data = DATA.replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
+    job = parse_job(data, "a")
+    line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
+    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+    assert plan.start is None
+    assert any("Don't home Z with the needle mounted" in text for text in plan.steps)
+    assert b"G92 X" not in plan.gcode
+
+
+def test_job_that_moves_its_frame_is_not_placed_by_a_machine():
+    data = DATA.replace(b";LAYER_END:0\n", b"G92 X0\n;LAYER_END:0\n")
+    job = parse_job(data, "a")
+    line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
+    with pytest.raises(LinkError, match="moves the job's frame"):
+        plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+
+
+@pytest.mark.parametrize("line", [1, 10_000])
+def test_line_outside_the_job_is_refused(line):
+    with pytest.raises(LinkError, match="isn't between"):
+        plan_recovery(JOB, DATA, History(), PRINTER, RETREAT, from_line=line)

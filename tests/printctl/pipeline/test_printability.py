@@ -1,0 +1,41 @@
+"""What needle, bath and method can print."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from firmware_profiles import Bath, Ink, Needle, load
+from printctl.pipeline.printability import printability
+from printctl.recipe.making import Embedded, Fresh
+
+
+def context(part: Embedded | Fresh, **bath: float) -> Any:
+    """As much of a run's context as is asked."""
+    ink = load(Ink, "gelatin_sacrificial")
+    return SimpleNamespace(
+        recipe=SimpleNamespace(toolpath=part),
+        needle=load(Needle, part.needle),
+        ink=ink,
+        bath=load(Bath, "cell_matrix").model_copy(update=bath),
+    )
+
+
+def test_a_firm_bath_leaves_the_limit_to_the_plunger() -> None:
+    limits = printability(context(Embedded(method="embedded")))
+    assert limits.widest_mm == pytest.approx(3.568, rel=1e-3)  # 2 µL/s at 0.2 mm/s
+    assert "plunger" in limits.says
+
+
+def test_a_weak_bath_limits_the_widest_vessel() -> None:
+    weak = context(Embedded(method="embedded"), yield_stress_pa=0.02, density_g_cm3=1.05)
+    limits = printability(weak)
+    # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
+    assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
+    assert "1.46 mm, which the bath's yield stress holds" in limits.says
+
+
+def test_layers_have_no_widest_lumen() -> None:
+    assert printability(context(Fresh(method="fresh"))).widest_mm is None

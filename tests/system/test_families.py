@@ -1,0 +1,39 @@
+"""The shipped planar example's own G-code, printed on a simulated Duet and a simulated Klipper."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_profiles import Printer, load
+from sim.dryrun import dry_run
+from sim.executed import ExecutedMotion
+from tests.system.cli import printctl, recipe_file
+
+_START = re.compile(r"(?:G92|SET_KINEMATIC_POSITION) X=?([\d.]+) Y=?([\d.]+) Z=?([\d.]+)")
+
+
+@pytest.mark.parametrize("profile", ["ender5_duet3_replistruder5", "klipper_bioprinter"])
+def test_planar_example_is_printed_whole(profile: str, tmp_path: Path) -> None:
+    recipe = recipe_file(tmp_path, "planar_fresh", printer={"profile": profile})
+    done = printctl("toolpath", recipe, "--out", "part.gcode", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "part.gcode").read_text()
+    assert "M85" not in text
+    assert ("M302" in text) == (profile != "klipper_bioprinter")
+    found = _START.search(text)
+    assert found is not None
+    done = printctl(
+        "print", "part.gcode", "--printer", profile, "--port", "simulated", "--json",
+        "--start", ",".join(found.groups()), cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "note: " in done.stderr  # what no job can set is said before the print
+    assert json.loads(done.stdout)["state"] == "done"
+    x, y, z = (float(word) for word in found.groups())
+    planned = dry_run(text.encode(), load(Printer, profile), (x, y, z)).executed
+    motion = ExecutedMotion.load(tmp_path / "part.gcode.print" / "executed.npz")
+    np.testing.assert_allclose(motion.end, planned.end, atol=1e-6)
+    np.testing.assert_allclose(motion.plunger_end, planned.plunger_end, atol=1e-6)
