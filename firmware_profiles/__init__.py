@@ -2,7 +2,7 @@
 
 from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.load import load, shipped
+from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
 
 __all__ = [
@@ -19,5 +19,6 @@ __all__ = [
     "Syringe",
     "doubts",
     "load",
+    "read_keys",
     "shipped",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -39,13 +39,7 @@ def load(model: type[Profile], name: str) -> Profile:
     """
     path = Path(name) if name.endswith((".yaml", ".yml")) else _shipped_path(model, name)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as exc:
-        raise ProfileError(f"profile file {path} doesn't exist; check the path") from exc
-    except yaml.YAMLError as exc:
-        raise ProfileError(f"{path} isn't YAML: {exc}") from exc
-    try:
-        return model.model_validate(data)
+        return model.model_validate(_read(path))
     except ValidationError as exc:
         problems = "; ".join(
             f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']} "
@@ -53,6 +47,29 @@ def load(model: type[Profile], name: str) -> Profile:
             for problem in exc.errors()
         )
         raise ProfileError(f"{path.name}: {problems}") from exc
+
+
+def read_keys(file: str) -> list[str]:
+    """Keys of a profile's file, whatever its sort.
+
+    Raises
+    ------
+    ProfileError
+        When it can't be read or holds no keys.
+    """
+    data = _read(Path(file))
+    if not isinstance(data, dict):
+        raise ProfileError(f"{file} holds no keys; a profile is `key: value`, one a line")
+    return [str(key) for key in data]
+
+
+def _read(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as exc:
+        raise ProfileError(f"profile file {path} doesn't exist; check the path") from exc
+    except (yaml.YAMLError, UnicodeDecodeError) as exc:
+        raise ProfileError(f"{path} isn't YAML: {exc}") from exc
 
 
 def _shipped_path(model: type[Facts], name: str) -> Path:

@@ -44,8 +44,10 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as exc:
-        raise UsageError(f"{path} can't be read: {exc}; give a CSV file") from exc
+    except OSError as exc:
+        raise UsageError(f"{path} can't be read: {exc.strerror}; give a CSV file") from exc
+    except UnicodeDecodeError as exc:
+        raise UsageError(f"{path} isn't a text file; give a CSV file in UTF-8") from exc
     facts = _facts(lines)
     kept = [(at, text) for at, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
     if not kept:

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.errors import UsageError
 from printctl.link.history import PrintHistory
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.link.reach import alive
@@ -57,6 +58,9 @@ def rebuild(
     as_json: JsonFlag = False,
 ) -> None:
     """Make the list again from the journals, which are the truth."""
+    for folder in folders or ():
+        if not folder.is_dir():
+            raise UsageError(f"{folder} is no folder; give one that holds prints")
     kept = PrintHistory()
     count = kept.rebuild(folders or ())
     if as_json:

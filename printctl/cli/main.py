@@ -38,7 +38,7 @@ from printctl.cli.status import status
 from printctl.cli.toolpath import toolpath
 from printctl.cli.view import view
 from printctl.errors import PrintctlError
-from printctl.link.errors import LinkError
+from printctl.link.errors import HistoryError, JournalError, LinkError, NoLink
 from registration.errors import RegistrationError
 
 app = typer.Typer(
@@ -87,6 +87,8 @@ def main() -> None:
         app(standalone_mode=True)
     except PrintctlError as exc:
         _fail(str(exc), exc.exit_code)
+    except (NoLink, JournalError, HistoryError) as exc:  # files and processes, not the printer
+        _fail(str(exc), 1)
     except LinkError as exc:
         _fail(str(exc), 4)
     except ProfileError as exc:

@@ -11,6 +11,7 @@ from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, running_print
 from printctl.errors import UsageError
 from printctl.link.marks import MarkKind
+from printctl.link.states import LinkState
 
 
 class After(StrEnum):
@@ -37,6 +38,9 @@ def pause(
     if now and after:
         raise UsageError("--now and --after exclude each other; give one")
     with running_print(run) as client:
+        if client.status.state is LinkState.PAUSED:
+            print_lines(f"is paused already; `printctl resume {run}` goes on")
+            return
         client.pause(MarkKind(after.value) if after else None)
         where = f"at the end of this {after.value}" if after else "after the line in flight"
         print_lines(f"will pause {where}; `printctl status {run}` tells when")

@@ -18,6 +18,7 @@ from firmware_profiles import (
     ProfileError,
     Syringe,
     load,
+    read_keys,
     shipped,
 )
 from printctl.cli.options import JsonFlag, print_json, print_lines
@@ -66,22 +67,34 @@ def find_profile(name: str) -> tuple[str, Facts]:
     Raises
     ------
     ProfileError
-        When there is none; of a file that is no profile it says why, for each sort.
+        When there is none; of a file that is no profile it says what the sort wants whose keys
+        it has most of.
     """
     if not name.endswith((".yaml", ".yml")):
         for kind, model in KINDS.items():
             if name in shipped(model):
                 return kind, load(model, name)
-        raise ProfileError(f"no profile {name!r}; `printctl profiles` lists the shipped ones")
+        raise ProfileError(
+            f"no profile {name!r}; `printctl profiles` lists the shipped ones, a file of your own "
+            "ends in .yaml"
+        )
     if not Path(name).is_file():
         raise ProfileError(f"profile file {name} doesn't exist; check the path")
-    problems = []
-    for kind, model in KINDS.items():
-        try:
-            return kind, load(model, name)
-        except ProfileError as exc:
-            problems.append(f"  as {kind}: {exc}")
-    raise ProfileError("\n".join([f"{name} is no profile of any sort:", *problems]))
+    kind = _likeliest(name)
+    return kind, load(KINDS[kind], name)
+
+
+def _likeliest(file: str) -> str:
+    """The sort of profile that most of a file's keys belong to."""
+    keys = set(read_keys(file)) - set(Facts.model_fields)
+    shared = {kind: len(keys & set(model.model_fields)) for kind, model in KINDS.items()}
+    kind = max(shared, key=lambda one: shared[one])
+    if not shared[kind]:
+        raise ProfileError(
+            f"{file} has no key of any sort of profile ({', '.join(KINDS)}); "
+            "`printctl profiles NAME` shows a shipped one with all its keys"
+        )
+    return kind
 
 
 def _all() -> dict[str, dict[str, Any]]:

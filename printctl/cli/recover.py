@@ -13,12 +13,14 @@ from firmware_profiles import Printer, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, read_gcode_file
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import PrintctlError, SafetyError
+from printctl.link.errors import LinkError
 from printctl.link.job import parse_job
 from printctl.link.journal import read_journal
 from printctl.link.reach import stays_alive
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
 
 
 def recover(
@@ -42,9 +44,9 @@ def recover(
     point from above. Nothing is sent to the printer.
     """
     folder = print_folder(run)
+    record = load_record(folder)
     if stays_alive(folder):
         raise PrintctlError(f"the print in {folder} is going on; there is nothing to recover")
-    record = load_record(folder)
     plan = _planned(folder, from_line)
     file = out or Path(record.job).with_suffix(".rest.gcode")
     messages().print(
@@ -72,8 +74,13 @@ def _planned(folder: Path, from_line: int | None) -> Recovery:
             f"{record.job} has changed since it was printed in {folder}; put the file back that "
             "was printed (its hash is in the journal)"
         )
+    if history.end is not None and history.end.get("state") == LinkState.DONE:
+        raise PrintctlError(f"the print in {folder} was done; there is nothing to recover")
     retreat = Retreat(**record.retreat)
-    return plan_recovery(job, data, history, printer, retreat, from_line)
+    try:
+        return plan_recovery(job, data, history, printer, retreat, from_line)
+    except LinkError as exc:  # nothing was sent, so it isn't the printer that failed
+        raise PrintctlError(str(exc)) from exc
 
 
 def _confirm(file: Path, assume_yes: bool) -> None:

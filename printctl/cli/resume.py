@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
-from printctl.errors import UsageError
+from printctl.errors import PrintctlError, UsageError
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import attach, resume_print
 from printctl.link.states import LinkState
 from printctl.printing import usable_mm
+
+_GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
 
 
 def resume(
@@ -46,7 +48,12 @@ def resume(
     if unchanged and told:
         raise UsageError("--unchanged excludes --syringe and --plunger-mm")
     with attach(folder) as found:
-        record, ended = found.record, found.status.ended
+        record, status = found.record, found.status
+    ended = status.ended
+    if status.state in _GOING_ON and not status.waits_for and not (told or unchanged):
+        raise PrintctlError(
+            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
+        )
     change = None
     if told:
         care = Care.from_dict(record.care)

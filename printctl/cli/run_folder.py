@@ -23,10 +23,10 @@ RunArg = Annotated[
 
 def print_folder(run: Path) -> Path:
     """Folder of the print's journal; where one should be when none is found."""
-    beside = run.with_name(run.name + ".print")
+    beside = Path(f"{run}.print") if run.is_file() else run
     places = (run, run / "print", beside)
     found = (place for place in places if (place / RECORD).is_file())
-    return next(found, beside if run.is_file() else run)
+    return next(found, beside)
 
 
 def running_print(run: Path) -> PrintClient:

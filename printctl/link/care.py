@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from printctl.link.errors import LinkError
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,18 @@ class NewSyringe:
         Its profile; empty for one like the last.
     capacity_mm : float, mm
         Travel when full; 0 for the same as the last.
+
+    Raises
+    ------
+    LinkError
+        When a length is negative or none.
     """
 
     plunger_mm: float = 0.0
     name: str = ""
     capacity_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for what, mm in (("plunger", self.plunger_mm), ("capacity", self.capacity_mm)):
+            if not isinstance(mm, (int, float)) or not 0 <= mm < math.inf:
+                raise LinkError(f"a new syringe's {what} of {mm!r} mm is no length of 0 or more")

@@ -86,9 +86,9 @@ class Channel:
         self._wishes: deque[str] = deque()
         self._commands: deque[tuple[bytes, Callable[[tuple[bytes, ...]], None]]] = deque()
         self._next_note = 0.0
-        self._noted = self._checked = self._errors_seen = 0
+        self._noted = self._checked = self._errors_seen = self._noisy_until = 0
         self._alarms = 0
-        self._fault = ""
+        self._fault = self._slip = ""
         self._final: Status | None = None
         self._journal_lost = self._resumed = self._unverified = False
         self._replies: list[said.Replied] = []

@@ -20,12 +20,14 @@ syringe    ``n``, ``command``: the line about to call the new plunger's place th
 end        state, message, done, error, position_known: last
 ========== =====================================================================================
 
-job, state, alarm, checkpoint and end records also have ``at``, the wall-clock time, s since 1970.
+job, state, alarm, checkpoint, reload, syringe and end records also have ``at``, the wall-clock
+time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
-death of the process (kill -9). job, state, alarm, checkpoint and end records are also forced to
-the disk; ack and control records are not, since forcing the disk several times a second would
-stall the line, and after a loss of power the printer has lost its position as well.
+death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
+that agrees and was made at no mark. That one and ack and control records are not, since forcing
+the disk several times a second would stall the line, and after a loss of power the printer has
+lost its position as well.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from printctl.link.errors import JournalError
 from printctl.link.states import LinkState
 
 Record = dict[str, Any]
-_FORCED: Final = frozenset({"job", "state", "alarm", "checkpoint", "reload", "syringe", "end"})
+_DATED: Final = frozenset({"job", "state", "alarm", "checkpoint", "reload", "syringe", "end"})
 
 
 class Journal:
@@ -80,13 +82,14 @@ class Journal:
         JournalError
             When it can't be written (disk full); the record isn't there then.
         """
-        at = {"at": time.time()} if sort in _FORCED else {}
+        at = {"at": time.time()} if sort in _DATED else {}
         line = encode({"t": sort, **at, **values})
+        passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
         with self._lock:
             try:
                 if os.write(self._fd, line) != len(line):
                     raise OSError("disk full")
-                if sort in _FORCED:
+                if at and not passing:
                     os.fsync(self._fd)
             except OSError as exc:
                 raise JournalError(

@@ -44,16 +44,43 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
     done : int
         How many of them were taken.
     """
+    return Modal(**_read_back(lines, 0, done)[0])
+
+
+class ModalTrail:
+    """`modal_state` again and again as a job goes on: each line is read about once.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        As for `modal_state`.
+    """
+
+    def __init__(self, lines: Sequence[bytes]) -> None:
+        self._lines, self._done, self._words = lines, 0, dict[str, float]()
+
+    def at(self, done: int) -> Modal:
+        """Where needle and plunger are after ``done`` lines."""
+        if done < self._done:  # lines were taken back
+            self._done, self._words = 0, {}
+        found, homed = _read_back(self._lines, self._done, done)
+        self._words = found if homed else {**self._words, **found}
+        self._done = done
+        return Modal(**self._words)
+
+
+def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str, float], bool]:
+    """Last words in lines ``first`` to ``done`` - 1, and whether homing ended the search."""
     found: dict[str, float] = {}
-    for line in reversed(lines[:done]):
+    for line in reversed(lines[first:done]):
         if _HOME.match(line):
-            break
+            return found, True
         if _MOVE.match(line):
             for word in _WORD.finditer(line):
                 found.setdefault(word[1].decode().lower(), float(word[2]))
             if len(found) == 5:
                 break
-    return Modal(**found)
+    return found, False
 
 
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:

@@ -15,7 +15,7 @@ from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
-from printctl.link.modal import Modal, last_of, modal_state, relieved_mm
+from printctl.link.modal import Modal, last_of, relieved_mm
 from printctl.link.placing import Placing
 from printctl.link.reloading import plan_reloads
 from printctl.link.retreat import count_from, heaters_off
@@ -27,6 +27,7 @@ PAUSE_SIGN_S: Final = 20.0
 _TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
 _HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
 """Firmwares that cut the motors' power some time after the last move, unless M84 S0 forbids it."""
+_NOTHING_TOLD: Final[tuple[NewSyringe | None, bool]] = None, False
 CHANGE: Final = (
     "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "
     "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if you didn't"
@@ -48,8 +49,7 @@ class Pausing(Placing):
         self.care = care or Care()
         self.watch = Watch(job.marks, self.care)
         self._changing = False
-        self._change: NewSyringe | None = None
-        self._unchanged = False
+        self._told = _NOTHING_TOLD
 
     # --- for any thread --------------------------------------------------------------------
 
@@ -108,7 +108,8 @@ class Pausing(Placing):
                 "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
                 "that the change is in the journal"
             )
-        self._change, self._unchanged = change, unchanged
+        if self._state is LinkState.PAUSED:  # later, a second word would belong to the next change
+            self._told = change, unchanged
         self._wishes.append("resume")
 
     def alive(self) -> None:
@@ -148,7 +149,7 @@ class Pausing(Placing):
         elif due is Due.DEADMAN:
             self._nobody_there()
         elif due is Due.CHECKPOINT:
-            self._verify(modal_state(self.job.lines, done), mark=where)
+            self._verify(self._trail.at(done), mark=where)
             self.watch.checked(clock.now(), done)
 
     def _nobody_there(self) -> None:
@@ -178,20 +179,21 @@ class Pausing(Placing):
 
     def _wait_and_come_back(self, at: Modal, message: str) -> None:
         self._enter(LinkState.PAUSED, message)
-        self._stay_paused(at)
+        change = self._stay_paused(at)
         self._enter(LinkState.RESUMING, "returning to where the print was left")
-        if self._changing and self._change:
-            self._count_new_syringe(at, self._change)
+        if change:
+            self._count_new_syringe(at, change)
         retreat = self.wiring.retreat
         for command in retreat.rejoin(at, self.wiring.printer, retreat.prime_mm):
             self._command(command)
         self._command(b"M400")
         self._verify(at)
-        self._changing, self._change, self._unchanged = False, None, False
+        self._changing = False
         self.alive()
         self._enter(LinkState.PRINTING, "printing")
 
-    def _stay_paused(self, at: Modal) -> None:
+    def _stay_paused(self, at: Modal) -> NewSyringe | None:
+        """Wait for the word to go on; give the syringe that was put in, if one was."""
         clock = self.wiring.clock
         while True:
             until = clock.now() + PAUSE_SIGN_S
@@ -208,23 +210,29 @@ class Pausing(Placing):
                 self._begin_change(at)
                 self._enter(LinkState.PAUSED, f"paused: {CHANGE}")
             if wish == "resume":
-                problem = self._why_not_resume(at)
+                change, unchanged = self._take_told()
+                problem = self._why_not_resume(at, change, unchanged)
                 if not problem:
-                    return
+                    return change if self._changing else None
                 self._alarm(problem)
                 self._enter(LinkState.PAUSED, problem)
             self._sign_of_life()
 
-    def _why_not_resume(self, at: Modal) -> str:
+    def _take_told(self) -> tuple[NewSyringe | None, bool]:
+        """What was told of the syringe, taken once: the door's thread may tell more at any time."""
+        told, self._told = self._told, _NOTHING_TOLD
+        return told
+
+    def _why_not_resume(self, at: Modal, change: NewSyringe | None, unchanged: bool) -> str:
         """What keeps the needle from coming down; empty for nothing."""
-        if self._changing and not (self._change or self._unchanged):
+        if self._changing and not (change or unchanged):
             return f"not resumed: {CHANGE}"
         wrong, _ = self._compare(Modal(x=at.x, y=at.y))
         if wrong:
             return f"not resumed: {wrong}; bring the needle back above that place first"
-        if self._changing and self._change:
+        if self._changing and change:
             try:
-                self.watch.reload_at = self._reloads_with(self._change)
+                self.watch.reload_at = self._reloads_with(change)
             except LinkError as exc:
                 return f"not resumed: {exc}"
         return ""

@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from printctl.link.channel import Channel, Over
-from printctl.link.modal import Modal, disagreement, modal_state, parse_position
+from printctl.link.channel import Channel, Over, Wiring
+from printctl.link.job import Job
+from printctl.link.modal import Modal, ModalTrail, disagreement, parse_position
 from printctl.link.states import LinkState
 
 RETRIES: Final = 8
@@ -20,6 +21,10 @@ RETRIES: Final = 8
 
 class Placing(Channel):
     """Verifies positions; see `Channel` for what it is given."""
+
+    def __init__(self, wiring: Wiring, job: Job) -> None:
+        super().__init__(wiring, job)
+        self._trail = ModalTrail(job.lines)
 
     def _settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
@@ -29,7 +34,7 @@ class Placing(Channel):
 
     def _where(self) -> Modal:
         """Where the job's text says the printer is; what it doesn't say is asked for."""
-        at = modal_state(self.job.lines, self.protocol.lines_done)
+        at = self._trail.at(self.protocol.lines_done)
         if at.z is None or at.e is None:
             position = parse_position(self._command(b"M114"))
             at = replace(
@@ -67,6 +72,6 @@ class Placing(Channel):
         """Compare positions between two lines; the planner isn't drained for it."""
         self._settle()
         self._unverified = False
-        self._verify(modal_state(self.job.lines, self.protocol.lines_done))
+        self._verify(self._trail.at(self.protocol.lines_done))
         self.protocol.held = False
         self.protocol.go(self.wiring.clock.now())

@@ -66,6 +66,8 @@ def alive(folder: Path) -> bool:
     try:
         with (folder / "link.lock").open("a+b") as handle:
             lock(handle)
+    except FileNotFoundError:  # no folder, so nobody works in it
+        return False
     except OSError:
         return True
     return False

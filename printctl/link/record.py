@@ -69,6 +69,9 @@ def load_record(folder: Path) -> LinkRecord:
     try:
         return LinkRecord(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError as exc:
-        raise NoLink(f"no print was started in {folder} (no {RECORD} there)") from exc
+        raise NoLink(
+            f"no print was started in {folder} (no {RECORD} there); give the print's own folder, "
+            "its run's folder, or its G-code file"
+        ) from exc
     except (ValueError, TypeError, OSError) as exc:
         raise NoLink(f"{path} can't be read: {exc}") from exc

@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import secrets
 import selectors
 import socket
@@ -38,7 +39,9 @@ _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
 _UNIX_PATH_LIMIT: Final = 100
 _TEMPORARY: Final = "printctl-link-"
-_REFUSED: Final = ("M110", "M112", "M83", "G91", "G92", "G20")
+_CODE: Final = re.compile(r"([A-Z])0*(\d+)")
+_REFUSED: Final = frozenset({"M110", "M112", "M83", "G91", "G92", "G20", "M18", "M84", "M410"})
+"""Besides another count or frame: what takes the motors' power or throws moves away."""
 
 
 def listen(folder: Path) -> tuple[socket.socket, str, str]:
@@ -258,7 +261,8 @@ class Server:
         text = str(wish["text"]).strip()
         if not text.isascii() or not text.isprintable() or "*" in text or not text:
             raise ValueError(text)
-        if text.split()[0].upper() in _REFUSED:
+        code = _CODE.match(text.upper())  # "g092E0" is read as G92 by a firmware
+        if code and (code[1] + code[2] in _REFUSED or code[1] == "N"):
             message = f"{text} isn't for manual use: it would break the link's count or position"
             self._post(guest, {"event": "refused", "message": message})
             return

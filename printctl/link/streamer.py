@@ -25,9 +25,13 @@ BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
-CHECK_LINES: Final = 100
+CHECK_LINES: Final = 25
 """On a line that makes errors, the position is compared after so many lines: a word garbled past
 the checksum (X to Z) stays wrong until a later line gives it again."""
+NOISY_LINES: Final = 250
+"""For so many lines after an error a line counts as one that makes errors."""
+AGAIN_LINES: Final = 2
+"""After so many more a position that was wrong is compared again."""
 
 
 class Streamer(Pausing):
@@ -89,6 +93,9 @@ class Streamer(Pausing):
         protocol, transport = self.protocol, self.wiring.transport
         now_s, read, take = self.wiring.clock.now, transport.read, protocol.take_output
         feed, wishes, commands = protocol.feed, self._wishes, self._commands
+        self._end_on_fault()
+        if self._noisy():
+            self._look_for_slips()
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         if not self._unverified:
@@ -109,26 +116,52 @@ class Streamer(Pausing):
                 self._handle(protocol.tick(now))
             if now >= self._next_note:
                 self._note(now)
-                self._doubt_a_noisy_line()
                 stop = protocol.limit = min(stop, self._next_stop(now))
             if self._fault:
-                self._settle()
-                self._retreat_and_end(LinkState.FAILED, self._fault)
+                self._end_on_fault()
             if self._unverified:
                 self._verify_in_passing()
             if self._killed.is_set():
                 self._await_halt()
 
-    def _doubt_a_noisy_line(self) -> None:
-        """Have the position compared where lines were sent again since it last was."""
+    def _end_on_fault(self) -> None:
+        if self._fault:
+            self._settle()
+            self._retreat_and_end(LinkState.FAILED, self._fault)
+
+    def _noisy(self) -> bool:
+        """Whether to compare the position: soon after an error, and often for a while."""
         errors, done = self.protocol.line_errors, self.protocol.lines_done
-        if errors != self._errors_seen and done - self._checked >= CHECK_LINES:
-            self._errors_seen, self._checked, self._unverified = errors, done, True
+        if errors != self._errors_seen:
+            self._errors_seen, self._noisy_until = errors, done + NOISY_LINES
+        return done < self._noisy_until and done - self._checked >= CHECK_LINES
+
+    def _look_for_slips(self) -> None:
+        """Compare the position; where it is wrong, again after the next lines.
+
+        A word that was garbled past the checksum and given again since did its harm; the print
+        goes on, with an alarm. One that stays wrong (a Z within a layer) ends it.
+        """
+        self._settle()
+        done = self._checked = self.protocol.lines_done
+        at = self._trail.at(done)
+        wrong = "" if self._slip else self._compare(at)[0]
+        if wrong:
+            self._slip = f"after line {done}: {wrong}"
+            self._checked, self._noisy_until = done + AGAIN_LINES - CHECK_LINES, done + NOISY_LINES
+            return
+        self._verify(at)
+        if self._slip:
+            self._alarm(f"{self._slip}: a line slipped through its checksum; look at the part")
+            self._slip = ""
 
     def _next_stop(self, now: float) -> int:
         """Command lines after which to look at what is due."""
-        protocol = self.protocol
-        return self.watch.next_stop(now, protocol.lines_done, protocol.idle, len(self.job))
+        protocol, done = self.protocol, self.protocol.lines_done
+        stop = self.watch.next_stop(now, done, protocol.idle, len(self.job))
+        if self._noisy():
+            return done
+        return min(stop, self._checked + CHECK_LINES) if done < self._noisy_until else stop
 
     def _obey(self) -> None:
         """Do what was wished, with no line in flight."""
@@ -136,6 +169,8 @@ class Streamer(Pausing):
         while self._commands:
             text, done = self._commands.popleft()
             done(self._command(text))
+            self._undo_speed(text)
+            self._unverified = True  # a move by hand must not become a part of the print
         while self._wishes:
             wish = self._wishes.popleft()
             if wish == "stop":
@@ -146,6 +181,12 @@ class Streamer(Pausing):
                 self.watch.after = None  # a pause that is waited for no longer
             elif wish == "reload":  # wished in a pause that is over
                 self.watch.after = MarkKind.RELOAD
+
+    def _undo_speed(self, text: bytes) -> None:
+        """Set the job's feed rate again, which a move by hand may have changed for its lines."""
+        at = self._trail.at(self.protocol.lines_done)
+        if at.f is not None and text[:1] in b"Gg":
+            self._command(b"G1 F%b" % f"{at.f:g}".encode())
 
     # --- connecting ------------------------------------------------------------------------
 
@@ -270,4 +311,6 @@ class Streamer(Pausing):
         """Wait for the last move, and have the printer confirm its last line."""
         self._settle()
         self._command(b"M400")
+        if self._noisy() or self.protocol.lines_done < self._noisy_until:
+            self._verify(self._trail.at(self.protocol.lines_done))
         self._agree(self.protocol.ask)

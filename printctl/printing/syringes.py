@@ -26,7 +26,7 @@ def usable_mm(syringe: Syringe, printer: Printer) -> float:
 
 
 def with_reloads(
-    checks: list[Check], job: Job, usable: float, *, wanted: bool
+    checks: list[Check], job: Job, usable: float, *, wanted: bool, by: str = "give --reload"
 ) -> tuple[list[Check], tuple[int, ...]]:
     """Plan changes of syringe where the checks say that one isn't enough.
 
@@ -38,6 +38,8 @@ def with_reloads(
         Plunger travel of a full syringe.
     wanted : bool
         Whether the user agrees to changes; else the remedy offers them.
+    by : str
+        How the user agrees, for the remedy.
 
     Returns
     -------
@@ -57,7 +59,7 @@ def with_reloads(
         passed = [replace(check, passed=True) if check in short else check for check in checks]
         return passed, reload_at
     lines = ", ".join(str(job.file_line(index + 1)) for index in reload_at)
-    offer = f"or give --reload: the syringe is then changed before line {lines}"
+    offer = f"or {by}: the syringe is then changed before line {lines}"
     return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], ()
 
 

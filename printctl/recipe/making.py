@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from printctl.recipe.care import CarePart
 from printctl.recipe.parts import Part, Point, Seed, given
 
 Speed = Annotated[float, Field(gt=0, le=1000)]
@@ -68,6 +69,7 @@ class PrinterPart(Part):
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )
+    care: CarePart = Field(default=CarePart(), description="How the print is watched over.")
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:

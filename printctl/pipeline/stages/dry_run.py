@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from design.files import write_text
+from printctl.link.job import parse_job
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
@@ -28,6 +29,7 @@ from printctl.preflight import (
     unknown_dish,
     warnings,
 )
+from printctl.printing import usable_mm, with_reloads
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from sim.dryrun import DryRun, dry_run
@@ -44,7 +46,7 @@ def depends(context: RunContext) -> Any:
         [profile.model_dump(mode="json") for profile in profiles],
         context.start_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
-        [at.dish_centre_mm, at.bath_depth_mm],
+        [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
     ]
 
 
@@ -98,11 +100,19 @@ def crossings(context: RunContext) -> list[Check]:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Run the file through the planner; refuse when anything is wrong."""
     x, y, z = context.start_mm.tolist()
-    run = dry_run((context.folder / GCODE).read_bytes(), context.printer, (x, y, z))
-    checks = all_checks(context, run)
+    data = (context.folder / GCODE).read_bytes()
+    run = dry_run(data, context.printer, (x, y, z))
+    checks, reload_at = with_reloads(
+        all_checks(context, run),
+        parse_job(data, GCODE, context.printer.max_line_bytes),
+        usable_mm(context.syringe, context.printer),
+        wanted=context.recipe.printer.care.reload,
+        by="say printer.care.reload: true",
+    )
     summary = {
         "duration_s": run.duration_s,
         "merged_moves": run.merged_moves,
+        "reload_at": list(reload_at),
         "checks": [check.as_dict() for check in checks],
     }
     write_text(context.folder / CHECKS, json.dumps(summary, indent=1) + "\n")

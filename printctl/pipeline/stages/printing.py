@@ -29,12 +29,33 @@ EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
 
 
 def depends(context: RunContext) -> Any:
-    """The machine, the port and where the tip stands."""
+    """The machine, the port, where the tip stands, and how the print is watched over."""
     return [
         context.printer.model_dump(mode="json"),
         context.recipe.printer.port,
         context.start_mm.tolist(),
+        context.recipe.printer.care.model_dump(mode="json"),
+        planned_reloads(context),
     ]
+
+
+def planned_reloads(context: RunContext) -> list[int]:
+    """Command lines before each change of syringe, as the dry run has planned them."""
+    found: list[int] = context.manifest.stages["dry run"].summary["reload_at"]
+    return found
+
+
+def care_of(context: RunContext) -> Care:
+    """How the recipe wants the print to be watched over."""
+    part = context.recipe.printer
+    return Care(
+        checkpoint_s=part.care.checkpoint_every_s,
+        deadman_s=60.0 * part.care.deadman_min,
+        deadman_stops=part.care.deadman_stops,
+        syringe=part.syringe,
+        capacity_mm=usable_mm(context.syringe, context.printer),
+        reload_at=tuple(planned_reloads(context)),
+    )
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -54,9 +75,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         return simulated_printer(part.profile, (x, y, z), record, folder)
 
     low, high = context.tissue.bounds
-    retreat = retreat_for(context.syringe, context.ink, lift_mm=float(high[2] - low[2]) + 5.0)
-    care = Care(syringe=part.syringe, capacity_mm=usable_mm(context.syringe, context.printer))
-    gcode = context.folder / GCODE
+    lift = float(high[2] - low[2]) + 5.0
+    retreat = retreat_for(context.syringe, context.ink, lift, prime_ul=part.care.prime_ul)
+    gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     client = find_or_start(order, port)
     outcome = follow(client, report, context.bars)

@@ -52,14 +52,18 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         client = begun(tmp_path, profile, served.name)
         run = tmp_path / "job.gcode"
         assert served.held.wait(10)
+        with pytest.raises(PrintctlError, match=r"isn't paused \(printing"):
+            resume(run)
         pause(run, After.LAYER)
         with pytest.raises(LinkError, match="marks no end of a vessel"):
             pause(run, After.VESSEL)
         alive(run)
         served.gate.set()
         until(client, LinkState.PAUSED)
+        pause(run)
         status(run)
         said = capsys.readouterr().out
+        assert "is paused already" in said
         assert "will pause at the end of this layer" in said
         assert "confirm again within 10.0 min" in said
         assert "paused: paused at the end of layer 0, reload point" in said
@@ -76,6 +80,8 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
     assert any(line.startswith("G92 E") for line in sent[40:])
     with pytest.raises(PrintctlError, match=r"has ended \(done"):
         pause(run)
+    with pytest.raises(PrintctlError, match=r"was done; there is nothing to recover"):
+        recover(run)
 
 
 def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.link.care import Care
@@ -111,36 +112,23 @@ def played(
     return script.streamer.run(history)
 
 
-class HostDiedError(BaseException):
-    """In place of kill -9: nothing of the host runs after it."""
-
-
-class Doomed(SimTransport):
-    """Dies at its ``last``-th write once ``armed``; a part of that write leaves."""
-
-    armed = False
-
-    def __init__(self, printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> None:
-        super().__init__(printer, clock)
-        self._left, self._part = last, part
-
-    def write(self, data: bytes) -> None:
-        self._left -= self.armed
-        if self._left > 0:
-            super().write(data)
-            return
-        super().write(data[: round(len(data) * self._part)])
-        self.printer.settle()
-        self.printer.take_output()
-        raise HostDiedError
+def doomed(printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) -> SimTransport:
+    """A wire whose host dies in its ``last``-th write from now; a part of that write leaves."""
+    transport = SimTransport(printer, clock)
+    transport.die_at(last, part)
+    return transport
 
 
 class Arming(Script):
-    """Arms the transport once the print is about to pause."""
+    """Lets the host die in the ``last``-th write after the print begins to pause."""
 
-    transport: Doomed | None = None
+    def __init__(self, transport: SimTransport, last: int, part: float, **wishes: Any) -> None:
+        super().__init__(**wishes)
+        self._transport, self._last, self._part = transport, last, part
+        self.armed = False
 
     def status(self, status: Status) -> None:
-        if status.state is LinkState.PAUSING and self.transport is not None:
-            self.transport.armed = True
+        if status.state is LinkState.PAUSING and not self.armed:
+            self._transport.die_at(self._last, self._part)
+            self.armed = True
         super().status(status)

@@ -12,14 +12,14 @@ from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
+from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.layered import (
     PRINTER,
     START,
-    Doomed,
-    HostDiedError,
     Script,
+    doomed,
     layered,
     played,
 )
@@ -74,14 +74,14 @@ def test_print_with_every_trouble_is_the_same_print(tmp_path, seed):
     care = Care(checkpoint_s=0.0, reload_at=(JOB.marks.of(MarkKind.RELOAD)[2].index,))
     script = Restless(rng)
     while True:
-        doomed = Doomed(printer, clock, int(rng.integers(20, 90)), rng.random())
-        doomed.armed = deaths < 5
+        last, part = int(rng.integers(20, 90)), rng.random()
+        transport = doomed(printer, clock, last if deaths < 5 else 0, part)  # 0: lives on
         path = tmp_path / "journal.log"
         history = read_journal(path) if deaths else None
         if history is not None and not history.begun:
             history = None
         try:
-            status = played(DATA, tmp_path, doomed, script, care, history=history)
+            status = played(DATA, tmp_path, transport, script, care, history=history)
             break
         except HostDiedError:
             deaths += 1

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.link.modal import last_of, parse_position, relieved_mm
+from printctl.link.modal import ModalTrail, last_of, modal_state, parse_position, relieved_mm
 
 
 @pytest.mark.parametrize(
@@ -47,3 +47,15 @@ def test_smoothiewares_position_is_read_as_the_others_are():
     expected = {"X": 1.0, "Y": 2.5, "Z": 0.5, "E": 0.25}
     assert parse_position([b"ok C: X:1.0000 Y:2.5000 Z:0.5000 E:0.2500"]) == expected
     assert parse_position([b"X:1.00 Y:2.50 Z:0.50 E:0.25 Count X:80 Y:200 Z:200"]) == expected
+
+
+WORDS = st.lists(st.sampled_from("XYZEF"), max_size=3, unique=True)
+LINES = st.tuples(st.sampled_from(["G1", "G0", "G92", "G28", "M105"]), WORDS, st.integers(0, 9))
+
+
+@given(st.lists(LINES, max_size=30), st.lists(st.integers(0, 30), max_size=8))
+def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
+    job = [" ".join([code, *(f"{w}{at}" for w in words)]).encode() for code, words, at in lines]
+    trail = ModalTrail(job)
+    for done in asked:
+        assert trail.at(min(done, len(job))) == modal_state(job, min(done, len(job)))

@@ -21,6 +21,7 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeTransport
@@ -28,9 +29,7 @@ from tests.printctl.link.layered import (
     PRINTER,
     START,
     Arming,
-    Doomed,
     Following,
-    HostDiedError,
     Script,
     layered,
     played,
@@ -340,19 +339,19 @@ def test_checkpoints_cost_no_printing_time_while_the_planner_is_full(tmp_path):
 def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
     data = layered(3, 20)
     printer, clock = MarlinPrinter(PRINTER, START), VirtualClock()
-    script = Arming(on_paused=lambda streamer: streamer.resume())
-    script.transport = Doomed(printer, clock, last, (last % 3) / 2)
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, last, (last % 3) / 2)
     pause_at_once = script.status
 
     def status(one):
-        if one.state is LinkState.PRINTING and not script.transport.armed and script.streamer:
+        if one.state is LinkState.PRINTING and not script.armed and script.streamer:
             script.streamer.watch.after = MarkKind.LAYER
         pause_at_once(one)
 
     script.status = status  # type: ignore[method-assign]
     retreat = Retreat(relief_mm=0.3, prime_mm=0.02)
     try:
-        ended = played(data, tmp_path, script.transport, script, retreat=retreat)
+        ended = played(data, tmp_path, transport, script, retreat=retreat)
     except HostDiedError:
         history = read_journal(tmp_path / "journal.log")
         again = SimTransport(printer, clock)

@@ -18,6 +18,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.reloading import plan_reloads, plunger_travel
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
+from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.marlin import MarlinPrinter
@@ -25,9 +26,8 @@ from tests.printctl.link.layered import (
     PRINTER,
     START,
     Arming,
-    Doomed,
-    HostDiedError,
     Script,
+    doomed,
     layered,
     played,
 )
@@ -77,6 +77,22 @@ def test_plunger_goes_on_from_the_new_syringe_exactly_as_in_the_job(tmp_path):
     history = read_journal(tmp_path / "journal.log")
     assert history.reloaded == at_second
     assert history.reload is None
+
+
+@pytest.mark.parametrize("word", [{}, {"unchanged": True}, {"change": NewSyringe(9.0)}])
+def test_second_word_while_the_needle_comes_back_changes_nothing(tmp_path, word):
+    class Hasty(Script):
+        def status(self, status: Status) -> None:
+            if status.state is LinkState.RESUMING and self.streamer is not None:
+                self.streamer.resume(**word)
+            super().status(status)
+
+    at = JOB.marks.of(MarkKind.RELOAD)[1].index
+    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    script = Hasty(on_paused=change)
+    status = played(DATA, tmp_path, transport, script, Care(reload_at=(at,)))
+    assert status.state is LinkState.DONE, status
+    assert_same_print(transport.printer.executed())
 
 
 def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
@@ -170,18 +186,16 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
 def test_host_killed_in_the_middle_of_a_change_goes_on_exactly(tmp_path, last, part):
     at = JOB.marks.of(MarkKind.RELOAD)[1].index
     printer, clock, care = MarlinPrinter(PRINTER, START), VirtualClock(), Care(reload_at=(at,))
-    script = Arming(on_paused=change)
-    script.transport = Doomed(printer, clock, last, part)
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, last, part, on_paused=change)
     died = False
     try:
-        status = played(DATA, tmp_path, script.transport, script, care)
+        status = played(DATA, tmp_path, transport, script, care)
     except HostDiedError:
         died = True
         # Dies again soon after it was begun again.
-        doomed = Doomed(printer, clock, 1 + last % 5, part)
-        doomed.armed = True
         with pytest.raises(HostDiedError):
-            again(tmp_path, doomed, care)
+            again(tmp_path, doomed(printer, clock, 1 + last % 5, part), care)
         status = again(tmp_path, SimTransport(printer, clock), care)
     assert died or last > 15
     assert status.state is LinkState.DONE, status

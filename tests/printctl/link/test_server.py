@@ -147,13 +147,27 @@ def test_nonsense_is_refused_and_the_door_stays_open(door, line):
 
 
 @pytest.mark.parametrize(
-    "text", ["M110 N5", "M112", "M83", "g91", "G92 E0", "G1 X1*5", "", "G1\nX2", "µ"]
+    "text",
+    ["M110 N5", "M112", "M83", "g91", "G92 E0", "g092E0", "N5 G1 X1", "M84", "m018 Z", "G1 X1*5"]
+    + ["", "G1\nX2", "µ"],
 )
 def test_command_that_must_not_be_sent_is_refused(door, text):
     spy, _, enter, token = door
     guest = enter()
     say(guest, do="command", text=text, token=token)
     assert hear(guest)["event"] == "refused"
+    assert spy.wishes == []
+
+
+@pytest.mark.parametrize("used", ["NaN", "-1", "1e999", '"1"', "null"])
+def test_syringe_that_is_no_length_is_refused(door, used):
+    spy, _, enter, token = door
+    guest = enter()
+    wish = f'{{"do": "resume", "token": "{token}", "change": {{"plunger_mm": {used}}}}}\n'
+    guest.sendall(wish.encode())
+    answer = hear(guest)
+    assert answer["event"] == "refused"
+    assert "is no length" in answer["message"]
     assert spy.wishes == []
 
 

@@ -1,0 +1,37 @@
+"""The part of a recipe that says how its print is watched over."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from printctl.recipe.parts import Part
+
+
+class CarePart(Part):
+    """What `printctl print` has options for."""
+
+    checkpoint_every_s: Annotated[float, Field(ge=0, le=86_400)] | None = Field(
+        default=30.0,
+        description="Least time between two checks of the position, which are made where a layer "
+        "or pass ends; 0 for each end, null for none.",
+    )
+    deadman_min: Annotated[float, Field(ge=0, le=1440)] = Field(
+        default=0.0,
+        description="Pause unless somebody confirms within this time (printctl alive); 0 for an "
+        "attended print.",
+    )
+    deadman_stops: bool = Field(default=False, description="Stop then, instead of pausing.")
+    reload: bool = Field(
+        default=False, description="Pause for a new syringe where one doesn't last."
+    )
+    prime_ul: Annotated[float, Field(ge=0, le=1000)] = Field(
+        default=0.0, description="Ink to push in addition after a pause."
+    )
+
+    @model_validator(mode="after")
+    def _stop_has_a_time(self) -> CarePart:
+        if self.deadman_stops and not self.deadman_min:
+            raise ValueError("deadman_stops needs a time; give deadman_min")
+        return self

@@ -1,0 +1,58 @@
+"""What a new user gets wrong: one message, the right exit code, no traceback."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from printctl.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("pause nothing", 1, "no print was started in nothing"),
+        ("pause . --now --after layer", 2, "exclude each other"),
+        ("resume .", 1, "no print was started in ."),
+        ("status .", 1, "no print was started in ."),
+        ("recover nothing", 1, "no print was started in nothing"),
+        ("recover .", 1, "no print was started in ."),
+        ("history rebuild nowhere", 2, "nowhere is no folder"),
+        ("calibrate weigh none.csv", 2, "can't be read: No such file"),
+        ("calibrate weigh bin.yaml", 2, "isn't a text file"),
+        ("calibrate weigh bad.csv", 2, "line 2: mass_mg is 'abc'"),
+        ("profiles check bin.yaml", 2, "isn't YAML"),
+        ("profiles check foreign.yaml", 2, "no key of any sort of profile"),
+        ("profiles check list.yaml", 2, "holds no keys"),
+        ("profiles check needle.yaml", 2, "needle.yaml: name: Field required"),
+        ("profiles check bad.csv", 2, "ends in .yaml"),
+        ("ports --printer nope", 2, "no printer profile 'nope'"),
+    ],
+)
+def test_one_message_and_the_right_exit_code(
+    words: str,
+    code: int,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "bin.yaml").write_bytes(bytes(range(128, 256)))
+    (tmp_path / "foreign.yaml").write_text("foo: 1\n")
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")
+    (tmp_path / "bad.csv").write_text("travel_mm,mass_mg\n1,abc\n")
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path.with_name(tmp_path.name + "_data")))
+    monkeypatch.setattr(sys, "argv", ["printctl", *words.split()])
+    with pytest.raises(SystemExit) as left:
+        main()
+    told = capsys.readouterr()
+    assert left.value.code == code
+    assert message in told.err
+    assert told.err.count("printctl:") == 1
+    assert told.out == ""
+    assert sorted(tmp_path.iterdir()) == before
