@@ -82,6 +82,7 @@ class Streamer(Pausing):
                 self._at_mark()
             if self.protocol.lines_done == len(self.job):
                 self._finish()
+                self._end_on_fault()  # of the last moves
                 self._obey()  # a stop while the last moves were made
         raise Over(LinkState.DONE, f"all {len(self.job)} lines done")
 

@@ -121,6 +121,29 @@ def test_unknown_command_is_a_fault_although_the_printer_says_ok(tmp_path):
     assert "M999999" in status.message
 
 
+class FaultAtTheEnd(SimTransport):
+    """A printer that says why it didn't move while the host waits for the last moves."""
+
+    late = b""
+
+    def write(self, data: bytes) -> None:
+        if b"M400" in data and self.printer.executed().line.size:
+            self.late = b"echo: cold extrusion prevented\n"
+        super().write(data)
+
+    def read(self, timeout: float) -> bytes:
+        late, self.late = self.late, b""
+        return late or super().read(timeout)
+
+
+def test_fault_during_the_last_moves_is_no_finished_print(tmp_path):
+    printer = MarlinPrinter(PRINTER, START)
+    transport = FaultAtTheEnd(printer, VirtualClock(), np.random.default_rng(0))
+    status, _ = printed(gcode(10), tmp_path, transport)
+    assert status.state is LinkState.FAILED
+    assert "cold extrusion prevented" in status.message
+
+
 def test_controlled_stop_leaves_the_bath(tmp_path):
     transport = wire()
     streamer_at: list[Streamer] = []
