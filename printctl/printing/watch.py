@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import sys
 
 from firmware_profiles import Ink, Syringe
@@ -55,6 +56,9 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
     PrintctlError
         When the user detached.
     """
+    if sys.stdin.isatty():
+        # A parent that ignores Ctrl-C (a shell's background job) bequeathes that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     while True:
         try:
             for status in client.events():

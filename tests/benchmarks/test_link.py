@@ -27,7 +27,7 @@ def test_noisy_print_is_found_sound(tmp_path):
         zigzag(300),
         tmp_path,
         3,
-        BreakingTroubles(noise=0.001, drop_ok=0.003, delay=0.003, breaks=0.003),
+        BreakingTroubles(noise=0.001, drop_ok=0.003, delay=0.003, breaks=0.006),
     )
     assert found.faults == 0
     assert found.unreached <= found.order.slipped
