@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks import link_pairs, link_real, link_virtual
+from benchmarks import link_pairs, link_pauses, link_real, link_virtual
 from benchmarks.link_peers import OCTOPRINT, PRINTCORE, peer_rows
 from benchmarks.link_printers import PeerFailedError
 from benchmarks.link_transcripts import transcript_rows
@@ -53,6 +53,8 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Callabl
     moments = 40 if quick else 200
     yield "kills of pairs", lambda: link_virtual.kill_rows(moments, folder, reckless)
     yield "kill -9", lambda: link_real.kill_nine_rows(1 if quick else 8, 3, folder)
+    yield "pauses", lambda: link_pauses.pause_rows(3 if quick else 20, folder)
+    yield "controlled stop", lambda: link_pauses.stop_rows(3 if quick else 20, folder)
     yield "M112", lambda: link_real.stop_rows(tries, folder)
     for peer in (PRINTCORE, OCTOPRINT):
         yield peer.name, partial(peer_rows, peer, 2000 if quick else 10_000, folder)

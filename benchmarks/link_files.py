@@ -21,6 +21,9 @@ _DOSE_STEPS: Final = 22
 _LAP: Final = 200
 _SHORT_STEPS: Final = 20  # 0.25 mm
 _SHORT_DOSE_STEPS: Final = 8
+_LAYER_STEPS: Final = 100  # 0.25 mm
+_RELIEF_STEPS: Final = 1600  # 0.25 mm
+_HEADER: Final = (b"M302 P1", b"G90", b"M82", b"M85 S600", b"G92 X50 Y50 Z10 E0")
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,34 @@ def hatching(moves: int, feed_mm_min: int, *header: bytes) -> PrintFile:
     return _written(ends, feed_mm_min, header)
 
 
+def layers(count: int, moves: int) -> PrintFile:
+    """Zigzag layers; each ends relieved, lifted and marked as a place to change the syringe."""
+    start = np.round(np.array(START_MM) * STEPS_PER_MM[:3]).astype(np.int64)
+    lines, ends, dose = list(_HEADER), [np.append(start, 0)], 0
+    for layer in range(count):
+        z = start[2] + layer * _LAYER_STEPS
+        for k in range(moves):
+            dose += _DOSE_STEPS
+            x = start[0] + (k + layer + 1) % 2 * _SIDE_STEPS
+            ends.append(np.array([x, start[1] + k * _ROW_STEPS, z, dose]))
+            lines.append(_line("G1 X{0:.3f} Y{1:.3f} E{3:.5f} F1800", ends[-1]))
+        ends.append(ends[-1] + np.array([0, 0, 0, -_RELIEF_STEPS]))
+        lines.append(_line("G1 E{3:.5f} F60", ends[-1]))
+        ends.append(ends[-1] + np.array([0, 0, _LAYER_STEPS, 0]))
+        lines += [_line("G0 Z{2:.3f} F300", ends[-1]), b";LAYER_END:%d" % layer, b";RELOAD"]
+        ends.append(np.array([start[0], start[1], z + _LAYER_STEPS, dose - _RELIEF_STEPS]))
+        lines.append(_line("G0 X{0:.3f} Y{1:.3f} F6000", ends[-1]))
+        ends.append(ends[-1] + np.array([0, 0, 0, _RELIEF_STEPS]))
+        lines.append(_line("G1 E{3:.5f} F60", ends[-1]))
+    return PrintFile(lines, np.array(ends))
+
+
+def _line(form: str, end: NDArray[np.int64]) -> bytes:
+    return form.format(*(end / STEPS_PER_MM)).encode()
+
+
 def _written(ends: NDArray[np.int64], feed_mm_min: int, header: tuple[bytes, ...]) -> PrintFile:
-    before = [b"M302 P1", b"G90", b"M82", b"M85 S600", b"G92 X50 Y50 Z10 E0", *header]
+    before = [*_HEADER, *header]
     mm = ends / STEPS_PER_MM
     moves_text = [
         b"G1 X%.3f Y%.3f E%.5f F%d" % (x, y, e, feed_mm_min) for x, y, _, e in mm.tolist()

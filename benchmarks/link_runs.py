@@ -57,14 +57,25 @@ class Run:
     ledger: Ledger
 
     @property
-    def faults(self) -> int:
-        """Lines lost, doubled or swapped, or a print that ended early for no good reason.
+    def early(self) -> bool:
+        """Whether it ended before the file did."""
+        return self.status.state is not DONE
 
-        A good reason is a line that slipped through the checksum and was noticed.
-        """
+    @property
+    def slipped(self) -> bool:
+        """Whether a line slipped through the checksum: a good reason to end early."""
+        return self.order.slipped + self.order.slipped_beside > 0
+
+    @property
+    def halted(self) -> bool:
+        """Whether the firmware halted itself."""
+        return bool(self.ledger.kills)
+
+    @property
+    def faults(self) -> int:
+        """Lines lost, doubled or swapped, or a print that ended early for no good reason."""
         order = self.order
-        early = self.status.state is not DONE and not order.slipped
-        return order.lost + order.doubled + order.swapped + early
+        return order.lost + order.doubled + order.swapped + (self.early and not self.slipped)
 
 
 DONE = LinkState.DONE
@@ -137,6 +148,8 @@ def run(
             break
     if status is None:
         raise ValueError(f"the host died {begun} times and wasn't started again")
+    ended_s = clock.now()
+    ledger.printer.finish()  # the planner still holds moves where the host ended first
     missing, surplus = unreached(file.ends, ends_of(ledger.printer.executed()))
     order = judge(file.lines, ledger.taken)
-    return Run(status, order, missing, surplus, begun, pauses, again, clock.now(), ledger)
+    return Run(status, order, missing, surplus, begun, pauses, again, ended_s, ledger)

@@ -26,12 +26,15 @@ class Ledger:
     ----------
     taken : list of Taken
     kills, resets : list of float, s
+    forged : int
+        How often noise made an M112 of another command on its way.
     """
 
     printer: MarlinPrinter
     taken: list[Taken] = field(default_factory=list)
     kills: list[float] = field(default_factory=list)
     resets: list[float] = field(default_factory=list)
+    forged: int = 0
     meant: dict[int, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -90,7 +93,9 @@ class Wire(SimulatedTransport):
         if self._rng.random() < self._breaks:
             self._broken = True
             data = data[: self._rng.integers(0, len(data) + 1)]
-        return super().on_the_way(data)
+        arrives = super().on_the_way(data)
+        self.ledger.forged += b"M112" in arrives and b"M112" not in data
+        return arrives
 
     def _check(self) -> None:
         super()._check()

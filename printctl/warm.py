@@ -7,15 +7,17 @@ them that can't go out of date.
 from __future__ import annotations
 
 import io
+import os
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from design.errors import GrowthError
+from printctl.link.history import DATA_VARIABLE
 from printctl.networks import Drive, load_source
 from printctl.pipeline import run_recipe
 from printctl.pipeline.run import design_recipe
@@ -61,7 +63,7 @@ CROWDED: dict[str, Any] = EMBEDDED | {
 def warm_kernels() -> None:
     """Run the recipes in a scratch folder, draw one of their networks, and forget them."""
     silent = Console(file=io.StringIO())
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, history_in(Path(folder) / "data"):
         scratch = Path(folder)
 
         def warmed(data: dict[str, Any], run: Run) -> Path:
@@ -75,6 +77,20 @@ def warm_kernels() -> None:
         with suppress(GrowthError):
             warmed(CROWDED, design_recipe)
         draw(warmed(EMBEDDED, run_recipe))
+
+
+@contextmanager
+def history_in(folder: Path) -> Iterator[None]:
+    """Have prints remembered in ``folder``, not among the user's, by all processes begun here."""
+    before = os.environ.get(DATA_VARIABLE)
+    os.environ[DATA_VARIABLE] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[DATA_VARIABLE]
+        else:
+            os.environ[DATA_VARIABLE] = before
 
 
 def draw(folder: Path) -> None:

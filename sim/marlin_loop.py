@@ -34,6 +34,7 @@ from sim.marlin_wire import Wire
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
+_SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 
 
 class MainLoop:
@@ -374,7 +375,7 @@ class MainLoop:
             self._say_advanced_ok() if self.machine.printer.advanced_ok else self.say_ok()
         self._queue.popleft()
         self._busy_at = math.inf
-        if self._command.lstrip(b"N0123456789- ").startswith(b"M400"):
+        if _SYNC.match(self._command):
             self.synced += 1
 
     def _say_advanced_ok(self) -> None:

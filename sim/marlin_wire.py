@@ -7,7 +7,7 @@ from typing import Final
 
 BITS_PER_BYTE: Final = 10
 _EOL: Final = re.compile(rb"[\r\n]")
-_EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M(108|112|410)")
+_EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
 _CHUNK: Final = 48
 """Bytes after which a waiting main loop surely has looked into the ring."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _COMMAND = re.compile(rb"[GMT]\d")
+_WHERE = re.compile(rb"M0*114(?!\d)")
 _NUMBERED = re.compile(rb" *N(-?\d+) *")
 
 
@@ -45,6 +46,8 @@ class Order:
         Lines after the last taken one: the print ended before them.
     slipped : int
         Lines of the file taken with another text than was sent: the checksum didn't show it.
+    slipped_beside : int
+        The same of the host's own lines between them, such as M114.
     strays : int
         Lines without a number that were taken.
     unverified : int
@@ -58,6 +61,7 @@ class Order:
     swapped: int
     unfinished: int
     slipped: int
+    slipped_beside: int
     strays: int
     unverified: int
     longest_gap_s: float
@@ -71,16 +75,19 @@ def body_of(text: bytes) -> tuple[int | None, bytes]:
 
 
 def since_renumbering(taken: Iterable[Taken]) -> list[Taken]:
-    """What came after the last M110, with which a print's own lines begin."""
+    """What came after the last M110 that was meant; a print's own lines begin with it.
+
+    Noise can make an M110 of an M114, and a check that passes; the print goes on behind that.
+    """
     rows = list(taken)
-    begins = [k for k, one in enumerate(rows) if b"M110" in one.text]
+    begins = [k for k, one in enumerate(rows) if (one.meant or b"").startswith(b"M110")]
     return rows[begins[-1] + 1 :] if begins else rows
 
 
 def judge(file: Sequence[bytes], taken: Sequence[Taken]) -> Order:
     """Compare a file, no two lines of which are alike, with what the printer took."""
     place = {line: k for k, line in enumerate(file)}
-    order, times, slipped, strays = [], [], 0, 0
+    order, times, slipped, beside, strays = [], [], 0, 0, 0
     for one in since_renumbering(taken):
         number, text = body_of(one.text)
         if number is None or one.meant is None:
@@ -90,6 +97,8 @@ def judge(file: Sequence[bytes], taken: Sequence[Taken]) -> Order:
             order.append(place[one.meant])
             times.append(one.time_s)
             slipped += text.strip() != one.meant
+        else:
+            beside += text.strip() != one.meant
     count, last = Counter(order), max(order, default=-1)
     return Order(
         lost=sum(k not in count for k in range(last)),
@@ -97,6 +106,7 @@ def judge(file: Sequence[bytes], taken: Sequence[Taken]) -> Order:
         doubled=sum(n - 1 for n in count.values()),
         swapped=sum(b < a for a, b in pairwise(order)),
         slipped=slipped,
+        slipped_beside=beside,
         strays=strays,
         unverified=_unverified(place, since_renumbering(taken)),
         longest_gap_s=float(np.max(np.diff(times), initial=0.0)),
@@ -110,7 +120,7 @@ def _unverified(place: dict[bytes, int], taken: list[Taken]) -> int:
         _, text = body_of(one.text)
         if one.meant is None:
             open_now += _COMMAND.match(text.strip()) is not None
-        elif text.strip().startswith(b"M114"):
+        elif _WHERE.match(text.strip()):
             open_now = 0
         elif one.meant in place:
             found, open_now = found + open_now, 0

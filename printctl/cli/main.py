@@ -34,11 +34,12 @@ from printctl.cli.resume import resume
 from printctl.cli.run import run
 from printctl.cli.sim_printer import sim_printer
 from printctl.cli.simulate import simulate
+from printctl.cli.slice import slice_mesh
 from printctl.cli.status import status
 from printctl.cli.toolpath import toolpath
 from printctl.cli.view import view
 from printctl.errors import PrintctlError
-from printctl.link.errors import HistoryError, JournalError, LinkError, NoLink
+from printctl.link.errors import HistoryError, JournalError, LinkError, NoLink, Refused
 from registration.errors import RegistrationError
 
 app = typer.Typer(
@@ -58,6 +59,7 @@ profiles.command("probe")(probe)
 app.command("run")(run)
 app.command("design")(design)
 app.command("toolpath")(toolpath)
+app.command("slice")(slice_mesh)
 app.command("simulate")(simulate)
 app.command("print")(print_job)
 app.command("status")(status)
@@ -87,7 +89,7 @@ def main() -> None:
         app(standalone_mode=True)
     except PrintctlError as exc:
         _fail(str(exc), exc.exit_code)
-    except (NoLink, JournalError, HistoryError) as exc:  # files and processes, not the printer
+    except (NoLink, JournalError, HistoryError, Refused) as exc:  # not the printer's fault
         _fail(str(exc), 1)
     except LinkError as exc:
         _fail(str(exc), 4)

@@ -34,12 +34,14 @@ from printctl.cli.set_up_options import (
     BathOption,
     DishCentreOption,
     DishOption,
+    Mounted,
     NeedleOption,
     set_up,
 )
 from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
-from printctl.preflight import file_checks, refuse_failed, warnings
+from printctl.link.states import PrintOutcome
+from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.printing import (
     SIMULATED,
     Order,
@@ -108,40 +110,49 @@ def print_job(
     retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0, prime_ul=prime_ul)
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
-        run = dry_run(read_gcode_file(file), profile, tip)
-        job = load_job(file, profile.max_line_bytes)
-        mounted = set_up(
-            profile,
-            filled,
-            ink,
-            tip,
-            needle=needle,
-            bath=bath,
-            dish=dish,
-            dish_centre=dish_centre,
-            bath_depth=bath_depth,
-        )
-        checks = file_checks(run, mounted)
-        checks, reload_at = with_reloads(checks, job, usable, wanted=reload)
-        refuse_failed(checks)
-        for text in warnings(checks):
-            messages().print(f"note: {text}", markup=False)
+        mounted = Mounted(needle, bath, dish, dish_centre, bath_depth)
+        set_for = set_up(profile, filled, ink, tip, mounted)
+        reload_at = _check(file, set_for, tip, usable, reload)
         order = replace(order, care=replace(care, reload_at=reload_at))
-    place.mkdir(parents=True, exist_ok=True)
+    _tell(_print(order, profile, tip, yes), place, as_json)
+
+
+def _check(
+    file: Path, mounted: SetUp, tip: tuple[float, float, float], usable: float, reload: bool
+) -> tuple[int, ...]:
+    """Check the file before the first byte; where the syringe must be changed, if it may be."""
+    run = dry_run(read_gcode_file(file), mounted.printer, tip)
+    job = load_job(file, mounted.printer.max_line_bytes)
+    checks, reload_at = with_reloads(file_checks(run, mounted), job, usable, wanted=reload)
+    refuse_failed(checks)
+    for text in warnings(checks):
+        messages().print(f"note: {text}", markup=False)
+    return reload_at
+
+
+def _print(
+    order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
+) -> PrintOutcome:
+    """Start the print, or find it again, and follow it to its end."""
+    order.folder.mkdir(parents=True, exist_ok=True)
+    bars = StageBars(messages())
 
     def open_port() -> str:
-        if port != SIMULATED:
-            name = named_port(port, profile)
-            confirm(name, bars, yes)
-            return name
-        return simulated_printer(printer, tip, place / "executed.npz", place)
+        if order.port == SIMULATED:
+            return simulated_printer(
+                order.printer, tip, order.folder / "executed.npz", order.folder
+            )
+        name = named_port(order.port, printer)
+        confirm(name, bars, yes)
+        return name
 
-    bars = StageBars(messages())
     with bars.all(), bars.stage("print") as report:
-        outcome = follow(find_or_start(order, open_port), report, bars)
+        return follow(find_or_start(order, open_port), report, bars)
+
+
+def _tell(outcome: PrintOutcome, folder: Path, as_json: bool) -> None:
     if as_json:
-        print_json(
-            {"state": outcome.state.value, "lines": outcome.lines_done, "folder": str(place)}
-        )
-        return
-    print_lines(f"{outcome.state.value}: {outcome.message}", str(place))
+        state, lines = outcome.state.value, outcome.lines_done
+        print_json({"state": state, "lines": lines, "folder": str(folder)})
+    else:
+        print_lines(f"{outcome.state.value}: {outcome.message}", str(folder))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
@@ -26,17 +27,32 @@ BathDepthOption = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Mounted:
+    """What these options say; None for what wasn't given.
+
+    Attributes
+    ----------
+    needle, bath, dish : str or None
+        Profiles.
+    dish_centre : str or None
+        Two numbers, mm.
+    bath_depth : float or None, mm
+    """
+
+    needle: str | None
+    bath: str | None
+    dish: str | None
+    dish_centre: str | None
+    bath_depth: float | None
+
+
 def set_up(
     printer: Printer,
     syringe: Syringe,
     ink: str,
     tip: tuple[float, float, float],
-    *,
-    needle: str | None,
-    bath: str | None,
-    dish: str | None,
-    dish_centre: str | None,
-    bath_depth: float | None,
+    mounted: Mounted,
 ) -> SetUp:
     """What the options name.
 
@@ -45,11 +61,12 @@ def set_up(
     UsageError, ProfileError
         For a centre that isn't two numbers; for a profile that there isn't.
     """
+    needle, bath, dish = mounted.needle, mounted.bath, mounted.dish
     standing = None
     if dish is not None:
-        centre = _centre(dish_centre) if dish_centre else tip[:2]
-        standing = Standing(load(Dish, dish), centre, printer.z_mm.low, bath_depth)
-    elif dish_centre is not None or bath_depth is not None:
+        centre = _centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
+        standing = Standing(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
+    elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
     return SetUp(
         printer,

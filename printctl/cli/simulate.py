@@ -24,6 +24,7 @@ from printctl.cli.set_up_options import (
     BathOption,
     DishCentreOption,
     DishOption,
+    Mounted,
     NeedleOption,
     set_up,
 )
@@ -50,17 +51,8 @@ def simulate(
     """
     profile, filled = load(Printer, printer), load(Syringe, syringe)
     tip = three_numbers(start, "--start")
-    mounted = set_up(
-        profile,
-        filled,
-        ink,
-        tip,
-        needle=needle,
-        bath=bath,
-        dish=dish,
-        dish_centre=dish_centre,
-        bath_depth=bath_depth,
-    )
+    given = Mounted(needle, bath, dish, dish_centre, bath_depth)
+    mounted = set_up(profile, filled, ink, tip, given)
     run = dry_run(read_gcode_file(file), profile, tip)
     checks = file_checks(run, mounted)
     if as_json:

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from printctl.link.errors import LinkError
+from printctl.link.errors import Refused
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class NewSyringe:
 
     Raises
     ------
-    LinkError
+    Refused
         When a length is negative or none.
     """
 
@@ -74,4 +74,4 @@ class NewSyringe:
     def __post_init__(self) -> None:
         for what, mm in (("plunger", self.plunger_mm), ("capacity", self.capacity_mm)):
             if not isinstance(mm, (int, float)) or not 0 <= mm < math.inf:
-                raise LinkError(f"a new syringe's {what} of {mm!r} mm is no length of 0 or more")
+                raise Refused(f"a new syringe's {what} of {mm!r} mm is no length of 0 or more")

@@ -7,28 +7,23 @@ which writes to the wire at once from the thread that calls it.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from firmware_profiles import Printer
 from printctl.link import protocol as said
-from printctl.link.clock import Clock
-from printctl.link.errors import HandshakeError, JournalError, LinkError, PortLost
+from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.job import Job
-from printctl.link.journal import Journal
-from printctl.link.protocol import LinkProtocol
-from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState, Status
-from printctl.link.transport import Transport
+from printctl.link.logbook import Logbook, Over, Wiring
+from printctl.link.states import LinkState
+
+__all__ = ["Channel", "Over", "Wiring"]
 
 POLL_S: Final = 0.1
 """Longest wait for the printer before wishes are looked at."""
-NOTE_S: Final = 0.25
-"""Interval of progress records and progress events."""
 KILL_REPEAT_S: Final = 0.2
 KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
@@ -36,40 +31,7 @@ EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
 """States in which the printer hasn't got the job's first line."""
 
 
-class Over(Exception):  # noqa: N818
-    """The print is over, in this state and for this reason."""
-
-    def __init__(self, state: LinkState, message: str, known: bool = True, error: str = "") -> None:
-        super().__init__(message)
-        self.state, self.message, self.known, self.error = state, message, known, error
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """What a streamer is given.
-
-    Attributes
-    ----------
-    transport : Transport
-    protocol : LinkProtocol
-    clock : Clock
-    journal : Journal
-    printer : Printer
-    retreat : Retreat
-    on_status : callable
-        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
-    """
-
-    transport: Transport
-    protocol: LinkProtocol
-    clock: Clock
-    journal: Journal
-    printer: Printer
-    retreat: Retreat = field(default_factory=Retreat)
-    on_status: Callable[[Status], None] = lambda status: None
-
-
-class Channel:
+class Channel(Logbook):
     """One printer and one job.
 
     Parameters
@@ -79,18 +41,12 @@ class Channel:
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
-        self.wiring, self.job = wiring, job
-        self.protocol = wiring.protocol
+        super().__init__(wiring, job)
         self.firmware = Firmware()
-        self._state, self._message = LinkState.CONNECTING, ""
         self._wishes: deque[str] = deque()
         self._commands: deque[tuple[bytes, Callable[[tuple[bytes, ...]], None]]] = deque()
-        self._next_note = 0.0
-        self._noted = self._checked = self._errors_seen = self._noisy_until = 0
-        self._alarms = 0
-        self._fault = self._slip = ""
-        self._final: Status | None = None
-        self._journal_lost = self._resumed = self._unverified = False
+        self._resumed = self._unverified = False
+        self._awaited = -1
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
         self._booted = False
@@ -129,32 +85,14 @@ class Channel:
         asked = self._kill_left = self.wiring.clock.now()
         self._killed.set()
         for attempt in range(KILL_ATTEMPTS):
-            try:
+            with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
                 self.wiring.transport.write_urgent(self.protocol.kill_bytes)
-            except PortLost:
-                return
             if attempt == 0:
                 self._kill_left = self.wiring.clock.now()
                 self._kill_host_s = self._kill_left - asked
-            if self._halted.wait(KILL_REPEAT_S):
+            if self._halted.wait(KILL_REPEAT_S) or self._ended.is_set():
                 return
         self.wiring.transport.reset()
-
-    @property
-    def status(self) -> Status:
-        """The print as it stands."""
-        if self._final is not None:
-            return self._final
-        done = self.protocol.lines_done
-        return Status(
-            state=self._state,
-            lines_done=done,
-            lines_total=len(self.job),
-            file_line=self.job.file_line(done),
-            message=self._message,
-            line_errors=self.protocol.line_errors,
-            alarms=self._alarms,
-        )
 
     # --- one step ----------------------------------------------------------------------------
 
@@ -188,10 +126,10 @@ class Channel:
 
     def _command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
         """Send a control command with nothing in flight; give the printer's reply."""
-        if journalled:
-            number = self.protocol.number + 1
-            self._record("control", n=number, command=text.decode("ascii"))
         self._replies.clear()
+        self._awaited = self.protocol.number + 1
+        if journalled:
+            self._record("control", n=self._awaited, command=text.decode("ascii"))
         self.protocol.submit(text, self.wiring.clock.now())
         while not self._replies:
             self._pump()
@@ -228,7 +166,8 @@ class Channel:
             _ON_EVENT[type(event)](self, event)
 
     def _on_replied(self, event: said.Replied) -> None:
-        self._replies.append(event)
+        if event.number == self._awaited:  # another's is of a command that was sent again
+            self._replies.append(event)
 
     def _on_in_step(self, event: said.InStep) -> None:
         self._in_step.append(event.number)
@@ -239,6 +178,14 @@ class Channel:
     def _on_went_back(self, event: said.WentBack) -> None:
         self._alarm(f"lines {event.first} to {event.last} weren't taken after all; sent again")
         self._unverified = True
+        if event.controls:  # the newest is what `_command` waits for
+            self._awaited = event.first + len(event.controls) - 1
+        if self._state in EARLY and not self._resumed:
+            return  # lines are numbered anew before the job
+        self._noted = self.protocol.lines_done
+        self._record("back", done=self._noted, n=event.first - 1)
+        for number, command in enumerate(event.controls, event.first):
+            self._record("control", n=number, command=command.decode("ascii"))
 
     def _on_stray(self, event: said.Stray) -> None:
         self._record("notice", text=f"an ok without a line, before line {event.number}")
@@ -316,13 +263,6 @@ class Channel:
             known=False,
         )
 
-    # --- state, journal ------------------------------------------------------------------------
-
-    def _progress(self) -> str:
-        done = self.protocol.lines_done
-        file_line = self.job.file_line(done)
-        return f"{done} of {len(self.job)} lines were acknowledged (line {file_line} of the file)"
-
     def _broken(self, exc: LinkError) -> Over:
         name = type(exc).__name__
         if self._killed.is_set():
@@ -332,54 +272,6 @@ class Channel:
             return Over(LinkState.FAILED, message, False, name)
         known = isinstance(exc, HandshakeError) and not self._resumed
         return Over(LinkState.FAILED, str(exc), known, name)
-
-    def _enter(self, state: LinkState, message: str) -> None:
-        self._note(self.wiring.clock.now())
-        self._state, self._message = state, message
-        self._record("state", state=state, message=message)
-        self.wiring.on_status(self.status)
-
-    def _note(self, now: float) -> None:
-        """Write down progress and tell the clients."""
-        self._next_note = now + NOTE_S
-        done = self.protocol.lines_done
-        if done != self._noted:
-            self._record("ack" if done > self._noted else "back", done=done)
-            self._noted = done
-            self.wiring.on_status(self.status)
-
-    def _record(self, sort: str, **values: Any) -> None:
-        """Add to the journal; a full disk is a fault that ends the print by a controlled stop."""
-        if self._journal_lost:
-            return
-        try:
-            self.wiring.journal.add(sort, **values)
-        except JournalError as exc:
-            self._journal_lost, self._fault = True, str(exc)
-
-    def _alarm(self, text: str) -> None:
-        self._alarms += 1
-        self._record("alarm", text=text)
-
-    def _record_end(self, over: Over) -> Status:
-        # Whoever asks meanwhile must see the print either running or ended with all that is known.
-        status = replace(
-            self.status,
-            state=over.state,
-            message=over.message,
-            position_known=over.known,
-            error=over.error,
-        )
-        self._state, self._final = over.state, status
-        self._record(
-            "end",
-            state=status.state,
-            message=status.message,
-            done=status.lines_done,
-            error=over.error,
-            position_known=over.known,
-        )
-        return status
 
 
 _ON_EVENT: Final[dict[type, Callable[[Channel, Any], None]]] = {

@@ -21,7 +21,7 @@ from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
 from printctl.link.channel import EARLY
 from printctl.link.connection import ANSWER_LIMIT_S, START_LIMIT_S, Connection
-from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink
+from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.finding import AUTO, locate
 from printctl.link.job import load_job
 from printctl.link.marks import MarkKind
@@ -63,7 +63,7 @@ class PrintClient(Connection):
 
         Raises
         ------
-        LinkError
+        Refused
             When the job marks no such end ahead.
         """
         self._ask("pause", after=after)
@@ -73,25 +73,17 @@ class PrintClient(Connection):
 
         Raises
         ------
-        LinkError
+        Refused
             When the job marks no reload point ahead.
         """
         self._ask("reload")
 
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
-        """Go on after a pause.
-
-        Parameters
-        ----------
-        change : NewSyringe, optional
-            What was put in, in a pause for a change of syringe.
-        unchanged : bool
-            The syringe wasn't changed after all.
+        """Go on after a pause; `printctl.link.pausing.Pausing.resume` says what may be told.
 
         Raises
         ------
-        LinkError
-            When a change of syringe is to be told, or is told where none is going on.
+        Refused
         """
         self._ask("resume", change=asdict(change) if change else None, unchanged=unchanged)
 
@@ -104,8 +96,10 @@ class PrintClient(Connection):
 
         Raises
         ------
+        Refused
+            When the link refuses it.
         LinkError
-            When the link refuses it, or the print ends first.
+            When the print ends first.
         """
         self._send("command", text=text)
         for message in self._messages(_PATIENCE_S):
@@ -114,7 +108,7 @@ class PrintClient(Connection):
             if message["event"] == "reply" and message["command"] == text.strip():
                 return list(message["lines"])
             if message["event"] == "refused":
-                raise LinkError(message["message"])
+                raise Refused(message["message"])
         raise LinkError(f"no reply to {text!r} within {_PATIENCE_S:g} s, or the print ended first")
 
     # --- what a client may hear ------------------------------------------------------------
@@ -269,9 +263,10 @@ def resume_print(folder: Path, port: str | None = None) -> PrintClient:
 
     Raises
     ------
+    Refused
+        When the print has ended in another way, or never began.
     LinkError
-        When there is no such print, it is running or has ended in another way, or the port can't
-        be used.
+        When there is no such print, it is running, or the port can't be used.
     """
     record = load_record(folder)
     return start_print(

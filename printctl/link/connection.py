@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Self
 
-from printctl.link.errors import LinkError
+from printctl.link.errors import Refused
 from printctl.link.reach import alive, connect
 from printctl.link.record import LinkRecord, load_record
 from printctl.link.states import Status
@@ -75,7 +75,7 @@ class Connection:
             if message["event"] == "status":
                 self._last = Status.from_dict(message)
             if message["event"] == "refused":
-                raise LinkError(message["message"])
+                raise Refused(message["message"])
             if message["event"] == "heard" and message["do"] == do:
                 return
 

@@ -13,6 +13,7 @@
     ├── JournalError            a journal that can't be written or isn't one
     ├── AlreadyPrinting         a link process already owns this folder
     ├── HistoryError            the index of past prints can't be used
+    ├── Refused                 a wish that can't be granted as the print stands; it goes on
     └── NoLink                  nothing to attach to, or the link process doesn't answer
 """
 
@@ -63,6 +64,10 @@ class HistoryError(LinkError):
     """The history of prints can't be used."""
 
 
+class Refused(LinkError):  # noqa: N818
+    """A wish that can't be granted as the print stands: the user's mistake, not the printer's."""
+
+
 class NoLink(LinkError):  # noqa: N818
     """There is no link process to talk to."""
 
@@ -80,6 +85,7 @@ BY_NAME: dict[str, type[LinkError]] = {
         JobError,
         JournalError,
         AlreadyPrinting,
+        Refused,
         NoLink,
     )
 }

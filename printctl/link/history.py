@@ -25,6 +25,7 @@ from printctl.link.errors import HistoryError
 from printctl.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
 from printctl.link.record import JOURNAL
 
+DATA_VARIABLE: Final = "PRINTCTL_DATA"
 _VERSION: Final = 1
 _PATIENCE_S: Final = 5.0
 _COLUMNS: Final = [field.name for field in fields(PrintEntry) if field.name != "alarms"]
@@ -40,7 +41,7 @@ log = logging.getLogger(__name__)
 
 def data_folder() -> Path:
     """Where the index lies: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
-    given = os.environ.get("PRINTCTL_DATA")
+    given = os.environ.get(DATA_VARIABLE)
     if given:
         return Path(given)
     home = Path.home()

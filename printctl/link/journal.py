@@ -9,7 +9,8 @@ job        file name, sha256, lines, profile, port, pid, who, host, wall-clock s
            on going on
 state      state, message
 ack        ``done``: command lines known to be taken; never more than is true
-back       ``done``: lines that an ok which wasn't theirs had acknowledged are taken back
+back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to
+           the line of number ``n``; control records of what goes again follow
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
@@ -32,7 +33,9 @@ lost its position as well.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 import os
 import threading
 import time
@@ -65,7 +68,7 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lock = threading.Lock()
+        self._lock, self._torn = threading.Lock(), False
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
             size = os.fstat(self._fd).st_size
@@ -87,7 +90,11 @@ class Journal:
         passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
         with self._lock:
             try:
-                if os.write(self._fd, line) != len(line):
+                if self._torn:  # a part of the last record is there
+                    line = b"\n" + line
+                written = os.write(self._fd, line)
+                self._torn = written != len(line) and (self._torn or written > 0)
+                if written != len(line):
                     raise OSError("disk full")
                 if at and not passing:
                     os.fsync(self._fd)
@@ -97,11 +104,16 @@ class Journal:
                 ) from exc
 
     def close(self) -> None:
-        """Force everything to the disk and let go of the file; closing twice does no harm."""
+        """Force everything to the disk, if it can, and let go of the file.
+
+        Closing twice does no harm. The print is over: what the disk says now changes no outcome.
+        """
         with self._lock:
             if self._fd >= 0:
-                os.fsync(self._fd)
-                os.close(self._fd)
+                with contextlib.suppress(OSError):
+                    os.fsync(self._fd)
+                with contextlib.suppress(OSError):
+                    os.close(self._fd)
                 self._fd = -1
 
 
@@ -166,6 +178,11 @@ class History:
         The end record; None when the link process died first.
     damaged : int
         Lines with a wrong checksum, a torn last one included.
+    gaps : int
+        Those of them after which the same link process wrote on: no torn ends, but records that
+        are missing, so that lines can't be counted.
+    stopping : bool
+        Whether it had begun to end the print: needle up, heaters perhaps off.
     """
 
     job: Record = field(default_factory=dict)
@@ -183,6 +200,9 @@ class History:
     reload_at: tuple[int, ...] | None = None
     end: Record | None = None
     damaged: int = 0
+    gaps: int = 0
+    stopping: bool = False
+    _torn: bool = False
 
     @property
     def total(self) -> int:
@@ -229,18 +249,25 @@ def read_journal(path: Path) -> History:
 def _apply(history: History, record: Record | None) -> None:
     sort = record["t"] if record and "t" in record else None
     if record is None or sort is None:
-        history.damaged += 1
-    elif sort == "job":
+        history.damaged, history._torn = history.damaged + 1, True
+        return
+    if history._torn:  # a process that begins, or whose disk was full for a while, may go on there
+        history._torn, begins = False, record.get("state") == LinkState.CONNECTING
+        history.gaps += not (sort in ("job", "end") or begins)
+    if sort == "job":
         history.job, history.end = record, None
     elif sort == "state":
         history.state = LinkState(record["state"])
+        history.stopping |= history.state is LinkState.STOPPING
         if history.state is LinkState.PRINTING:
             _printing(history)
         history.message = record.get("message", "")
-    elif sort in ("ack", "back"):
+    elif sort == "ack":
         history.done = record["done"]
+    elif sort == "back":
+        _back(history, record)
     elif sort == "control":
-        history.controls[record["n"]] = record["command"]
+        _control(history, record)
     elif sort == "alarm":
         history.alarms.append(record["text"])
     elif sort == "checkpoint":
@@ -255,6 +282,22 @@ def _apply(history: History, record: Record | None) -> None:
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]
         history.message = record.get("message", "")
+
+
+def _back(history: History, record: Record) -> None:
+    """Lines above ``n`` weren't taken: what was in them goes again, perhaps under other numbers."""
+    history.done = record["done"]
+    last = record.get("n", math.inf)
+    history.controls = {n: text for n, text in history.controls.items() if n <= last}
+
+
+def _control(history: History, record: Record) -> None:
+    """A control command has a number; the count of a new syringe may have got another one."""
+    number, command = record["n"], record["command"]
+    history.controls[number] = command
+    counted = history.syringe
+    if counted and counted["command"] == command and counted["n"] not in history.controls:
+        history.syringe = {**counted, "n": number}
 
 
 def _printing(history: History) -> None:

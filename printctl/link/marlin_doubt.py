@@ -66,8 +66,8 @@ class Timing:
     answer_s: float = 1.0
     doubt_limit_s: float = 6.0
     busy_limit_s: float = 1800.0
-    noise_window: int = 1000
-    noise_limit: int = 50
+    noise_window: int = 500
+    noise_limit: int = 30
     calm_lines: int = 200
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from printctl.link import protocol as said
+from printctl.link.guarding import guarded
 from printctl.link.line_errors import LineErrors
 from printctl.link.marlin_doubt import Phase, Timing
 from printctl.link.marlin_replies import frame
@@ -23,6 +24,8 @@ class MarlinSender:
     pairing : Pairing, optional
         Lets two plain moves leave together; without, one line is in flight.
     """
+
+    guard: Callable[[bytes], bytes] = staticmethod(guarded)
 
     def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
         self.timing = timing or Timing()
@@ -65,7 +68,9 @@ class MarlinSender:
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the printer's last line being ``number``."""
-        self._lines, self.limit = lines, len(lines)
+        guard = self.guard
+        self._lines = [guard(line) if line[:1] == b"M" else line for line in lines]
+        self.limit = len(lines)
         self.lines_done, self.number = first, number
         self._numbered = True
         self._alone_until = 0
@@ -73,7 +78,7 @@ class MarlinSender:
 
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
-        self._controls.append(command)
+        self._controls.append(self.guard(command))
         self.go(now)
 
     def go(self, now: float) -> None:

@@ -94,11 +94,34 @@ def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
 
 def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
     """Say where job text and printer differ by more than the printer's two decimals; or nothing."""
-    for axis in AXES:
-        expected = getattr(modal, axis.lower())
-        if expected is not None and abs(position.get(axis, expected) - expected) > within_mm:
-            return f"{axis} is {position[axis]:.2f} mm where the job says {expected:.2f} mm"
-    return ""
+    found = ((axis, getattr(modal, axis.lower())) for axis in astray(modal, position, within_mm))
+    return ", ".join(
+        f"{axis} is {position[axis]:.2f} mm where the job says {mm:.2f} mm" for axis, mm in found
+    )
+
+
+def astray(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
+    """Axes, by their letters, that stand elsewhere than the job says."""
+    expected = {axis: getattr(modal, axis.lower()) for axis in AXES}
+    return "".join(
+        axis
+        for axis, mm in expected.items()
+        if mm is not None and abs(position.get(axis, mm) - mm) > within_mm
+    )
+
+
+def named(lines: Sequence[bytes]) -> str:
+    """Axes, by their letters, that moves among ``lines`` bring to a place of their own.
+
+    Up to a ``G92``, which would call a wrong place right.
+    """
+    axes: set[str] = set()
+    for line in lines:
+        if line.startswith(b"G92"):
+            break
+        if _MOVE.match(line):
+            axes |= {word[1].decode() for word in _WORD.finditer(line)}.intersection(AXES)
+    return "".join(sorted(axes))
 
 
 def relieved_mm(lines: Sequence[bytes], done: int) -> float:

@@ -12,7 +12,7 @@ from typing import Final
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.channel import Over, Wiring
-from printctl.link.errors import LinkError
+from printctl.link.errors import LinkError, Refused
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, last_of, relieved_mm
@@ -58,7 +58,7 @@ class Pausing(Placing):
 
         Raises
         ------
-        LinkError
+        Refused
             When the job has no such mark ahead.
         """
         if after is None:
@@ -66,7 +66,7 @@ class Pausing(Placing):
             return
         if self.job.marks.next(after, self.protocol.lines_done) is None:
             what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
-            raise LinkError(
+            raise Refused(
                 f"{self.job.name} marks no {what} after line "
                 f"{self.job.file_line(self.protocol.lines_done)}; pause at once (--now) instead"
             )
@@ -78,7 +78,7 @@ class Pausing(Placing):
 
         Raises
         ------
-        LinkError
+        Refused
             When the job has no reload point ahead.
         """
         if self._state is LinkState.PAUSED:
@@ -98,13 +98,13 @@ class Pausing(Placing):
 
         Raises
         ------
-        LinkError
+        Refused
             When a change of syringe is to be told, or is told where none is going on.
         """
         if self._changing and self._state is LinkState.PAUSED and not (change or unchanged):
-            raise LinkError(f"the print is paused for a change of syringe: {CHANGE}")
+            raise Refused(f"the print is paused for a change of syringe: {CHANGE}")
         if change and not self._changing:
-            raise LinkError(
+            raise Refused(
                 "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
                 "that the change is in the journal"
             )
@@ -188,6 +188,7 @@ class Pausing(Placing):
             self._command(command)
         self._command(b"M400")
         self._verify(at)
+        self._let_motors_go()
         self._changing = False
         self.alive()
         self._enter(LinkState.PRINTING, "printing")
@@ -250,6 +251,15 @@ class Pausing(Placing):
         if self.wiring.printer.firmware in _HELD_BY_M84:
             self._command(b"M84 S0")
 
+    def _let_motors_go(self) -> None:
+        """Set the time again after which they lose their power, where the job gave one.
+
+        No firmware tells which was in force: a job that gave none leaves them powered.
+        """
+        given = last_of(self.job.lines, self.protocol.lines_done, (b"M84", b"M18"))
+        if given is not None and b"S" in given and self.wiring.printer.firmware in _HELD_BY_M84:
+            self._command(given)
+
     def _sign_of_life(self) -> None:
         """Show that the printer is there, and begin its own switch-off time anew.
 
@@ -310,11 +320,24 @@ class Pausing(Placing):
         self._enter(LinkState.STOPPING, message)
         self._fault = ""
         relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
-        for command in self.wiring.retreat.leave(self._where(), self.wiring.printer, relieved):
+        for command in self.wiring.retreat.leave(self._really(), self.wiring.printer, relieved):
             self._command(command)
         self._heaters_off()
         self._command(b"M400")
         raise Over(state, message)
+
+    def _really(self) -> Modal:
+        """Where the printer says it is, if that isn't the job's place: the way out begins there.
+
+        The needle is never lowered: of two heights the upper one holds.
+        """
+        at = self._where()
+        wrong, position = self._compare(at)
+        if not wrong or not position:
+            return at
+        self._alarm(wrong)
+        z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
+        return replace(at, z=z, e=position.get("E", at.e))
 
     def _heaters_off(self) -> None:
         for command in heaters_off(self.wiring.printer):

@@ -72,10 +72,13 @@ class WentBack:
     ----------
     first, last : int
         Their numbers.
+    controls : tuple of bytes
+        Control commands that go (again) before any job line, under the numbers from ``first`` on.
     """
 
     first: int
     last: int
+    controls: tuple[bytes, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ there is no asking "which line did you take last"; what is done in doubt is each
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from enum import Enum, auto
@@ -33,7 +34,7 @@ class Sort(Enum):
     TEXT = auto()
 
 
-class AckProtocol:
+class AckProtocol(ABC):
     """State machine of one printer; see `printctl.link.protocol.LinkProtocol`.
 
     A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `_on_silence`.
@@ -62,16 +63,17 @@ class AckProtocol:
 
     # --- a family's own ----------------------------------------------------------------------
 
+    @abstractmethod
     def frame(self, number: int, command: bytes) -> bytes:
         """A command as it goes over the wire."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sort(self, text: bytes) -> Sort:
         """Tell what a line from the printer is."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _on_silence(self, now: float, events: list[Event]) -> None:
-        raise NotImplementedError
+        """Do what is right when nothing was heard up to the deadline."""
 
     # --- what the streamer calls -----------------------------------------------------------
 

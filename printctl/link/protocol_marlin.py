@@ -300,11 +300,9 @@ class MarlinProtocol(MarlinSender):
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
-        events.append(said.WentBack(last + 1, self.number))
+        newest, asked = self.number, self._flight is None
         self.held, self._second = True, None
-        if self._flight is None:
-            events.append(said.InStep(last))  # it was asked for
-        elif self._flight_control:
+        if self._flight is not None and self._flight_control:
             self._controls.appendleft(self._flight)
         while self.number > last:
             if self.number in self._control_numbers:
@@ -313,6 +311,9 @@ class MarlinProtocol(MarlinSender):
                 self.lines_done -= 1
             self.number -= 1
             self._errors.total += 1
+        events.append(said.WentBack(last + 1, newest, tuple(self._controls)))
+        if asked:
+            events.append(said.InStep(last))
         self._send_next(now)
 
     # --- time ------------------------------------------------------------------------------

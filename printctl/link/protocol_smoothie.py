@@ -30,3 +30,4 @@ class SmoothieProtocol(MarlinProtocol):
     question: bytes = QUESTION + QUESTION
     classify = staticmethod(_classify)
     two_resends: bool = True
+    guard = staticmethod(bytes)  # it reads no raw bytes but ^X

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.link.errors import LinkError
+from printctl.link.errors import Refused
 from printctl.link.journal import History, read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.states import LinkState
@@ -24,8 +24,9 @@ def resumable(folder: Path, sha256: str) -> History:
 
     Raises
     ------
-    LinkError
-        When the print has ended in another way, was never begun, or was of another file.
+    Refused
+        When the print has ended in another way, was being ended, was never begun, or was of
+        another file, or when records are missing in its journal.
     JournalError
         When there is no journal.
     """
@@ -33,14 +34,24 @@ def resumable(folder: Path, sha256: str) -> History:
     end = history.end
     if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
         hint = "" if end["position_known"] else ", or see `printctl recover`"
-        raise LinkError(
+        raise Refused(
             f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
             f"can't be gone on with, print it anew{hint}"
         )
+    if history.stopping:
+        raise Refused(
+            f"the print in {folder} was being ended ({history.message}): its heaters may be off "
+            "and its needle up; print it anew, or see `printctl recover`"
+        )
+    if history.gaps:
+        raise Refused(
+            f"the journal in {folder} is damaged in {history.gaps} places, so that its lines can't "
+            "be counted; see `printctl recover`, and to the disk"
+        )
     if not history.begun:
-        raise LinkError(f"no line of the job was sent in {folder}; print it anew")
+        raise Refused(f"no line of the job was sent in {folder}; print it anew")
     if history.job.get("sha256") != sha256:
-        raise LinkError(
+        raise Refused(
             f"the print in {folder} was of another file ({history.job.get('name')}, hash "
             "differs); give that file, or print anew in another folder"
         )

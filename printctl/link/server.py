@@ -222,7 +222,7 @@ class Server:
                 self._post(guest, {"event": "heard", "do": wish["do"]})
         except LinkError as exc:
             self._post(guest, {"event": "refused", "message": str(exc)})
-        except (ValueError, KeyError, AttributeError, TypeError):
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             self._post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
 
     def _subscribe(self, guest: _Guest, wish: dict[str, Any]) -> None:

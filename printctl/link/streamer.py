@@ -9,12 +9,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from printctl.link.care import Care
 from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import HandshakeError, LinkError
 from printctl.link.families import family_of
 from printctl.link.firmware import differences, parse_firmware
+from printctl.link.job import Job
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
+from printctl.link.modal import astray, named
 from printctl.link.pausing import Pausing
 from printctl.link.placing import RETRIES
 from printctl.link.states import LinkState, Status
@@ -25,9 +28,11 @@ BOOT_LISTEN_S: Final = 1.0
 BOOT_QUIET_S: Final = 0.5
 BOOT_LIMIT_S: Final = 10.0
 CONNECT_LIMIT_S: Final = 15.0
-CHECK_LINES: Final = 25
-"""On a line that makes errors, the position is compared after so many lines: a word garbled past
-the checksum (X to Z) stays wrong until a later line gives it again."""
+SOONEST_LINES: Final = 5
+"""So many lines after an error the position is compared: a word garbled past the checksum (X to Z)
+stays wrong until a later line gives it again."""
+CHECK_LINES: Final = 40
+"""Twice as many after each comparison that agrees, up to this."""
 NOISY_LINES: Final = 250
 """For so many lines after an error a line counts as one that makes errors."""
 AGAIN_LINES: Final = 2
@@ -36,6 +41,12 @@ AGAIN_LINES: Final = 2
 
 class Streamer(Pausing):
     """One print; see `Pausing` for what it is given."""
+
+    def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
+        super().__init__(wiring, job, care)
+        self._checked = self._errors_seen = self._noisy_until = 0
+        self._check_every = SOONEST_LINES
+        self._slip = ""
 
     # --- the print -------------------------------------------------------------------------
 
@@ -75,16 +86,21 @@ class Streamer(Pausing):
             self._find_again(history)
         self.watch.begin(self.wiring.clock.now())
         self._enter(LinkState.PRINTING, f"printing {self.job.name}")
-        while self.protocol.lines_done < len(self.job):
+        while not self._at_end():
             self._stream()
             self._obey()
             if self.protocol.lines_done < len(self.job):
                 self._at_mark()
-            if self.protocol.lines_done == len(self.job):
-                self._finish()
-                self._end_on_fault()  # of the last moves
-                self._obey()  # a stop while the last moves were made
         raise Over(LinkState.DONE, f"all {len(self.job)} lines done")
+
+    def _at_end(self) -> bool:
+        """Whether every line was taken and every move made, and nobody minds."""
+        if self.protocol.lines_done < len(self.job):
+            return False
+        confirmed = self._finish()
+        self._end_on_fault()  # of the last moves
+        self._obey()  # a stop while the last moves were made
+        return confirmed
 
     def _stream(self) -> None:
         """Send lines until the job is at a mark or its end, or somebody wishes something.
@@ -135,23 +151,26 @@ class Streamer(Pausing):
         errors, done = self.protocol.line_errors, self.protocol.lines_done
         if errors != self._errors_seen:
             self._errors_seen, self._noisy_until = errors, done + NOISY_LINES
-        return done < self._noisy_until and done - self._checked >= CHECK_LINES
+            self._check_every = AGAIN_LINES if self._slip else SOONEST_LINES
+        return done < self._noisy_until and done - self._checked >= self._check_every
 
     def _look_for_slips(self) -> None:
-        """Compare the position; where it is wrong, again after the next lines.
+        """Compare the position; where the next lines put it right, again after them.
 
         A word that was garbled past the checksum and given again since did its harm; the print
-        goes on, with an alarm. One that stays wrong (a Z within a layer) ends it.
+        goes on, with an alarm. One that would stay wrong (a Z within a layer) ends it at once.
         """
         self._settle()
         done = self._checked = self.protocol.lines_done
         at = self._trail.at(done)
-        wrong = "" if self._slip else self._compare(at)[0]
-        if wrong:
+        wrong, position = ("", {}) if self._slip else self._compare(at)
+        soon = set(named(self.job.lines[done : done + AGAIN_LINES]))
+        if wrong and position and soon.issuperset(astray(at, position)):
             self._slip = f"after line {done}: {wrong}"
-            self._checked, self._noisy_until = done + AGAIN_LINES - CHECK_LINES, done + NOISY_LINES
+            self._check_every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES
             return
         self._verify(at)
+        self._check_every = min(2 * self._check_every, CHECK_LINES)
         if self._slip:
             self._alarm(f"{self._slip}: a line slipped through its checksum; look at the part")
             self._slip = ""
@@ -162,7 +181,9 @@ class Streamer(Pausing):
         stop = self.watch.next_stop(now, done, protocol.idle, len(self.job))
         if self._noisy():
             return done
-        return min(stop, self._checked + CHECK_LINES) if done < self._noisy_until else stop
+        if done >= self._noisy_until:
+            return stop
+        return min(stop, max(self._checked + self._check_every, done + 1))
 
     def _obey(self) -> None:
         """Do what was wished, with no line in flight."""
@@ -308,10 +329,12 @@ class Streamer(Pausing):
 
     # --- finishing ---------------------------------------------------------------------------
 
-    def _finish(self) -> None:
-        """Wait for the last move, and have the printer confirm its last line."""
+    def _finish(self) -> bool:
+        """Wait for the last move; whether the printer confirms its last line."""
         self._settle()
         self._command(b"M400")
-        if self._noisy() or self.protocol.lines_done < self._noisy_until:
+        if self._unverified or self._noisy() or self.protocol.lines_done < self._noisy_until:
+            self._unverified = False
             self._verify(self._trail.at(self.protocol.lines_done))
-        self._agree(self.protocol.ask)
+        number = self.protocol.number
+        return self._agree(self.protocol.ask) == number

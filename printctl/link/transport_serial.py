@@ -14,6 +14,7 @@ import errno
 import os
 import select
 import sys
+import threading
 import time
 from typing import Final
 
@@ -71,7 +72,7 @@ class SerialTransport:
     quiet_s: float = 0.05
 
     def __init__(self, name: str, baud: int, dtr: bool = True, rts: bool = True) -> None:
-        self.name = name
+        self.name, self._closing = name, threading.Lock()
         try:
             self._serial = serial.Serial(
                 None, baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=True
@@ -145,11 +146,12 @@ class SerialTransport:
     def write_urgent(self, data: bytes) -> None:
         """Drop what hasn't left yet and write ``data`` at once, from any thread."""
         try:
-            self._serial.reset_output_buffer()
-            if self._fd < 0:
-                self._serial.write(data)
-            else:
-                os.write(self._fd, data)
+            with self._closing:  # the number of a closed descriptor may be another file's
+                self._serial.reset_output_buffer()
+                if self._fd < 0:
+                    self._serial.write(data)
+                else:
+                    os.write(self._fd, data)
         except (OSError, TypeError, ValueError) as exc:
             raise PortLost(f"port {self.name} went away: {exc}") from exc
 
@@ -185,4 +187,5 @@ class SerialTransport:
 
     def close(self) -> None:
         """Let go of the port; closing twice does no harm."""
-        self._serial.close()
+        with self._closing:
+            self._serial.close()

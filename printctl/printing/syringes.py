@@ -21,8 +21,11 @@ def capacity_mm(syringe: Syringe) -> float:
 
 
 def usable_mm(syringe: Syringe, printer: Printer) -> float:
-    """Plunger travel that the syringe and the printer's drive both have, mm."""
-    return min(capacity_mm(syringe), printer.plunger_travel_mm)
+    """Plunger travel that the syringe and the printer's drive both have, mm.
+
+    The syringe's own where no drive pushes it (a pneumatic head).
+    """
+    return min(capacity_mm(syringe), printer.plunger_travel_mm or math.inf)
 
 
 def with_reloads(

@@ -4,7 +4,6 @@ import os
 import pty
 import re
 import select
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -13,19 +12,14 @@ from pathlib import Path
 import pytest
 
 from printctl.link.client import attach
+from tests.sim_process import printer_process
 from tests.system.cli import ROOT
 
 
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "sim", "--printer", "generic_marlin", "--speed", "3"]
-    command += ["--link", str(tmp_path / "tty")]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.terminate()
+    with printer_process(tmp_path, speed=3) as name:
+        yield name
 
 
 @pytest.fixture

@@ -1,16 +1,13 @@
 """`printctl print` through the simulated printer's pseudo-terminal, well and badly."""
 
 import json
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from sim.executed import ExecutedMotion
-from tests.system.cli import ROOT, printctl
+from tests.sim_process import printer_process
+from tests.system.cli import printctl
 
 MOVES = 400
 
@@ -26,21 +23,10 @@ def _job(folder: Path) -> Path:
     return path
 
 
-@contextmanager
-def _simulated_printer(folder: Path, *options: str) -> Iterator[str]:
-    """A simulated printer behind a pseudo-terminal named ``folder/printer``."""
-    command = [sys.executable, "-m", "sim", "--printer", "generic_marlin", "--speed", "0"]
-    command += ["--link", str(folder / "printer"), "--exit-on-hangup", *options]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.terminate()
-
-
 def test_every_line_is_executed_once(tmp_path: Path) -> None:
-    with _simulated_printer(tmp_path, "--record", str(tmp_path / "done.npz")) as port:
+    with printer_process(
+        tmp_path, "--exit-on-hangup", "--record", str(tmp_path / "done.npz")
+    ) as port:
         done = printctl(
             "print", _job(tmp_path), "--printer", "generic_marlin", "--port", port, "--yes",
             "--json", cwd=tmp_path,
@@ -54,7 +40,7 @@ def test_every_line_is_executed_once(tmp_path: Path) -> None:
 
 
 def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> None:
-    with _simulated_printer(tmp_path, "--fault", "unplug@200") as port:
+    with printer_process(tmp_path, "--exit-on-hangup", "--fault", "unplug@200") as port:
         done = printctl(
             "print", _job(tmp_path), "--printer", "generic_marlin", "--port", port, "--yes",
             cwd=tmp_path,

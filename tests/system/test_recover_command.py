@@ -11,8 +11,8 @@ from firmware_profiles import Printer, load
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from tests.printctl.link.layered import START, layered
+from tests.sim_process import printer_process
 from tests.system.cli import printctl
-from tests.system.test_print_command import _simulated_printer
 
 PRINTER = load(Printer, "generic_marlin")
 DATA = layered(4, 60)
@@ -23,7 +23,9 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path: 
     job = tmp_path / "job.gcode"
     job.write_bytes(DATA)
     given = ("--printer", "generic_marlin", "--start", TIP, "--yes")
-    with _simulated_printer(tmp_path, "--start", TIP, "--fault", "reset@190") as port:
+    with printer_process(
+        tmp_path, "--exit-on-hangup", "--start", TIP, "--fault", "reset@190"
+    ) as port:
         broken = printctl(
             "print", job, "--port", port, *given, "--checkpoint-every", "0", cwd=tmp_path
         )

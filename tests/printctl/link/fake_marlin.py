@@ -74,7 +74,7 @@ class FakeMarlin:
         if (int(found[1]) if found else 0) != reduce(xor, body.encode("latin-1")):
             return self._refuse("checksum mismatch")
         self.last = n
-        command = body[number.end() :].strip()
+        command = re.sub(r"^M0+(?=\d)", "M", body[number.end() :].strip())  # a number is a number
         if not renumber:
             self.numbered.append(command)
             if self.reset_at == n:

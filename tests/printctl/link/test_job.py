@@ -10,7 +10,14 @@ from firmware_profiles import Printer, load
 from printctl.link.errors import JobError
 from printctl.link.firmware import differences, parse_firmware
 from printctl.link.job import load_job, parse_job
-from printctl.link.modal import Modal, disagreement, modal_state, parse_position
+from printctl.link.modal import (
+    Modal,
+    astray,
+    disagreement,
+    modal_state,
+    named,
+    parse_position,
+)
 from printctl.link.retreat import Retreat, heaters_off
 
 PRINTER = load(Printer, "generic_marlin")
@@ -105,3 +112,25 @@ def test_firmware_that_differs_from_the_profile_is_told():
     assert firmware.is_a("marlin")
     found = differences(firmware, [b"  M92 X80.00 Y80.00 Z400.00 E500.00"], PRINTER)
     assert [text.split()[0] for text in found] == ["EMERGENCY_PARSER", "E"]
+
+
+def test_every_axis_that_stands_elsewhere_is_named():
+    position = parse_position([b"X:1.00 Y:2.00 Z:0.50 E:0.10 Count X:80 Y:160 Z:200"])
+    at = Modal(x=1.2, y=2.0, z=5.0)
+    assert astray(at, position) == "XZ"
+    told = disagreement(at, position)
+    assert (
+        told == "X is 1.00 mm where the job says 1.20 mm, Z is 0.50 mm where the job says 5.00 mm"
+    )
+
+
+@pytest.mark.parametrize(
+    ("lines", "axes"),
+    [
+        ([b"G1 X1 Y2", b"G0 E3"], "EXY"),
+        ([b"M104 S37", b"G4 P1"], ""),
+        ([b"G1 X1", b"G92 E0", b"G1 Y1"], "X"),  # what G92 renames isn't put right by it
+    ],
+)
+def test_axes_that_the_next_lines_put_right(lines, axes):
+    assert named(lines) == axes

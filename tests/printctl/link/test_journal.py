@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -87,3 +89,42 @@ def test_closing_twice_does_no_harm_and_a_missing_one_is_named(tmp_path):
         read_journal(tmp_path / "nowhere")
     with pytest.raises(JournalError, match="can't be opened"):
         Journal(tmp_path / "no" / "folder")
+
+
+def test_disk_that_was_full_for_a_while_leaves_what_came_after_readable(tmp_path, monkeypatch):
+    journal = Journal(tmp_path / "j")
+    journal.add("ack", done=1)
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))
+    with pytest.raises(JournalError, match="disk full"):
+        journal.add("ack", done=2)
+    monkeypatch.setattr(os, "write", write)
+    journal.add("end", state="failed", message="full", done=2)
+    journal.close()
+    history = read_journal(tmp_path / "j")
+    assert (history.done, history.message, history.gaps) == (2, "full", 0)
+
+
+def test_closing_on_a_broken_disk_changes_nothing(tmp_path, monkeypatch):
+    journal = Journal(tmp_path / "j")
+
+    def broken(fd: int) -> None:
+        raise OSError("I/O error")
+
+    monkeypatch.setattr(os, "fsync", broken)
+    journal.close()
+    journal.close()
+
+
+def test_record_that_is_missing_in_the_middle_is_a_gap_and_a_torn_end_is_none(tmp_path):
+    journal = Journal(tmp_path / "j")
+    for number in range(3):
+        journal.add("control", n=number + 1, command="M114")
+    journal.close()
+    lines = (tmp_path / "j").read_bytes().splitlines(keepends=True)
+    whole = b"".join(lines)
+    again = encode({"t": "job", "name": "a"}) + lines[0]
+    (tmp_path / "j").write_bytes(whole[:-9] + b"\n" + again)
+    assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 0)
+    (tmp_path / "j").write_bytes(lines[0] + lines[1][:5] + b"?" + lines[1][6:] + lines[2])
+    assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 1)

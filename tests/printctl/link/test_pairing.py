@@ -61,7 +61,7 @@ def test_two_moves_leave_in_one_write_and_the_next_two_after_both_oks():
     assert (protocol.take_output(), protocol.lines_done) == (pair(5), 4)
 
 
-@pytest.mark.parametrize("odd", [b"G4 S1", b"M400", b"G1 X1 E1 M1", b"G28", b"G92 E0", b"G2 X1 I1"])
+@pytest.mark.parametrize("odd", [b"G4 S1", b"M17", b"G1 X1 E1 M1", b"G28", b"G92 E0", b"G2 X1 I1"])
 def test_what_isnt_a_plain_move_flies_alone(odd):
     protocol = started([JOB[0], odd, JOB[1]])
     assert protocol.take_output() == frame(1, JOB[0])

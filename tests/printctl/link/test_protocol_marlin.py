@@ -191,7 +191,7 @@ def test_fragment_that_was_done_holds_the_job_until_the_position_is_verified():
     assert settle(protocol, 0, now) == [Stray(1)]
     assert protocol.take_output() == b""
     protocol.submit(b"M114", now)
-    assert protocol.take_output() == frame(1, b"M114")
+    assert protocol.take_output() == frame(1, b"M0114")
     protocol.feed(b"ok\n", now)
     protocol.held = False
     protocol.go(now)

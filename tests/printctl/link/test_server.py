@@ -135,7 +135,10 @@ def test_only_subscribers_are_told(door):
     say(one, do="detach", token=token)
 
 
-@pytest.mark.parametrize("line", [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n"])
+NONSENSE = [b"nonsense\n", b"[]\n", b'{"do": "dance"}\n', b"{}\n", b"\xff\n", b"[" * 9000 + b"\n"]
+
+
+@pytest.mark.parametrize("line", NONSENSE)
 def test_nonsense_is_refused_and_the_door_stays_open(door, line):
     spy, _, enter, token = door
     guest = enter()

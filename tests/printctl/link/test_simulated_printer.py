@@ -18,7 +18,7 @@ from printctl.link.job import parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
-from printctl.link.streamer import Streamer
+from printctl.link.streamer import SOONEST_LINES, Streamer
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
@@ -127,7 +127,7 @@ class FaultAtTheEnd(SimTransport):
     late = b""
 
     def write(self, data: bytes) -> None:
-        if b"M400" in data and self.printer.executed().line.size:
+        if b"M0400" in data and self.printer.executed().line.size:
             self.late = b"echo: cold extrusion prevented\n"
         super().write(data)
 
@@ -338,11 +338,33 @@ def test_word_that_slipped_through_is_found_soon_on_a_noisy_line(tmp_path):
     assert status.lines_done < 340
 
 
-class StrayingTransport(SimTransport):
-    """One line in seven goes to another X, and the checksum is right."""
+class NoisyOnce(SimTransport):
+    """Line 295 is garbled; the X of line 300 becomes a Z, and the checksum is right."""
+
+    garbled = False
 
     def write(self, data: bytes) -> None:
-        if data.startswith(b"N") and int(data.split()[0][1:]) % 7 == 0:
+        if data.startswith(b"N295 ") and not self.garbled:
+            self.garbled, data = True, data.replace(b"G1", b"G3")
+        if b" G1 X" in data and data.startswith(b"N300 "):
+            body = data.split(b"*")[0].replace(b"X", b"Z")
+            data = b"%b*%d\n" % (body, reduce(xor, body))
+        super().write(data)
+
+
+def test_height_that_slipped_ends_the_print_at_the_first_comparison(tmp_path):
+    transport = NoisyOnce(MarlinPrinter(PRINTER, START), VirtualClock())
+    status, _ = printed(gcode(2000), tmp_path, transport)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "Z is 5" in status.message
+    assert 300 <= status.lines_done <= 300 + 2 * SOONEST_LINES
+
+
+class StrayingTransport(SimTransport):
+    """One line in 31 goes to another X, and the checksum is right."""
+
+    def write(self, data: bytes) -> None:
+        if data.startswith(b"N") and int(data.split()[0][1:]) % 31 == 0:
             body = re.sub(rb" X\S+", b" X51.000", data.split(b"*")[0])
             data = b"%b*%d\n" % (body, reduce(xor, body))
         super().write(data)

@@ -13,7 +13,7 @@ from firmware_profiles import Printer, load
 from printctl.link import channel
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
-from printctl.link.errors import JournalError
+from printctl.link.errors import JournalError, PortLost
 from printctl.link.job import Job, parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
@@ -293,3 +293,62 @@ def test_firmware_without_busy_messages_is_noted_and_printed_on(tmp_path):
     assert streamer.run().state is LinkState.DONE
     assert not streamer.protocol.keepalive
     assert any("busy messages" in text for text in read_journal(tmp_path / "journal.log").alarms)
+
+
+class SurplusInPause(FakeTransport):
+    """The line by which the plunger comes back from a pause is lost, and an ok of nobody's heard.
+
+    The cable breaks in the write of `breaks_at`.
+    """
+
+    plunger_moves = 0
+    breaks_at = b"G1 never"
+
+    def write(self, data: bytes) -> None:
+        if self.breaks_at in data:
+            raise PortLost("the cable broke")
+        if b" G1 E" in data:
+            self.plunger_moves += 1
+            if self.plunger_moves == 2:
+                data = b""
+                self.waiting += b"ok\n"
+        super().write(data)
+
+
+@pytest.mark.parametrize("breaks", [False, True])
+def test_command_that_was_not_taken_after_all_is_counted_where_it_was(tmp_path, breaks):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = SurplusInPause(printer, clock)
+    lines = zigzag(100)
+    if breaks:
+        transport.breaks_at = lines[60]
+    streamer = streamer_of(job_of(lines), transport, tmp_path)
+    asked: list[Status] = []
+
+    def pause_once(status: Status) -> None:
+        if status.state is LinkState.PAUSED:
+            streamer.resume()
+
+    streamer.wiring = replace(streamer.wiring, on_status=pause_once)
+    take = printer._take
+
+    def taking(line: str) -> bytes:
+        if line.split("*")[0].endswith(lines[19].decode()) and not asked:
+            asked.append(streamer.status)
+            streamer.pause()
+        return take(line)
+
+    printer._take = taking  # type: ignore[method-assign]
+    status = streamer.run()
+    assert transport.plunger_moves == 3
+    history = read_journal(tmp_path / "journal.log")
+    if breaks:
+        assert status.error == "PortLost"
+        assert history.job_line(printer.last) == 60
+    else:
+        assert status.state is LinkState.DONE, status
+    assert {n: text for n, text in history.controls.items() if n > 20} == {
+        n: text
+        for n, text in enumerate(printer.numbered[printer.numbered.index("M82") + 1 :], 1)
+        if text.encode() not in lines
+    }

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,22 +12,16 @@ from printctl.errors import PrintctlError, SafetyError
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.printing import Order, find_or_start, running
+from tests.sim_process import printer_process
 
-ROOT = Path(__file__).resolve().parents[3]
 MOVES = 3000
 
 
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[str]:
     """A simulated printer that a host takes for a real one; slow enough to be caught printing."""
-    command = [sys.executable, "-m", "sim", "--printer", "generic_marlin", "--speed", "5"]
-    command += ["--link", str(tmp_path / "tty")]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.terminate()
+    with printer_process(tmp_path, speed=5) as name:
+        yield name
 
 
 def _order(folder: Path, port: str, moves: int = MOVES) -> Order:

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +20,8 @@ from printctl.probing import Settings, ask_settings, compare, corrected, read_se
 from printctl.probing.ask import ask_wired
 from sim.dialects import simulated_printer
 from tests.printctl.link.sim_transport import SimTransport
-from tests.system.cli import ROOT, printctl
+from tests.sim_process import printer_process
+from tests.system.cli import printctl
 
 MARLIN = load(Printer, "generic_marlin")
 REAL = {
@@ -153,25 +150,13 @@ def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(
 # --- over a real pipe ---------------------------------------------------------------------------
 
 
-@contextmanager
-def printer_on(folder: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "sim", "--printer", "generic_marlin", "--speed", "0"]
-    command += ["--link", str(folder / "printer")]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield process.stdout.readline().strip()
-        finally:
-            process.terminate()
-
-
 def test_command_shows_differences_writes_the_profile_and_leaves_a_used_port_alone(
     tmp_path: Path,
 ) -> None:
     values = MARLIN.model_dump(mode="json", exclude_unset=True)
     values["steps_per_mm"]["e"] = 6300
     (tmp_path / "old.yaml").write_text(yaml.safe_dump(values))
-    with printer_on(tmp_path) as port:
+    with printer_process(tmp_path) as port:
         owner = open_port(port, MARLIN)
         try:
             with pytest.raises(PortInUse, match="held by another program"):
