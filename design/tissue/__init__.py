@@ -7,10 +7,8 @@ from design.tissue.demand import (
     FunctionDemand,
     ImageDemand,
     UniformDemand,
-    depth_demand,
-    function_demand,
-    image_demand,
 )
+from design.tissue.demand_sources import depth_demand, function_demand, image_demand
 from design.tissue.grid import SignedDistanceGrid
 from design.tissue.heart import biventricle
 from design.tissue.images import VolumeImage, read_image

@@ -10,7 +10,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from design.tissue.arrays import BRICK, GridArrays
-from design.tissue.depth import least_depth_along
+from design.tissue.depth import depth_along
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
@@ -62,11 +62,11 @@ def _read_all(grid: GridArrays, points: Any) -> Any:
 
 
 @pjit
-def _depth_all(grid: GridArrays, start: Any, end: Any, most: Any, enough: Any) -> Any:
+def _depth_all(grid: GridArrays, start: Any, end: Any, need: Any) -> Any:
     value = np.empty(len(start))
     for i in prange(len(start)):
         a, b = start[i], end[i]
-        value[i] = least_depth_along(grid, a[0], a[1], a[2], b[0], b[1], b[2], most[i], enough[i])
+        value[i] = depth_along(grid, a[0], a[1], a[2], b[0], b[1], b[2], need[i])
     return value
 
 
@@ -106,13 +106,6 @@ class SignedDistanceGrid:
         values: FloatArray = _read_all(self.arrays, np.ascontiguousarray(points, dtype=np.float64))
         return values
 
-    def least_depth(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Least depth (n,) below the surface along segments from ``start`` to ``end`` (n, 3), mm.
-
-        Exact, whatever the spacing; of a segment that leaves the tissue, some negative depth.
-        """
-        return self._depth(start, end, np.full(len(start), np.inf), np.zeros(len(start)))
-
     def capsule_inside(
         self, start: FloatArray, end: FloatArray, radius: FloatArray, clearance_mm: float = 0.0
     ) -> NDArray[np.bool_]:
@@ -121,12 +114,7 @@ class SignedDistanceGrid:
         ``clearance_mm`` is added to the radius. Exact, whatever the spacing.
         """
         need = np.asarray(radius, dtype=np.float64) + clearance_mm
-        return self._depth(start, end, need, need) >= need
-
-    def _depth(
-        self, start: FloatArray, end: FloatArray, most: FloatArray, enough: FloatArray
-    ) -> FloatArray:
         a = np.ascontiguousarray(start, dtype=np.float64)
         b = np.ascontiguousarray(end, dtype=np.float64)
-        values: FloatArray = _depth_all(self.arrays, a, b, most, enough)
-        return values
+        depth: FloatArray = _depth_all(self.arrays, a, b, need)
+        return depth >= need

@@ -24,6 +24,17 @@ def seven(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
 
 
 @jit
+def both_widen(room: Room, away: float, one: float, two: float) -> float:
+    """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
+    both = one + two
+    factor = away / (both + room.ratio * min(one, two))
+    if room.clearance > 0.0:
+        # The fixed part of the clearance doesn't grow with the radii.
+        factor = min(factor, (away - room.clearance) / both)
+    return factor
+
+
+@jit
 def widening(
     index: CellIndex,
     segments: Any,
@@ -87,12 +98,7 @@ def widening(
                     d, _, _ = segment_segment(
                         ax, ay, az, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz
                     )
-                    # The fixed part of the clearance doesn't grow with the radii.
-                    thin = min(radius, s.radius)
-                    both = radius + s.radius
-                    factor = d / (both + room.ratio * thin)
-                    if room.clearance > 0.0:
-                        factor = min(factor, (d - room.clearance) / both)
+                    factor = both_widen(room, d, radius, s.radius)
                     if factor < least:
                         least = factor
                         if least < room.reserve and not record:

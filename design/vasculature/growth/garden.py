@@ -150,12 +150,15 @@ class Garden(Bed):
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
         self._reindex()
+        # By the limits of the audit: those that a later stage sets for its own joints would close
+        # the earlier ones'.
+        room = room_of(self.tissue, self.options.mildest())
         if self.progress["careful"][0]:
             # The audit has measured all but what was pruned since.
-            measure_changed(self.segments, self.count, self.index, self.room, 0.0, True)
+            measure_changed(self.segments, self.count, self.index, room, 0.0, True)
         else:
             # Neighbours' shares have changed since each segment's room was measured.
-            measure_room(self.segments, self.count, self.index, self.room, 0.0, False)
+            measure_room(self.segments, self.count, self.index, room, 0.0, False)
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def _more(self) -> Samples:

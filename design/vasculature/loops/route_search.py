@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import Ends, Rule, away, heading, piece_clear
 from kernels import jit
+
+FloatArray = NDArray[np.float64]
 
 NO_WAY, UNDECIDED = 0, -1
 """What a search says that found none: it saw all there is, or its steps ran out."""
@@ -24,9 +27,63 @@ _EASE = 8.0
 """Radii from an end within which the extra width is given up: terminals are crowded."""
 
 
+UNSEEN, FREE, TAKEN = 0, 1, 2
+"""What is known of a lattice point: nothing, or whether a vessel has room there."""
+
+
+class Lattice(NamedTuple):
+    """Points that a way may pass through, numbered along the last axis first.
+
+    Attributes
+    ----------
+    low : (3,) float64, mm
+        Point (0, 0, 0).
+    shape : (3,) int64
+    cell : float, mm
+    """
+
+    low: FloatArray
+    shape: NDArray[np.int64]
+    cell: float
+
+
+class Width(NamedTuple):
+    """How wide a way must be.
+
+    Attributes
+    ----------
+    radius : float, mm
+        Of the vessel that is to go it.
+    inflate : float
+        Room kept, as a multiple of it.
+    """
+
+    radius: float
+    inflate: float
+
+
+class Search(NamedTuple):
+    """What a search has found so far.
+
+    Attributes
+    ----------
+    gone : (n + 1,) float64, mm
+        Way from the first end to each lattice point, and to the far end.
+    came : (n + 1,) int64
+        The point before on that way; -1 for the first end, -2 where none is known.
+    state : (n,) int8
+        `UNSEEN`, `FREE` or `TAKEN`.
+    """
+
+    gone: FloatArray
+    came: NDArray[np.int64]
+    state: NDArray[np.int8]
+
+
 @jit
-def node_place(node: int, low: Any, shape: Any, cell: float, out: Any) -> None:
+def node_place(node: int, lattice: Lattice, out: Any) -> None:
     """Coordinates of a lattice point, mm."""
+    low, shape, cell = lattice
     out[2] = low[2] + cell * (node % shape[2])
     node = node // shape[2]
     out[1] = low[1] + cell * (node % shape[1])
@@ -42,11 +99,8 @@ def wide_at(radius: float, inflate: float, gone: float, left: float) -> float:
 @jit
 def search(
     ends: Ends,
-    radius: float,
-    inflate: float,
-    low: Any,
-    shape: Any,
-    cell: float,
+    width: Width,
+    lattice: Lattice,
     rule: Rule,
     index: CellIndex,
     capsules: Any,
@@ -61,14 +115,8 @@ def search(
 
     Parameters
     ----------
-    radius : float, mm
-        Of the vessel that is to go the way.
-    inflate : float
-        Room kept, as a multiple of it.
-    low : (3,) float64, mm
-        Lattice point (0, 0, 0).
-    shape : (3,) int64
-    cell : float, mm
+    width : Width
+    lattice : Lattice
     most : int
         Steps checked at most.
     path : (k, 3) float64, mm
@@ -79,21 +127,20 @@ def search(
     int
         Points of the way; `NO_WAY`, or `UNDECIDED` after ``most`` steps.
     """
-    total = shape[0] * shape[1] * shape[2]
-    until = len(capsules)
-    gone = np.full(total + 1, np.inf)
-    came = np.full(total + 1, -2, np.int64)
-    state = np.zeros(total, np.int8)
+    total = lattice.shape[0] * lattice.shape[1] * lattice.shape[2]
+    found = Search(
+        np.full(total + 1, np.inf), np.full(total + 1, -2, np.int64), np.zeros(total, np.int8)
+    )
     here, there = np.empty(3), np.empty(3)
     goal = ends.point[1]
     # Typed by an entry that is taken out again.
     heap = [(0.0, 0.0, -1, -1)]
     heap.pop()
-    push_first(heap, ends, rule.straight, low, shape, cell)
+    push_first(heap, ends, rule.straight, lattice)
     steps = 0
     while len(heap) > 0:
         _, g, node, before = heappop(heap)
-        if came[node] != -2:
+        if found.came[node] != -2:
             continue
         steps += 1
         if steps > most:
@@ -101,50 +148,73 @@ def search(
         if before < 0:
             here[:] = ends.point[0]
         else:
-            node_place(before, low, shape, cell, here)
+            node_place(before, lattice, here)
         if node == total:
             there[:] = goal
         else:
-            node_place(node, low, shape, cell, there)
-        start = gone[before] if before >= 0 else 0.0
+            node_place(node, lattice, there)
+        start = found.gone[before] if before >= 0 else 0.0
         left = away(there, goal)
-        wide = wide_at(radius, inflate, min(start, g), min(left, away(here, goal)))
-        if not piece_clear(ends, here, there, start, left, wide, rule, index, capsules, until):
+        wide = wide_at(width.radius, width.inflate, min(start, g), min(left, away(here, goal)))
+        if not piece_clear(
+            ends, here, there, start, left, wide, rule, index, capsules, len(capsules)
+        ):
             continue
-        if hairpin(ends, came, before, low, shape, cell, there):
+        if hairpin(ends, found.came, before, lattice, there):
             continue
-        came[node], gone[node] = before, g
+        found.came[node], found.gone[node] = before, g
         if node == total:
-            return trace(came, node, low, shape, cell, ends, path)
-        if left <= _NEAR * cell and heading(ends, 1, goal, there) >= rule.straight:
+            return trace(found.came, node, lattice, ends, path)
+        if left <= _NEAR * lattice.cell and heading(ends, 1, goal, there) >= rule.straight:
             heappush(heap, (g + left, g + left, total, node))
-        c = node % shape[2]
-        b = (node // shape[2]) % shape[1]
-        a = node // (shape[1] * shape[2])
-        for i in range(max(0, a - 1), min(shape[0], a + 2)):
-            for j in range(max(0, b - 1), min(shape[1], b + 2)):
-                for k in range(max(0, c - 1), min(shape[2], c + 2)):
-                    other = (i * shape[1] + j) * shape[2] + k
-                    if came[other] != -2 or state[other] == 2:
-                        continue
-                    node_place(other, low, shape, cell, here)
-                    onward = away(here, goal)
-                    far = g + away(here, there)
-                    if state[other] == 0:
-                        wide = wide_at(radius, inflate, far, onward)
-                        free = piece_clear(
-                            ends, here, here, far, onward, wide, rule, index, capsules, until
-                        )
-                        state[other] = 1 if free else 2
-                        if not free:
-                            continue
-                    heappush(heap, (far + onward, far, other, node))
+        push_onward(heap, found, node, there, ends, width, lattice, rule, index, capsules)
     return NO_WAY
 
 
 @jit
-def push_first(heap: Any, ends: Ends, straight: float, low: Any, shape: Any, cell: float) -> None:
+def push_onward(
+    heap: Any,
+    found: Search,
+    node: int,
+    place: Any,
+    ends: Ends,
+    width: Width,
+    lattice: Lattice,
+    rule: Rule,
+    index: CellIndex,
+    capsules: Any,
+) -> None:
+    """Push the steps from ``node`` at ``place`` to those of its 26 neighbours that have room."""
+    goal, g = ends.point[1], found.gone[node]
+    there = np.empty(3)
+    shape = lattice.shape
+    c = node % shape[2]
+    b = (node // shape[2]) % shape[1]
+    a = node // (shape[1] * shape[2])
+    for i in range(max(0, a - 1), min(shape[0], a + 2)):
+        for j in range(max(0, b - 1), min(shape[1], b + 2)):
+            for k in range(max(0, c - 1), min(shape[2], c + 2)):
+                other = (i * shape[1] + j) * shape[2] + k
+                if found.came[other] != -2 or found.state[other] == TAKEN:
+                    continue
+                node_place(other, lattice, there)
+                left = away(there, goal)
+                far = g + away(there, place)
+                if found.state[other] == UNSEEN:
+                    wide = wide_at(width.radius, width.inflate, far, left)
+                    free = piece_clear(
+                        ends, there, there, far, left, wide, rule, index, capsules, len(capsules)
+                    )
+                    found.state[other] = FREE if free else TAKEN
+                    if not free:
+                        continue
+                heappush(heap, (far + left, far, other, node))
+
+
+@jit
+def push_first(heap: Any, ends: Ends, straight: float, lattice: Lattice) -> None:
     """Push the steps from the first end to the lattice points near it, within the kink."""
+    low, shape, cell = lattice
     here, goal = ends.point[0], ends.point[1]
     there = np.empty(3)
     reach = int(_NEAR) + 1
@@ -155,25 +225,23 @@ def push_first(heap: Any, ends: Ends, straight: float, low: Any, shape: Any, cel
         for j in range(max(0, centre[1] - reach), min(shape[1], centre[1] + reach + 1)):
             for k in range(max(0, centre[2] - reach), min(shape[2], centre[2] + reach + 1)):
                 node = (i * shape[1] + j) * shape[2] + k
-                node_place(node, low, shape, cell, there)
+                node_place(node, lattice, there)
                 far = away(here, there)
                 if far <= _NEAR * cell and heading(ends, 0, here, there) >= straight:
                     heappush(heap, (far + away(there, goal), far, node, -1))
 
 
 @jit
-def hairpin(
-    ends: Ends, came: Any, node: int, low: Any, shape: Any, cell: float, onward: Any
-) -> bool:
+def hairpin(ends: Ends, came: Any, node: int, lattice: Lattice, onward: Any) -> bool:
     """Whether a step from ``node`` to ``onward`` turns too sharply from the one before."""
     if node < 0:
         return False
     here, there = np.empty(3), np.empty(3)
-    node_place(node, low, shape, cell, here)
+    node_place(node, lattice, here)
     if came[node] < 0:
         there[:] = ends.point[0]
     else:
-        node_place(came[node], low, shape, cell, there)
+        node_place(came[node], lattice, there)
     dot = 0.0
     for x in range(3):
         dot += (here[x] - there[x]) * (onward[x] - here[x])
@@ -181,7 +249,7 @@ def hairpin(
 
 
 @jit
-def trace(came: Any, node: int, low: Any, shape: Any, cell: float, ends: Ends, path: Any) -> int:
+def trace(came: Any, node: int, lattice: Lattice, ends: Ends, path: Any) -> int:
     """Write the way that ends at the goal's ``node``; `NO_WAY` where it has no room."""
     count, at = 2, came[node]
     while at >= 0:
@@ -192,6 +260,6 @@ def trace(came: Any, node: int, low: Any, shape: Any, cell: float, ends: Ends, p
     path[0], path[count - 1] = ends.point[0], ends.point[1]
     at = came[node]
     for n in range(count - 2, 0, -1):
-        node_place(at, low, shape, cell, path[n])
+        node_place(at, lattice, path[n])
         at = came[at]
     return count

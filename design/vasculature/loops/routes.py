@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import Ends, Rule, radius_for, weigh
-from design.vasculature.loops.route_search import NO_WAY, UNDECIDED, search
+from design.vasculature.loops.route_search import NO_WAY, UNDECIDED, Lattice, Width, search
 from design.vasculature.loops.spline import relax, spline_points
 
 FloatArray = NDArray[np.float64]
@@ -101,16 +101,14 @@ def _way(
     # The first end lies midway between lattice points: none coincides with it.
     low = ends.point[0] - cell * (np.floor((ends.point[0] - low) / cell) + 0.5)
     shape = np.maximum(np.floor((high - low) / cell), 0).astype(np.int64) + 1
+    lattice, width = Lattice(low, shape, cell), Width(radius, room)
     path = np.empty((4 * int(shape.sum()) + 16, 3))
     # From the far end first, a little: where that is walled in, the other floods the lattice.
     for side, steps in ((1, FIRST_STEPS), (0, STEPS_AT_MOST)):
         count = search(
             turned(ends) if side else ends,
-            radius,
-            room,
-            low,
-            shape,
-            cell,
+            width,
+            lattice,
             crowd.rule,
             crowd.index,
             crowd.capsules,

@@ -9,7 +9,7 @@ from benchmarks.checkers.containment import surface_tree, to_surface, winding_nu
 from design.geometry import build_triangle_tree
 from design.geometry.segment_surface import segment_distance, segment_triangle
 from design.tissue import load_tissue, tissue_from_surface
-from design.tissue.depth import depth_bounds, winding_number
+from design.tissue.depth import depth_bounds, least_depth_along, winding_number
 from tests.design.tissue import surfaces
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
@@ -152,7 +152,10 @@ def test_depth_of_a_long_segment_is_that_of_its_shallowest_place(slit):
     tree = surface_tree(corners)
     away = to_surface(start, end, np.full(300, 30.0), tree, corners[tree.order])
     inside = (away > 0) & (winding_numbers(end, corners, tree) > 0)
-    found = slit.grid.least_depth(start, end)
+    grid = slit.grid.arrays
+    found = np.array(
+        [least_depth_along(grid, *a, *b, np.inf, 0.0) for a, b in zip(start, end, strict=True)]
+    )
     np.testing.assert_allclose(found[inside], away[inside], rtol=1e-9)
     assert (found[~inside] < 0).all()
     assert inside.any()

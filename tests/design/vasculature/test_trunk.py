@@ -193,6 +193,19 @@ def test_each_stage_keeps_its_own_parameters(box):
     assert plain.distal.tobytes() != tree.distal.tobytes()
 
 
+@pytest.mark.parametrize(
+    "strict",
+    [{"clearance_mm": 0.3}, {"length_to_radius": 8.0}, {"turn_angle_degrees": (0.0, 60.0)}],
+)
+def test_a_stricter_stage_grows_on_what_a_milder_one_grew(box, strict):
+    mild = {"clearance_mm": 0.02}
+    stages = (GrowthStage(200, **mild), GrowthStage(400, **(mild | strict)))
+    options = GrowthOptions(terminals=400, clearance_mm=0.02, stages=stages)
+    tree = grow_tree(box, options, attempts=1)
+    assert (tree.children[:, 0] < 0).sum() == 400
+    assert collisions(tree_to_network(tree), 0.02, options.clearance_ratio).count == 0
+
+
 def test_a_stage_alone_is_the_whole(box):
     stage = GrowthStage(100, clearance_mm=0.05, length_to_radius=2.0)
     one = grow_tree(box, GrowthOptions(terminals=100, stages=(stage,)))
