@@ -19,6 +19,13 @@ class Fresh(Part):
     needle: str = "fresh_150um"
     layer_um: Annotated[float, Field(ge=10, le=2000)] = 60.0
     line_um: Annotated[float, Field(ge=20, le=5000)] = 150.0
+    walls: Annotated[int, Field(ge=1, le=50)] = Field(
+        default=2, description="Lines along every boundary, counted from the lumen outward."
+    )
+    infill_percent: Annotated[float, Field(ge=0, le=100)] = 100.0
+    infill_angles_deg: Annotated[
+        tuple[Annotated[float, Field(ge=-360, le=360)], ...], Field(min_length=1, max_length=32)
+    ] = Field(default=(0.0, 90.0), description="Of the infill's lines, layer after layer in turn.")
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.toolpath.fresh.paths import Paths, Role
 from design.toolpath.toolpath import FloatArray, IntArray
 
 #: Half lines shorter than this many widths aren't worth a start and a stop.
@@ -52,6 +53,50 @@ class Intervals:
     def where(self, keep: NDArray[np.bool_]) -> Intervals:
         """Return those of ``keep``."""
         return Intervals(self.row[keep], self.low[keep], self.high[keep])
+
+
+def infill_paths(
+    contours: list[FloatArray],
+    width_mm: float,
+    angle_deg: float,
+    origin: FloatArray,
+    density: float,
+) -> Paths:
+    """Lines of ``width_mm`` over ``density`` of the region inside ``contours``; see `fill`."""
+    if density >= 1:
+        lines = fill(contours, width_mm, angle_deg, origin)
+    elif density > 0:
+        lines = spaced(contours, width_mm, width_mm / density, angle_deg, origin)
+    else:
+        lines = fill([], width_mm, angle_deg, origin)
+    count = len(lines.width_mm)
+    return Paths(
+        np.stack([lines.start, lines.end], axis=1).reshape(-1, 2),
+        np.repeat(lines.width_mm, 2),
+        2 * np.arange(count + 1),
+        np.zeros(count, dtype=np.bool_),
+        np.full(count, int(Role.INFILL)),
+        np.zeros(count, dtype=np.int64),
+    )
+
+
+def spaced(
+    contours: list[FloatArray],
+    width_mm: float,
+    spacing_mm: float,
+    angle_deg: float,
+    origin: FloatArray,
+) -> Lines:
+    """Lines further apart than they are wide."""
+    turn = _rotation(-angle_deg)
+    found = scan([(ring - origin) @ turn.T for ring in contours], spacing_mm, 0.5 * spacing_mm)
+    found = _longer(found, SHORTEST_WHOLE * width_mm)
+    height = (found.row + 0.5) * spacing_mm
+    return Lines(
+        np.column_stack([found.low, height]) @ turn + origin,
+        np.column_stack([found.high, height]) @ turn + origin,
+        np.full(len(height), width_mm),
+    )
 
 
 def fill(

@@ -19,12 +19,25 @@ class FreshOptions:
         A line's cross-section is their product: Q = w h v.
     walls : int
         Lines of fixed width that follow every boundary, counted from the lumen outward.
+    least_line : float
+        Narrowest line that can be written, in line widths: with less flow, in places that are
+        too thin for a whole one.
+    infill_density : float
+        Part of the inside that the infill fills; 1 is solid.
     infill_angles_deg : tuple of float, °
         Direction of the infill lines, layer after layer in turn.
+    least_move_mm : float, mm
+        Shortest move along a wall, along the longer of x and y: what the firmware doesn't merge.
+    clear_mm : float, mm
+        How far the ink keeps from every boundary, for what motors round: of the twenty points
+        round a lumen the one that is rounded furthest into it counts.
     write_speed_mm_s, travel_speed_mm_s, lift_speed_mm_s : float, mm/s
         While writing, travelling level, and going up or down.
     lift_mm : float, mm
         How far the needle rises before a travel that would cross an open lumen.
+    hop_mm : float, mm
+        How far it rises before any other travel that isn't a link, so as not to drag through
+        fresh ink.
     link_mm : float, mm
         A level travel up to this length that crosses no lumen goes without retraction: the hop
         from one infill line to its neighbour. At 0 every travel retracts.
@@ -37,11 +50,16 @@ class FreshOptions:
     layer_height_mm: float = 0.06
     line_width_mm: float = 0.15
     walls: int = 2
+    least_line: float = 0.4
+    infill_density: float = 1.0
     infill_angles_deg: tuple[float, ...] = (0.0, 90.0)
     write_speed_mm_s: float = 20.0
     travel_speed_mm_s: float = 40.0
     lift_speed_mm_s: float = 5.0
     lift_mm: float = 0.5
+    hop_mm: float = 0.12
+    least_move_mm: float = 0.0
+    clear_mm: float = 0.0
     link_mm: float = 0.3
     retract_ul: float = 0.02
     plunger_ul_s: float = 0.4
@@ -57,7 +75,22 @@ class FreshOptions:
             lift_mm=self.lift_mm,
             plunger_ul_s=self.plunger_ul_s,
         )
-        require_not_negative("FRESH options", link_mm=self.link_mm, retract_ul=self.retract_ul)
+        require_not_negative(
+            "FRESH options",
+            link_mm=self.link_mm,
+            hop_mm=self.hop_mm,
+            least_move_mm=self.least_move_mm,
+            clear_mm=self.clear_mm,
+            retract_ul=self.retract_ul,
+            infill_density=self.infill_density,
+        )
+        for name in ("least_line", "infill_density"):
+            value = getattr(self, name)
+            if value > 1 or (name == "least_line" and value < 0.2):
+                raise ToolpathError(
+                    f"{name} is {value:g} (FRESH options); it must lie within "
+                    f"{'0.2' if name == 'least_line' else '0'} to 1"
+                )
         if self.walls < 1:
             raise ToolpathError(
                 f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "

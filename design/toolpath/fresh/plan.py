@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
+from design.toolpath.fresh.coarsen import without_short_moves
+from design.toolpath.fresh.contours import contours_of
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
-from design.toolpath.fresh.infill import fill
+from design.toolpath.fresh.infill import infill_paths
+from design.toolpath.fresh.layout import Rows, lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
-from design.toolpath.fresh.order import order_lines, order_loops
+from design.toolpath.fresh.order import order_paths
+from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.report import FreshReport, make_report
-from design.toolpath.fresh.section import Layer, boundary, layers, rings
-from design.toolpath.fresh.travel import Traveller
-from design.toolpath.fresh.walls import build_walls
-from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray, Toolpath
+from design.toolpath.fresh.section import Layer, layers, rings
+from design.toolpath.fresh.walls import build_walls, clear_of_lumens
+from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+
+#: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
+MEASURED = 100
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,14 @@ class FreshPlan:
 
 
 @dataclass(frozen=True)
-class Path:
-    """One path to write in a layer: points (k, 2) mm and the width of its line, mm."""
+class Written:
+    """One layer's moves, and where its needle came from."""
 
-    points: FloatArray
-    width_mm: float
+    index: int
+    start: FloatArray
+    rows: Rows
+    paths: int
+    coverage: Coverage | None
 
 
 def fresh_toolpath(solid: Solid, options: FreshOptions) -> Toolpath:
@@ -52,76 +60,82 @@ def plan_fresh(solid: Solid, options: FreshOptions) -> FreshPlan:
     ------
     ToolpathError
         When the solid isn't a closed manifold, lower than half a layer, or nowhere as wide as
-        a line.
+        the narrowest line.
     """
-    traveller: Traveller | None = None
-    coverage: list[Coverage] = []
-    lines = 0
-    for layer in layers(solid, options.layer_height_mm):
-        at = solid.bounds[0, :2] if traveller is None else traveller.builder.tip[:2]
-        paths = _layer_paths(layer, options, solid.bounds[0, :2], at)
-        coverage.append(_coverage(layer, paths, options.line_width_mm))
-        if not paths:
-            continue
-        if traveller is None:
-            tip = np.append(paths[0].points[0], layer.tip_mm)
-            builder = MoveBuilder(tip, "layer", options.layer_height_mm)
-            traveller = Traveller(builder, options)
-        _write_layer(traveller, layer, paths, options)
-        lines += len(paths)
-    if traveller is None:
+    written = list(_layers(solid, options))
+    found = [layer for layer in written if layer.paths]
+    if not found:
         raise ToolpathError(
-            f"no place of the solid is as wide as a line of {options.line_width_mm:g} mm "
-            "(line_width_mm); check the part's unit or use a finer needle"
+            f"no place of the solid is as wide as {options.least_line:g} of a line of "
+            f"{options.line_width_mm:g} mm (line_width_mm); check the part's unit or use a "
+            "finer needle"
         )
-    toolpath = traveller.builder.build()
+    toolpath = _assembled(found, options)
+    coverage = [layer.coverage for layer in written if layer.coverage is not None]
     report = make_report(
-        toolpath, coverage, lines, traveller.travels, traveller.lifted, traveller.links
+        toolpath,
+        coverage,
+        layers=len(written),
+        lines=sum(layer.paths for layer in found),
+        travels=sum(layer.rows.travels for layer in found),
+        lifted=sum(layer.rows.lifted for layer in found),
+        links=sum(layer.rows.links for layer in found),
     )
     return FreshPlan(toolpath, report)
 
 
-def _layer_paths(
-    layer: Layer, options: FreshOptions, origin: FloatArray, at: FloatArray
-) -> list[Path]:
-    """Paths of a layer in the order of writing: walls from the lumens outward, then infill."""
+def _layers(solid: Solid, options: FreshOptions) -> Iterator[Written]:
+    low, high = solid.bounds
+    every = max(1, int(np.ceil((high[2] - low[2]) / options.layer_height_mm / MEASURED)))
+    below, tip = None, None
+    for layer in layers(solid, options.layer_height_mm):
+        paths = _layer_paths(layer, options, low[:2])
+        here = obstacles(contours_of(layer.material), options.line_width_mm)
+        at = low[:2] if tip is None else tip[:2]
+        sequence = order_paths(paths, at, options.link_mm)
+        if len(paths) and tip is None:
+            tip = np.append(paths.points[sequence.first[0]], layer.tip_mm)
+        start = np.append(at, layer.tip_mm) if tip is None else tip
+        around = (here, below or here)
+        rows = lay_out(paths, sequence, start, layer.tip_mm, around, options)
+        cover = _coverage(layer, start, rows, options) if layer.index % every == 0 else None
+        yield Written(layer.index, start, rows, len(paths), cover)
+        below, tip = here, rows.end[-1] if len(rows.end) else tip
+
+
+def _layer_paths(layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
     width = options.line_width_mm
-    walls = build_walls(layer.material, width, options.walls)
-    paths: list[Path] = []
-    for loops in walls.loops:
-        for ring in order_loops(loops, at):
-            paths.append(Path(ring, width))
-            at = ring[-1]
+    material = clear_of_lumens(layer.material, options.clear_mm)
+    walls = build_walls(material, width, options.walls, options.least_line)
     angle = options.infill_angles_deg[layer.index % len(options.infill_angles_deg)]
-    lines = fill(rings(walls.inside), width, angle, origin)
-    order, flipped = order_lines(lines.start, lines.end, at)
-    for line in order:
-        points = np.stack([lines.start[line], lines.end[line]])
-        paths.append(Path(points[::-1] if flipped[line] else points, lines.width_mm[line]))
-    return paths
+    inside = rings(walls.inside)
+    outlines = without_short_moves(walls.paths, options.least_move_mm, width)
+    return join([outlines, infill_paths(inside, width, angle, origin, options.infill_density)])
 
 
-def _write_layer(
-    traveller: Traveller, layer: Layer, paths: list[Path], options: FreshOptions
-) -> None:
-    traveller.enter(layer.index, boundary(layer.material))
-    starts = np.array([path.points[0] for path in paths])
-    ends = np.vstack([traveller.builder.tip[:2], [path.points[-1] for path in paths[:-1]]])
-    crossing = traveller.crosses(shapely.linestrings(np.stack([ends, starts], axis=1)))
-    for path, crosses in zip(paths, crossing, strict=True):
-        points = np.column_stack([path.points, np.full(len(path.points), layer.tip_mm)])
-        traveller.go(points[0], bool(crosses))
-        length = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
-        volume = path.width_mm * options.layer_height_mm * length
-        traveller.builder.write(points[1:], volume, options.write_speed_mm_s, layer.index)
+def _coverage(layer: Layer, start: FloatArray, rows: Rows, options: FreshOptions) -> Coverage:
+    wrote = rows.kind == MoveKind.WRITE
+    begin = np.vstack([start, rows.end])[:-1][wrote, :2]
+    end = rows.end[wrote, :2]
+    length = np.hypot(*(end - begin).T)
+    width = rows.volume_ul[wrote] / (length * options.layer_height_mm)
+    pitch = options.line_width_mm / FINENESS
+    return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
-def _coverage(layer: Layer, paths: list[Path], width_mm: float) -> Coverage:
-    contours = rings(layer.material)
-    if not paths:
-        area = float(layer.material.area())
-        return Coverage(area, area, 0.0)
-    start = np.concatenate([path.points[:-1] for path in paths])
-    end = np.concatenate([path.points[1:] for path in paths])
-    width = np.repeat([path.width_mm for path in paths], [len(path.points) - 1 for path in paths])
-    return measure_coverage(contours, start, end, width, width_mm / FINENESS)
+def _assembled(found: list[Written], options: FreshOptions) -> Toolpath:
+    """One toolpath of the rows of all layers."""
+    end = np.concatenate([layer.rows.end for layer in found])
+    count = [len(layer.rows.kind) for layer in found]
+    return Toolpath(
+        start=np.concatenate([found[0].start[None], end[:-1]]),
+        end=end,
+        volume_ul=np.concatenate([layer.rows.volume_ul for layer in found]),
+        speed_mm_s=np.concatenate([layer.rows.speed_mm_s for layer in found]),
+        duration_s=np.concatenate([layer.rows.duration_s for layer in found]),
+        tool=np.zeros(len(end), dtype=np.int64),
+        kind=np.concatenate([layer.rows.kind for layer in found]),
+        source=np.repeat(np.array([layer.index for layer in found], dtype=np.int64), count),
+        source_kind="layer",
+        layer_height_mm=options.layer_height_mm,
+    )

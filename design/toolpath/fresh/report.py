@@ -20,10 +20,10 @@ class FreshReport:
         Layers with material, and written paths in them.
     written_mm, travel_mm : float, mm
     written_ul, material_ul : float, µL
-        Ink of the lines, and the sections' area times the layer's height.
-    unfilled : (layers,) float64
-        Part of each layer's material that no line covers.
-    outside : (layers,) float64
+        Ink of the lines, and the measured sections' mean area times the part's height.
+    unfilled : (k,) float64
+        Part of a layer's material that no line covers, in the layers where it was measured.
+    outside : (k,) float64
         Area that lines cover outside the material, as a part of the layer's material: rounded
         corners never, lines wider than the place they stand in always.
     travels : int
@@ -53,18 +53,25 @@ class FreshReport:
 
 
 def make_report(
-    toolpath: Toolpath, coverage: list[Coverage], lines: int, travels: int, lifted: int, links: int
+    toolpath: Toolpath,
+    coverage: list[Coverage],
+    *,
+    layers: int,
+    lines: int,
+    travels: int,
+    lifted: int,
+    links: int,
 ) -> FreshReport:
     """Gather the numbers of a planned part."""
     length = toolpath.lengths
     material = np.array([layer.material for layer in coverage])
     return FreshReport(
-        layers=len(coverage),
+        layers=layers,
         lines=lines,
         written_mm=float(length[toolpath.kind == MoveKind.WRITE].sum()),
         travel_mm=float(length[toolpath.kind == MoveKind.TRAVEL].sum()),
         written_ul=toolpath.written_ul,
-        material_ul=float(material.sum()) * toolpath.layer_height_mm,
+        material_ul=float(material.mean()) * layers * toolpath.layer_height_mm,
         unfilled=np.array([layer.unfilled for layer in coverage]) / material,
         outside=np.array([layer.outside for layer in coverage]) / material,
         travels=travels,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from manifold3d import CrossSection, JoinType
 
-from design.toolpath.fresh.section import COLLINEAR_MM, rings
+from design.toolpath.fresh.contours import contours_of
+from design.toolpath.fresh.paths import Paths, join
+from design.toolpath.fresh.section import COLLINEAR_MM
+from design.toolpath.fresh.thin import gap_paths, wall_paths
 from design.toolpath.toolpath import FloatArray
-
-#: Leftovers narrower than this part of a line's width are corners and rounding, not gaps.
-SLIVER = 0.2
 
 
 @dataclass(frozen=True)
@@ -19,35 +20,65 @@ class Walls:
 
     Attributes
     ----------
-    loops : list of list of (k, 2) arrays, mm
-        Closed centrelines of the first wall, the second, …; the last point isn't repeated.
+    paths : Paths
+        Walls, and lines in the gaps that are too thin for one.
     inside : CrossSection
         What the infill must cover.
     """
 
-    loops: list[list[FloatArray]]
+    paths: Paths
     inside: CrossSection
 
 
-def build_walls(material: CrossSection, width_mm: float, count: int) -> Walls:
+def build_walls(material: CrossSection, width_mm: float, count: int, least: float) -> Walls:
     """Lay ``count`` walls into ``material``.
 
     The i-th centreline lies (i + ½) w inside the boundary, so the first line's edge *is* the
-    boundary and a lumen keeps its size. Where the material is too thin for a second, third …
-    wall, what is left between the walls goes to the infill, whose line ends may overlap the
-    walls but never reach a lumen. Where it is too thin for the first, nothing is written; the
-    coverage report counts it.
+    boundary and a lumen keeps its size. Places thinner than two walls are shared between them
+    (`thin`), those thinner than one get one line as wide as they are, and those thinner than
+    ``least`` widths none; the coverage report counts them.
     """
-    region, leftover, loops = material, CrossSection(), []
-    for index in range(count):
-        centre = _offset(material, -(index + 0.5) * width_mm)
-        loops.append(rings(centre))
-        if index > 0:
-            thin = region - _offset(centre, 0.5 * width_mm)
-            sliver = 0.5 * SLIVER * width_mm
-            leftover += _offset(_offset(thin, -sliver), sliver)
-        region = _offset(material, -(index + 1) * width_mm)
-    return Walls(loops, region + leftover)
+    parts: list[Paths] = []
+    region = material
+    for level in range(count):
+        if region.is_empty():
+            break
+        centre = _offset(material, -(level + 0.5) * width_mm)
+        parts.append(wall_paths(contours_of(centre), width_mm, least, level))
+        parts.append(_gaps(region, _offset(centre, 0.5 * width_mm), width_mm, least))
+        region = _offset(material, -(level + 1) * width_mm)
+    # What is left between two last walls, narrower than an infill line, is a gap too.
+    broad = _offset(_offset(region, -0.5 * width_mm), 0.5 * width_mm)
+    parts.append(_gaps(region, broad, width_mm, least))
+    return Walls(join(parts), broad)
+
+
+def clear_of_lumens(material: CrossSection, clear_mm: float) -> CrossSection:
+    """The material without what is nearer to a hole in it than ``clear_mm``."""
+    if clear_mm <= 0:
+        return material
+    holes = [ring[::-1] for ring in material.to_polygons() if _signed_area(ring) < 0]
+    if not holes:
+        return material
+    return material - CrossSection(holes).offset(clear_mm, JoinType.Miter, 2.0)
+
+
+def _signed_area(ring: FloatArray) -> float:
+    x, y = ring[:, 0], ring[:, 1]
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _gaps(region: CrossSection, covered: CrossSection, width_mm: float, least: float) -> Paths:
+    """Lines in the places of ``region`` that are thinner than a line: those not ``covered``."""
+    left = region - covered
+    half = 0.5 * least * width_mm
+    core = left.offset(-0.98 * half, JoinType.Miter, 2.0)
+    if core.is_empty():
+        return join([])
+    # Corners and rounding fall away here; places as wide as a line that can be written stay.
+    return gap_paths(
+        contours_of(left ^ core.offset(2 * half, JoinType.Miter, 2.0)), width_mm, least
+    )
 
 
 def _offset(section: CrossSection, by_mm: float) -> CrossSection:

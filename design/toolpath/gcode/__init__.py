@@ -1,6 +1,7 @@
 """G-code: a writer per firmware behind one door."""
 
+from design.toolpath.gcode.grain import clear_mm, least_move_mm
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.write import write_gcode
 
-__all__ = ["Gcode", "GcodeOptions", "write_gcode"]
+__all__ = ["Gcode", "GcodeOptions", "clear_mm", "least_move_mm", "write_gcode"]

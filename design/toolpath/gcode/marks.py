@@ -3,7 +3,7 @@
 ========== ====================================================================================
 mark       after the lines above it
 ========== ====================================================================================
-LAYER_END  layer n is written; where another follows the needle stands at that one's height
+LAYER_END  layer n is written; where another follows the needle stands at its height or above
 PASS_END   a pass that ended along vessel n is written, the needle is above all that is written
 RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
 ========== ====================================================================================

@@ -106,12 +106,25 @@ def test_far_from_the_origin_nothing_changes():
     assert written_area(far, 0).area == pytest.approx(written_area(near, 0).area, rel=1e-3)
 
 
-def test_material_too_thin_for_a_line_is_told():
+def between_two_slots(wall_mm: float):
     slot = block(0.5, 1.5, 1)
-    body = block(3, 2.5, 0.06) - slot.translate([0.9, 0.5, -0.5]) - slot.translate([1.5, 0.5, -0.5])
-    report = plan_fresh(as_solid(body), FreshOptions()).report
-    thin, material = 0.1 * 1.5, 3 * 2.5 - 2 * 0.75
+    second = slot.translate([1.4 + wall_mm, 0.5, -0.5])
+    return as_solid(block(3, 2.5, 0.06) - slot.translate([0.9, 0.5, -0.5]) - second)
+
+
+def test_material_too_thin_for_any_line_is_told():
+    report = plan_fresh(between_two_slots(0.05), FreshOptions()).report
+    thin, material = 0.05 * 1.5, 3 * 2.5 - 2 * 0.75
     assert report.unfilled[0] == pytest.approx(thin / material, abs=0.01)
+
+
+def test_a_wall_thinner_than_a_line_is_one_line_as_wide_as_it_is():
+    plan = plan_fresh(between_two_slots(0.1), FreshOptions())
+    assert plan.report.unfilled[0] < 0.006
+    path = plan.toolpath
+    thin = path.volume_ul < 0.11 * 0.06 * path.lengths
+    here = (path.kind == MoveKind.WRITE) & thin & (np.abs(path.end[:, 0] - 1.45) < 0.01)
+    assert path.lengths[here].sum() == pytest.approx(1.5, abs=0.2)
 
 
 def test_walls_that_leave_less_than_a_wall_between_them_are_filled():
@@ -128,8 +141,8 @@ def test_one_layer_and_no_layer():
 
 
 def test_solid_thinner_than_a_line_is_refused():
-    with pytest.raises(ToolpathError, match=r"as wide as a line of 0\.15 mm"):
-        fresh_toolpath(as_solid(block(2, 0.1, 0.5)), FreshOptions())
+    with pytest.raises(ToolpathError, match=r"as wide as 0\.4 of a line of 0\.15 mm"):
+        fresh_toolpath(as_solid(block(2, 0.05, 0.5)), FreshOptions())
 
 
 def test_open_mesh_is_refused():

@@ -80,20 +80,21 @@ def test_maps_name_source_and_last_move_of_each_line():
 
 def test_header_sets_modes_and_the_job_never_homes():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[:6] == ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 E0"]
+    modes = ["G21", "G90", "M82", "M220 S100", "M221 S100", "M200 D0"]
+    assert machine.lines[:9] == ["M85 S600", *modes, "M302 P1", "G92 E0"]
     assert not any(text.startswith("G28") for text in machine.lines)
     assert not any(mark in text for text in machine.commands for mark in ";()")
 
 
 def test_way_in_goes_up_across_and_down_from_an_unknown_place():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[6:9] == ["G0 Z25.3 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
+    assert machine.lines[9:12] == ["G0 Z25.42 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 
 def test_a_declared_start_is_declared_and_used():
     options = GcodeOptions(start_mm=(60.075, 0.0, 100.0))
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE, options).data)
-    assert machine.lines[5:8] == [
+    assert machine.lines[8:11] == [
         "G92 X60.075 Y0 Z100 E0",
         "G0 Y70.075 F1200",
         "G0 Z20.06 F300",
@@ -130,7 +131,7 @@ def test_feeds_respect_every_axis_and_are_given_only_when_changed():
     limits = PRINTER.max_speed_mm_s
     given = [text.split("F")[1] for text in machine.lines if "F" in text]
     assert all(one != other for one, other in pairwise(given))
-    for before, after in pairwise(machine.states[8:]):
+    for before, after in pairwise(machine.states[11:]):
         change = [float(after[0][axis] - before[0][axis]) for axis in "XYZ"]
         length, pushed = np.linalg.norm(change), abs(float(after[1] - before[1]))
         if length == 0 and pushed == 0:
@@ -143,7 +144,7 @@ def test_feeds_respect_every_axis_and_are_given_only_when_changed():
 
 def test_writing_speed_is_the_asked_one_where_no_limit_stands():
     machine = Machine().read(write_gcode(line(20, 0.5, 0.0045), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[9].endswith("F1200")
+    assert machine.lines[12].endswith("F1200")
 
 
 def test_primes_and_retractions_take_their_time():
@@ -193,7 +194,7 @@ def test_moves_too_short_for_the_planner_are_merged():
     builder.write(points, np.full(len(turn), 3e-4), 20, 0)
     gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE)
     # From the path's first point to its last; then come the mark, relief, lift and M400.
-    writing = [state[0] for state in Machine().read(gcode.data).states[8:-4]]
+    writing = [state[0] for state in Machine().read(gcode.data).states[11:-4]]
     place = np.array([[float(p["X"]), float(p["Y"])] for p in writing]) - PLACE[:2]
     steps = np.abs(np.diff(place, axis=0)).max(axis=1) * 80
     assert steps.min() >= PRINTER.min_steps_per_segment

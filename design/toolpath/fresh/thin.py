@@ -1,0 +1,168 @@
+"""Lines where the material has no room for a wall on either side.
+
+Two walls of width w stand side by side where the material is 2 w thick. Where it is thinner their
+centrelines come nearer to each other than w and would put the same ink down twice. There both
+share what there is; only a lumen's wall keeps its width before an outer one, because the lumen is
+what the print is for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath.fresh.contours import Contours, Samples, sample
+from design.toolpath.fresh.paths import Paths, Role, gather, join
+from design.toolpath.fresh.room import measure_room
+from design.toolpath.toolpath import FloatArray, IntArray
+
+BoolArray = NDArray[np.bool_]
+
+#: Samples per line width where the room is measured.
+FINENESS = 4
+#: A line's width may differ by this part from one sample to the next before a point is spent on it.
+STEP = 0.02
+
+
+def wall_paths(centre: Contours, width_mm: float, least: float, level: int) -> Paths:
+    """Walls along the centrelines ``centre``, narrower where two of them come near each other.
+
+    What is left between two of them and is too narrow for a line of its own goes to both.
+
+    Parameters
+    ----------
+    centre : Contours
+        Boundary of the material, moved into it by half a width.
+    width_mm : float, mm
+    least : float
+        Narrowest line that can be written, in widths.
+    level : int
+        0 for the walls that touch the boundary.
+    """
+    reach = 0.5 * width_mm * (1 + least)
+    rough = sample(centre, width_mm)
+    near, _ = measure_room(rough, reach)
+    narrow = np.zeros(len(centre), dtype=np.bool_)
+    narrow[rough.contours.ring[near < reach * (1 - 1e-6)]] = True
+    plain = [_ring(centre, k) for k in np.flatnonzero(~narrow).tolist()]
+    parts = [
+        gather(
+            plain,
+            [np.full(len(ring), width_mm) for ring in plain],
+            closed=True,
+            role=Role.WALL,
+            level=level,
+        )
+    ]
+    if narrow.any():
+        fine = sample(centre, width_mm / FINENESS)
+        parts += _shared(fine, narrow, width_mm, least, level, reach)
+    return join(parts)
+
+
+def _shared(
+    fine: Samples, narrow: BoolArray, width: float, least: float, level: int, reach: float
+) -> list[Paths]:
+    room, other = measure_room(fine, reach)
+    ring, hole = fine.contours.ring, fine.contours.hole
+    # The material's thickness less one line's width; where nothing is near, there is room for two.
+    rest = np.where(other >= 0, 2 * room, width)
+    shared = 0.5 * (width + rest)
+    mine, its = hole[ring], hole[ring[np.maximum(other, 0)]]
+    first = (level == 0) & (other >= 0) & (mine != its)
+    enough = rest >= least * width
+    made = np.select(
+        [first & mine & enough, first & mine, first & enough, first],
+        [np.full_like(rest, width), width + rest, rest, np.zeros_like(rest)],
+        shared,
+    )
+    # The line's outer edge stays where it is: on the boundary.
+    inward = 0.5 * (made - width)
+    points = fine.contours.points + (inward * fine.miter)[:, None] * fine.normal
+    rings: list[FloatArray] = []
+    ring_widths: list[FloatArray] = []
+    runs: list[FloatArray] = []
+    run_widths: list[FloatArray] = []
+    for k in np.flatnonzero(narrow):
+        rows = np.arange(fine.contours.offset[k], fine.contours.offset[k + 1])
+        if (made[rows] > 0).all():
+            keep = rows[thinned(points[rows], made[rows], width, closed=True)]
+            rings.append(points[keep])
+            ring_widths.append(made[keep])
+        else:
+            for run in _runs(rows, made[rows] > 0):
+                keep = run[thinned(points[run], made[run], width, closed=False)]
+                runs.append(points[keep])
+                run_widths.append(made[keep])
+    return [
+        gather(rings, ring_widths, closed=True, role=Role.WALL, level=level),
+        gather(runs, run_widths, closed=False, role=Role.WALL, level=level),
+    ]
+
+
+def gap_paths(region: Contours, width_mm: float, least: float) -> Paths:
+    """One line along the middle of every place in ``region``, as wide as the place is.
+
+    For places thinner than ``width_mm``. Each disc that touches two sides is taken from the side
+    that comes first, so that the middle is written once.
+    """
+    fine = sample(region, width_mm / FINENESS)
+    room, other = measure_room(fine, 0.75 * width_mm)
+    own = np.arange(len(room))
+    here = (other > own) & (2 * room >= least * width_mm)
+    points = fine.contours.points + room[:, None] * fine.normal
+    lines, widths = [], []
+    for k in range(len(region)):
+        rows = np.arange(fine.contours.offset[k], fine.contours.offset[k + 1])
+        closed = bool(here[rows].all()) and len(rows) > 2
+        for run in [np.append(rows, rows[0])] if closed else _runs(rows, here[rows]):
+            for part in _unbroken(points[run], run, width_mm):
+                if len(part) > 1 and _length(points[part]) >= width_mm:
+                    keep = part[thinned(points[part], 2 * room[part], width_mm, closed=False)]
+                    lines.append(points[keep])
+                    widths.append(2 * room[keep])
+    return gather(lines, widths, closed=False, role=Role.GAP)
+
+
+def thinned(points: FloatArray, made: FloatArray, width: float, *, closed: bool) -> IntArray:
+    """Numbers of the points that a path needs: the others lie on it and change no width."""
+    if len(points) < 3:
+        return np.arange(len(points))
+    before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+    way = after - before
+    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-12)
+    out = points - before
+    off = np.abs(way[:, 0] * out[:, 1] - way[:, 1] * out[:, 0]) / length
+    change = np.maximum(np.abs(made - np.roll(made, 1)), np.abs(np.roll(made, -1) - made))
+    needed = (off > 1e-4 * width) | (change > STEP * width)
+    if not closed:
+        needed[[0, -1]] = True
+    kept = np.flatnonzero(needed)
+    return kept if len(kept) >= 3 or not closed else np.arange(len(points))
+
+
+def _ring(contours: Contours, k: int) -> FloatArray:
+    return contours.points[contours.offset[k] : contours.offset[k + 1]]
+
+
+def _length(points: FloatArray) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _runs(rows: IntArray, keep: BoolArray) -> list[IntArray]:
+    """Runs of kept rows round a ring; a run may go over its end."""
+    if not keep.any():
+        return []
+    if keep.all():
+        return [rows]
+    begin = int(np.flatnonzero(~keep)[0])
+    turned, kept = np.roll(rows, -begin), np.roll(keep, -begin)
+    places = np.flatnonzero(kept)
+    found = np.split(turned[places], np.flatnonzero(np.diff(places) > 1) + 1)
+    return [run for run in found if len(run) > 1]
+
+
+def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]:
+    """Cut a run where the middle jumps from one place to another."""
+    step = np.hypot(*np.diff(points, axis=0).T)
+    return np.split(run, np.flatnonzero(step > width) + 1)
