@@ -1,8 +1,11 @@
 """Facts about printers, needles, syringes, inks, baths and dishes, each with its source."""
 
 from firmware_profiles.cross_checks import Doubt, doubts
+from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
+from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.load import load, read_keys, shipped
+from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
 
 __all__ = [
@@ -12,13 +15,22 @@ __all__ = [
     "Doubt",
     "Facts",
     "Ink",
+    "MeasuredFlow",
     "Needle",
+    "Plunger",
+    "Pneumatic",
     "Printer",
     "ProfileError",
     "Span",
+    "SteadyFlow",
     "Syringe",
     "doubts",
+    "flow_ul_s",
+    "held_pa",
     "load",
+    "pressure_pa",
     "read_keys",
     "shipped",
+    "steady_flow",
+    "wall_stress_pa",
 ]

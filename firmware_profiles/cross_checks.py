@@ -50,7 +50,7 @@ def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
     found: list[Doubt] = []
     match facts:
         case Printer():
-            found += [*_printer(facts), *_plunger(facts, syringes)]
+            found += [*_printer(facts), *_head(facts, syringes)]
         case Syringe():
             found += _syringe(facts)
         case Needle():
@@ -88,7 +88,8 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
                 "(max_acceleration_mm_s2); the firmware would use the lower",
                 False,
             )
-    if printer.firmware == "marlin" and printer.max_line_bytes > printer.receive_buffer_bytes:
+    marlins = printer.firmware in ("marlin", "prusa")
+    if marlins and printer.max_line_bytes > printer.receive_buffer_bytes:
         yield Doubt(
             "max_line_bytes",
             f"{printer.max_line_bytes} bytes don't fit into the receive buffer of "
@@ -127,6 +128,26 @@ def _safety(printer: Printer) -> Iterator[Doubt]:
             )
 
 
+def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
+    head = printer.pneumatic
+    if head is None:
+        yield from _plunger(printer, syringes)
+    elif printer.safe_state_off[:1] != (head.closes,):
+        yield Doubt(
+            "safe_state_off",
+            f"doesn't begin with {head.closes!r} (dispenser: closes): a stop would leave the ink "
+            "under pressure; put it first",
+        )
+    elif head.measured is not None and head.measured.pressure_kpa != head.pressure_kpa:
+        yield Doubt(
+            "dispenser",
+            f"the flow was measured at {head.measured.pressure_kpa:g} kPa, and the regulator "
+            f"is set to {head.pressure_kpa:g} kPa (pressure_kpa): it is foreseen from the ink's "
+            "viscosity instead; measure it again",
+            False,
+        )
+
+
 def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
     """Steps, speed and stroke of the plunger in each syringe."""
     for syringe in syringes:
@@ -141,7 +162,7 @@ def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
                 False,
             )
         stroke = syringe.volume_ul / area
-        if stroke > printer.plunger_travel_mm + 0.5:
+        if printer.plunger_travel_mm and stroke > printer.plunger_travel_mm + 0.5:
             yield Doubt(
                 "plunger_travel_mm",
                 f"{syringe.name} is {stroke:.1f} mm long when full, above "

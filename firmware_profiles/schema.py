@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Celsius = Annotated[float, Field(ge=-80, le=300)]
 Trigger = Literal["neutral_ph", "calcium", "thrombin"]
 """What makes an ink set in the bath while it is printed."""
-CommandLine = Annotated[
-    str, Field(pattern=r"^(M\d+|[A-Za-z]+_\w+)( [A-Za-z_]+=?[\w.\-]*)*$", max_length=64)
-]
-"""An M command or a Klipper one with a name: no G, since nothing may move."""
-_MOVING = ("MOVE", "HOME", "STEPPER", "RESTORE", "PROBE", "CALIBRATE")
 CommandName = Annotated[str, Field(pattern=r"^([GMT]\d+|[A-Za-z]+_\w+)$")]
 
 
@@ -78,7 +76,8 @@ class Span(BaseModel):
 class Printer(Facts):
     """A printer: its firmware, its limits and how it counts.
 
-    E is the plunger's travel in mm on every printer of ours.
+    E is the plunger's travel in mm where the dispenser is one; a pneumatic head's jobs have no E,
+    and the e of its axes is the firmware's own, unused.
     """
 
     firmware: Literal["marlin", "prusa", "reprapfirmware", "klipper", "smoothieware"] = Field(
@@ -131,7 +130,10 @@ class Printer(Facts):
     resets_on_connect: bool = Field(
         default=True, description="Whether opening the port (DTR) resets the board."
     )
-    plunger_travel_mm: Positive = Field(description="What the plunger can travel.")
+    dispenser: Dispenser = Field(default=Plunger(), description="What pushes the ink.")
+    plunger_travel_mm: Positive | None = Field(
+        default=None, description="What the plunger can travel; to be said where there is one."
+    )
     max_plunger_force_n: Positive | None = Field(
         default=None, description="What the head may push with; unknown without."
     )
@@ -148,10 +150,10 @@ class Printer(Facts):
     extra_commands: tuple[CommandName, ...] = Field(
         default=(), description="Commands that this machine knows beyond its firmware's usual ones."
     )
-    safe_state_off: tuple[CommandLine, ...] = Field(
+    safe_state_off: tuple[SwitchCommand, ...] = Field(
         default=(),
-        description="Commands that switch off what else is dangerous after a stop (UV, a pump); "
-        "sent when the needle has left, before the heaters go off. Nothing that moves.",
+        description="Commands that switch off what else is dangerous after a stop (pressure, UV, a "
+        "pump); sent when the needle has left, before the heaters go off. Nothing that moves.",
     )
     safe_state_on: tuple[str, ...] = Field(
         default=(), description="What must stay on after a stop (cooling of ink and bath)."
@@ -166,13 +168,18 @@ class Printer(Facts):
             )
         return self
 
-    @field_validator("safe_state_off")
-    @classmethod
-    def _nothing_moves(cls, commands: tuple[str, ...]) -> tuple[str, ...]:
-        for command in commands:
-            if any(word in command.partition(" ")[0].upper() for word in _MOVING):
-                raise ValueError(f"{command!r} may move something; a safe state only switches")
-        return commands
+    @property
+    def pneumatic(self) -> Pneumatic | None:
+        """The pneumatic head, if it is one."""
+        return self.dispenser if isinstance(self.dispenser, Pneumatic) else None
+
+    @model_validator(mode="after")
+    def _a_plunger_s_travel_is_said(self) -> Printer:
+        if (self.pneumatic is None) == (self.plunger_travel_mm is None):
+            raise ValueError(
+                "plunger_travel_mm must be said for a plunger, and can't be of a pneumatic head"
+            )
+        return self
 
 
 class Needle(Facts):
@@ -198,6 +205,11 @@ class Syringe(Facts):
     max_pressure_kpa: Positive | None = Field(
         default=None, description="What barrel and tip bear; unknown without."
     )
+    friction_n: NonNegative | None = Field(
+        default=None,
+        description="What moves the plunger of the empty syringe; unknown without, and then not "
+        "in the force.",
+    )
 
 
 class Ink(Facts):
@@ -208,6 +220,11 @@ class Ink(Facts):
     )
     flow_index: Annotated[float, Field(gt=0.05, le=1.5)] = Field(
         default=1.0, description="n of shear stress = K (shear rate)^n; 1 is Newtonian."
+    )
+    yield_stress_pa: NonNegative = Field(
+        default=0.0,
+        description="Below it the ink stands: Herschel-Bulkley's, shear stress = this + "
+        "K (shear rate)^n.",
     )
     max_shear_stress_pa: Positive | None = Field(
         default=None, description="At the needle's wall, for the cells in it; unknown without."
@@ -221,6 +238,10 @@ class Ink(Facts):
     )
     density_g_cm3: Annotated[float, Field(gt=0.5, le=3)]
     temperature_c: Span = Field(description="Held while printing.")
+    write_speed_mm_s: Span | None = Field(
+        default=None,
+        description="Speeds at which a written line holds together; unknown without.",
+    )
     retract_ul: NonNegative = Field(description="Plunger relief at the end of a written path.")
     plunger_ul_s: Positive = Field(description="Flow while priming and relieving.")
     calibrated: bool = Field(description="Whether the constants were measured on a printer.")

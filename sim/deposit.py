@@ -12,6 +12,8 @@ Modelled
   area.
 - Lines that overlap are united: ink doesn't pile up.
 
+A pneumatic head's ink is laid likewise, by `sim.deposit_air`.
+
 Not modelled
 ------------
 Flow lag, ooze, die swell, sag, drag of the bath, fusion of neighbours, curing. Primes and

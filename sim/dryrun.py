@@ -18,6 +18,7 @@ from firmware_profiles import Printer
 from kernels import jit
 from sim.cold import extrusion_allowed
 from sim.dryrun_checks import Finding, check, sent_length
+from sim.dryrun_heat import Heating, heatings
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode import Program, read_gcode
@@ -26,6 +27,7 @@ from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC
 from sim.marlin_board import Board
 from sim.planner import add_move, command_time, next_event, run_until, set_axis
 from sim.planner_state import LOG, Records, new_planner, new_ring
+from sim.valve import Valve, read_valve
 
 FloatArray = NDArray[np.float64]
 
@@ -59,6 +61,10 @@ class DryRun:
         Moves below the firmware's least steps, taken over by their successors.
     named : tuple of Named
         Klipper's commands with names, which the program holds as M105 or G92.
+    valve : Valve or None
+        A pneumatic head's, as the file switches it; None for a plunger.
+    heats : tuple of Heating
+        Every temperature that the file sets.
     first_short_line : int
         Line of the first move below the firmware's least steps; 0 for none.
     unknown : tuple of (int, str)
@@ -82,10 +88,20 @@ class DryRun:
     plunger_min_mm: float
     merged_moves: int
     named: tuple[Named, ...]
+    valve: Valve | None
+    heats: tuple[Heating, ...]
     first_short_line: int
     unknown: tuple[tuple[int, str], ...]
     longest_line: tuple[int, int]
     findings: list[Finding]
+
+    @property
+    def doses(self) -> NDArray[np.bool_]:
+        """Rows in which ink is pushed, (n,): the plunger goes in, or the valve stands open."""
+        if self.valve is not None:
+            return self.valve.is_open
+        pushed: NDArray[np.bool_] = np.diff(self.program.plunger, prepend=0.0) > 0
+        return pushed
 
 
 def dry_run(
@@ -116,6 +132,7 @@ def dry_run(
         When the bytes aren't text.
     """
     named: tuple[Named, ...] = ()
+    written, head = gcode, printer.pneumatic
     if printer.firmware == "klipper":
         gcode, named = without_names(gcode)
     program = read_gcode(gcode, start_mm)
@@ -143,6 +160,8 @@ def dry_run(
         executed=executed_motion(log[: int(planner["logged"][0])], printer),
         duration_s=float(duration),
         merged_moves=int(planner["merged"][0]),
+        valve=None if head is None else read_valve(program, written, named, head),
+        heats=heatings(program, gcode, named),
         **checked,
     )
 
@@ -174,42 +193,65 @@ def _plan(
     answered : (k,) float64, s
         Zeros, as many as there are lines in flight; keeps when the last k answers came.
     """
-    now = 0.0
-    arrival = 0.0
-    lines = 0
-    begin = np.inf
-    finish = 0.0
+    now, arrival, lines = 0.0, 0.0, 0
+    begin, finish = np.inf, 0.0
     for i in range(len(kind)):
+        slot = lines % len(answered)
         if line_s[i] > 0.0:
-            slot = lines % len(answered)
             arrival = max(arrival, answered[slot]) + line_s[i]
-            now = max(now, arrival)
-            run_until(planner, ring, log, now)
-            now += command_time(planner, ring, now, costs)
+            now = _received(planner, ring, log, max(now, arrival), costs)
         run_until(planner, ring, log, now)
         if kind[i] == MOVE:
-            while planner[0].count >= len(ring) - 1:
-                now = max(now, next_event(planner))
-                run_until(planner, ring, log, now)
+            now = _room(planner, ring, log, now)
             if not extrudes[i]:
                 set_axis(planner, 3, target[i, 3])
             add_move(planner, ring, target[i], feed[i], command[i], now)
         elif kind[i] == SET_POSITION:
             set_axis(planner, 3, target[i, 3])
-        elif kind[i] == DWELL or kind[i] == SYNC or kind[i] == HOME:
+        elif kind[i] == DWELL:
             now = _drain(planner, ring, log, now)
-            if kind[i] == DWELL:
-                begin = min(begin, now)
-                now += value[i]
-                finish = max(finish, now)
-            elif kind[i] == HOME:
-                for axis in range(3):
-                    set_axis(planner, axis, target[i, axis])
+            begin = min(begin, now)
+            now += value[i]
+            finish = max(finish, now)
+        elif kind[i] == SYNC or kind[i] == HOME:
+            now = _drain(planner, ring, log, now)
+            if kind[i] == HOME:
+                _homed(planner, target[i])
         if line_s[i] > 0.0:
             now += ok_s
-            answered[lines % len(answered)] = now
+            answered[slot] = now
             lines += 1
     _drain(planner, ring, log, now)
+    return _lasted(planner, begin, finish)
+
+
+@jit
+def _received(
+    planner: Records, ring: Records, log: Records, now: float, costs: FloatArray
+) -> float:
+    """Take a line that has come in; returns when the processor has read it."""
+    run_until(planner, ring, log, now)
+    return now + command_time(planner, ring, now, costs)
+
+
+@jit
+def _room(planner: Records, ring: Records, log: Records, now: float) -> float:
+    """Wait for a free place in the ring; returns when there is one."""
+    while planner[0].count >= len(ring) - 1:
+        now = max(now, next_event(planner))
+        run_until(planner, ring, log, now)
+    return now
+
+
+@jit
+def _homed(planner: Records, target: FloatArray) -> None:
+    for axis in range(3):
+        set_axis(planner, axis, target[axis])
+
+
+@jit
+def _lasted(planner: Records, begin: float, finish: float) -> float:
+    """Seconds from the first pulse or dwell to the last, both as far as dwells have told them."""
     if planner[0].logged > 0:
         begin = min(begin, planner[0].first_pulse)
         finish = max(finish, planner[0].run_end)

@@ -211,6 +211,8 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
 
 def _plunger(program: Program, printer: Printer) -> list[Finding]:
     travel = program.plunger
+    if printer.plunger_travel_mm is None:
+        return []
     where = travel > printer.plunger_travel_mm + _TINY_MM
     if not where.any():
         return []

@@ -7,11 +7,12 @@ from printctl.calibration.level import Level, fit_level, gap_between
 from printctl.calibration.offset import fit_offset
 from printctl.calibration.paths import backlash_path, lag_path, weighing_path
 from printctl.calibration.readings import Readings, read_readings
-from printctl.calibration.weighing import Weighing, fit_weighing
+from printctl.calibration.weighing import FlowWeighing, Weighing, fit_flow, fit_weighing
 
 __all__ = [
     "Backlash",
     "Estimate",
+    "FlowWeighing",
     "Lag",
     "LagPattern",
     "Level",
@@ -19,6 +20,7 @@ __all__ = [
     "Weighing",
     "backlash_path",
     "fit_backlash",
+    "fit_flow",
     "fit_lag",
     "fit_level",
     "fit_offset",

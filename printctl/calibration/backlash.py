@@ -32,7 +32,12 @@ class Backlash:
     scatter_mm: float
 
 
-def fit_backlash(target_mm: FloatArray, approach: FloatArray, measured_mm: FloatArray) -> Backlash:
+def fit_backlash(
+    target_mm: FloatArray,
+    approach: FloatArray,
+    measured_mm: FloatArray,
+    last_digit_mm: float = 0.0,
+) -> Backlash:
     """Fit measured = c + s · target − approach · B/2.
 
     Parameters
@@ -41,6 +46,8 @@ def fit_backlash(target_mm: FloatArray, approach: FloatArray, measured_mm: Float
         Commanded place and what the dial says, from any zero.
     approach : (n,) float64
         +1 where the axis came from below, -1 from above.
+    last_digit_mm : float, mm
+        Of the dial.
 
     Raises
     ------
@@ -50,5 +57,5 @@ def fit_backlash(target_mm: FloatArray, approach: FloatArray, measured_mm: Float
     if not np.all(np.abs(approach) == 1):
         raise UsageError("approach must be 1 (came from below) or -1 (from above) in every row")
     columns = np.column_stack([np.ones(len(target_mm)), target_mm, -approach / 2])
-    fit = fit_line(columns, measured_mm, "backlash")
+    fit = fit_line(columns, measured_mm, "backlash", last_digit_mm)
     return Backlash(fit.estimate(2, "mm"), fit.estimate(1, "mm/mm"), fit.residual)

@@ -2,6 +2,10 @@
 
 Intervals are those of Student's t for residuals that are normal, independent and of one size. They
 hold what scatters between readings; a ruler that is wrong by 1 % is wrong by 1 % all the same.
+
+Readings come with the last digit of an instrument, and a few that agree to that digit don't scatter
+at all: no reading is therefore taken as better than its last digit q, evenly spread over it, a
+variance of q²/12 (JCGM 100:2008, F.2.2.1).
 """
 
 from __future__ import annotations
@@ -66,7 +70,7 @@ class LineFit:
     dof : int
         Readings less values.
     residual : float
-        Standard deviation of the residuals.
+        Standard deviation of one reading: of the residuals, or of its last digit.
     """
 
     values: FloatArray
@@ -91,7 +95,12 @@ def quantile(dof: float) -> float:
     return float(student.ppf(0.5 + LEVEL / 2, dof))
 
 
-def fit_line(columns: FloatArray, y: FloatArray, what: str) -> LineFit:
+def reading_variance(last_digit: float) -> float:
+    """Least variance of one reading with that last digit."""
+    return last_digit**2 / 12
+
+
+def fit_line(columns: FloatArray, y: FloatArray, what: str, last_digit: float = 0.0) -> LineFit:
     """Fit a linear model.
 
     Parameters
@@ -100,6 +109,8 @@ def fit_line(columns: FloatArray, y: FloatArray, what: str) -> LineFit:
     y : (n,) float64
     what : str
         For the message.
+    last_digit : float
+        Of the readings ``y``, in their unit; 0 for exact ones.
 
     Raises
     ------
@@ -119,6 +130,6 @@ def fit_line(columns: FloatArray, y: FloatArray, what: str) -> LineFit:
         )
     values, *_ = np.linalg.lstsq(columns, y, rcond=None)
     dof = count - unknowns
-    variance = float(np.sum((y - columns @ values) ** 2)) / dof
+    variance = max(float(np.sum((y - columns @ values) ** 2)) / dof, reading_variance(last_digit))
     covariance = variance * np.asarray(np.linalg.inv(columns.T @ columns), dtype=np.float64)
     return LineFit(np.asarray(values, dtype=np.float64), covariance, dof, math.sqrt(variance))

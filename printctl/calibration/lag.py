@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from printctl.calibration.estimate import Estimate, quantile
+from printctl.calibration.estimate import Estimate, quantile, reading_variance
 from printctl.errors import UsageError
 
 FloatArray = NDArray[np.float64]
@@ -107,7 +107,9 @@ def expected_width(
     return np.asarray(np.sqrt(4 * flow / (math.pi * speed)))
 
 
-def fit_lag(x_mm: FloatArray, width_mm: FloatArray, pattern: LagPattern) -> Lag:
+def fit_lag(
+    x_mm: FloatArray, width_mm: FloatArray, pattern: LagPattern, last_digit_mm: float = 0.0
+) -> Lag:
     """Fit flow factor and both lags; the τ in their logarithms, so that they stay positive.
 
     Parameters
@@ -115,6 +117,8 @@ def fit_lag(x_mm: FloatArray, width_mm: FloatArray, pattern: LagPattern) -> Lag:
     x_mm, width_mm : (n,) float64
         Place from the line's begin, and width there.
     pattern : LagPattern
+    last_digit_mm : float, mm
+        Of the widths.
 
     Raises
     ------
@@ -135,7 +139,7 @@ def fit_lag(x_mm: FloatArray, width_mm: FloatArray, pattern: LagPattern) -> Lag:
     ]
     best = min(tries, key=lambda tried: float(tried.cost))
     dof = len(x) - 3
-    variance = 2 * float(best.cost) / dof
+    variance = max(2 * float(best.cost) / dof, reading_variance(last_digit_mm))
     try:
         covariance = variance * np.linalg.inv(best.jac.T @ best.jac)
     except np.linalg.LinAlgError as exc:

@@ -46,8 +46,9 @@ def fit_level(
     y_mm: FloatArray,
     z_mm: FloatArray,
     centre_mm: tuple[float, float] | None = None,
+    last_digit_mm: float = 0.0,
 ) -> Level:
-    """Fit z = h + a (x - x₀) + b (y - y₀).
+    """Fit z = h + a (x - x₀) + b (y - y₀), z read to ``last_digit_mm``.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def fit_level(
     middle = (float(x_mm.mean()), float(y_mm.mean()))
     x0, y0 = middle if centre_mm is None else centre_mm
     columns = np.column_stack([np.ones(len(x_mm)), x_mm - x0, y_mm - y0])
-    fit = fit_line(columns, z_mm, "level")
+    fit = fit_line(columns, z_mm, "level", last_digit_mm)
     return Level(
         fit.estimate(0, "mm"),
         fit.estimate(1, "").times(100, "mm per 100 mm"),

@@ -7,19 +7,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.calibration.estimate import Estimate, quantile
+from printctl.calibration.estimate import Estimate, quantile, reading_variance
 from printctl.errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
 
-def fit_offset(first: FloatArray, second: FloatArray) -> tuple[Estimate, Estimate, Estimate]:
+def fit_offset(
+    first: FloatArray, second: FloatArray, last_digit_mm: float = 0.0
+) -> tuple[Estimate, Estimate, Estimate]:
     """Offset of the second needle, x, y and z: difference of means, Welch's interval.
 
     Parameters
     ----------
     first, second : (n, 3), (m, 3) float64, mm
         Where the printer says it is, each time one needle touches the same mark.
+    last_digit_mm : float, mm
+        Of its answers.
 
     Raises
     ------
@@ -31,13 +35,14 @@ def fit_offset(first: FloatArray, second: FloatArray) -> tuple[Estimate, Estimat
             f"{len(first)} and {len(second)} touch-offs; take at least two with each needle, "
             "better five: one alone says nothing of its error"
         )
-    x, y, z = (_difference(first[:, axis], second[:, axis]) for axis in range(3))
+    x, y, z = (_difference(first[:, axis], second[:, axis], last_digit_mm) for axis in range(3))
     return x, y, z
 
 
-def _difference(first: FloatArray, second: FloatArray) -> Estimate:
+def _difference(first: FloatArray, second: FloatArray, last_digit: float) -> Estimate:
     value = float(second.mean() - first.mean())
-    parts = [(float(x.var(ddof=1)) / len(x), len(x) - 1) for x in (first, second)]
+    least = reading_variance(last_digit)
+    parts = [(max(float(x.var(ddof=1)), least) / len(x), len(x) - 1) for x in (first, second)]
     variance = sum(part for part, _ in parts)
     if variance == 0:
         return Estimate(value, value, value, "mm")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,8 @@ class Readings:
     numbers : dict of str to (n,) float64
     words : dict of str to list of str
         Columns that aren't numbers.
+    last_digit : dict of str to float
+        Of each column of numbers, the finest that stands in it: 0.01 for 12.30, 1 for 12.
     facts : dict of str to float
         What the lines ``# key=value`` say, as `printctl calibrate` wrote them.
     """
@@ -29,6 +31,7 @@ class Readings:
     numbers: dict[str, NDArray[np.float64]]
     words: dict[str, list[str]]
     facts: dict[str, float]
+    last_digit: dict[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.numbers.values())))
@@ -70,6 +73,7 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
         {name: np.array([_number(path, at, name, row) for at, row in rows]) for name in numbers},
         {name: [row.get(name, "") for _, row in rows] for name in words},
         facts,
+        {name: min(_last_digit(row[name]) for _, row in rows) for name in numbers},
     )
 
 
@@ -83,6 +87,12 @@ def _facts(lines: list[str]) -> dict[str, float]:
             except ValueError:
                 continue
     return found
+
+
+def _last_digit(text: str) -> float:
+    """Step of the last digit as written: ``12.30`` has 0.01, ``1.5e-3`` has 1e-4."""
+    mantissa, _, power = text.lower().partition("e")
+    return float(10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
 
 
 def _number(path: Path, at: int, name: str, row: dict[str, str]) -> float:

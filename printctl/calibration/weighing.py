@@ -1,18 +1,20 @@
-"""Volume per plunger travel, by weight."""
+"""Volume per plunger travel, or per second of open valve, by weight."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Syringe
-from printctl.calibration.estimate import Estimate, fit_line
+from printctl.calibration.estimate import Estimate, LineFit, fit_line
 from printctl.errors import UsageError
 
 FloatArray = NDArray[np.float64]
+_ALIKE: Final = 0.05
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ def fit_weighing(
     mass_mg: FloatArray,
     density_g_cm3: float,
     density_error: float = 0.0,
+    last_digit_mg: float = 0.0,
 ) -> Weighing:
     """Fit volume = k · travel − lost; without a loss where all doses are alike.
 
@@ -69,27 +72,80 @@ def fit_weighing(
         Of what was weighed, at its temperature.
     density_error : float, g/cm³
         Half of its own 95 % interval; added in quadrature.
+    last_digit_mg : float, mg
+        Of the balance.
 
     Raises
     ------
     UsageError
         With too few doses, or doses that weigh nothing.
     """
-    if not np.all(travel_mm > 0) or not np.all(mass_mg > 0):
+    columns = _checked(travel_mm, mass_mg, "travel_mm")
+    fit = fit_line(columns, mass_mg / density_g_cm3, "weighing", last_digit_mg / density_g_cm3)
+    k = _with_density(fit, density_error / density_g_cm3, "µL/mm", "volume per travel")
+    lost = fit.estimate(1, "µL") if columns.shape[1] > 1 else None
+    return Weighing(k, lost, fit.residual)
+
+
+@dataclass(frozen=True)
+class FlowWeighing:
+    """What doses of known opening times weigh.
+
+    Attributes
+    ----------
+    flow_ul_s : Estimate
+        While the valve is open.
+    lost_s : Estimate or None
+        Time by which each opening is shorter than commanded (opening less closing delay, and what
+        is lost of each dose), where doses differ.
+    scatter_ul : float
+        Standard deviation of one dose.
+    """
+
+    flow_ul_s: Estimate
+    lost_s: Estimate | None
+    scatter_ul: float
+
+
+def fit_flow(
+    open_s: FloatArray,
+    mass_mg: FloatArray,
+    density_g_cm3: float,
+    density_error: float = 0.0,
+    last_digit_mg: float = 0.0,
+) -> FlowWeighing:
+    """Fit volume = Q · (time − lost); without a loss where all doses are alike.
+
+    Parameters are `fit_weighing`'s, with the seconds for which the valve was commanded open. The
+    interval of the lost time takes Q as known: its own scatter is smaller by far.
+
+    Raises
+    ------
+    UsageError
+        With too few doses, or doses that weigh nothing.
+    """
+    columns = _checked(open_s, mass_mg, "open_s")
+    fit = fit_line(columns, mass_mg / density_g_cm3, "weighing", last_digit_mg / density_g_cm3)
+    flow = _with_density(fit, density_error / density_g_cm3, "µL/s", "flow")
+    lost = fit.estimate(1, "µL").times(1 / flow.value, "s") if columns.shape[1] > 1 else None
+    return FlowWeighing(flow, lost, fit.residual)
+
+
+def _checked(dose: FloatArray, mass_mg: FloatArray, name: str) -> FloatArray:
+    """Columns of the fit: the doses, and a loss from each where they differ."""
+    if not np.all(dose > 0) or not np.all(mass_mg > 0):
         raise UsageError(
-            "travel_mm and mass_mg must be above 0 in every row; leave out a dose that failed"
+            f"{name} and mass_mg must be above 0 in every row; leave out a dose that failed"
         )
-    volume = mass_mg / density_g_cm3  # 1 mg / (g/cm³) = 1 µL
-    alike = float(np.ptp(travel_mm)) < 0.05 * float(travel_mm.mean())
-    columns = travel_mm[:, None]
-    if not alike:
-        columns = np.column_stack([travel_mm, -np.ones(len(travel_mm))])
-    fit = fit_line(columns, volume, "weighing")
-    k = fit.estimate(0, "µL/mm")
+    if float(np.ptp(dose)) < _ALIKE * float(dose.mean()):
+        return dose[:, None]
+    return np.column_stack([dose, -np.ones(len(dose))])
+
+
+def _with_density(fit: LineFit, density_share: float, unit: str, what: str) -> Estimate:
+    """The slope, its interval widened by that of the density in quadrature."""
+    k = fit.estimate(0, unit)
     if k.low <= 0:
-        raise UsageError(
-            f"volume per travel is {k.text()}: the doses scatter too much; weigh larger ones"
-        )
-    half = math.hypot((k.high - k.low) / 2, k.value * density_error / density_g_cm3)
-    lost = None if alike else fit.estimate(1, "µL")
-    return Weighing(Estimate(k.value, k.value - half, k.value + half, k.unit), lost, fit.residual)
+        raise UsageError(f"{what} is {k.text()}: the doses scatter too much; weigh larger ones")
+    half = math.hypot((k.high - k.low) / 2, k.value * density_share)
+    return Estimate(k.value, k.value - half, k.value + half, k.unit)

@@ -46,7 +46,8 @@ def backlash(
         write_test(job, ("target_mm", "approach", "measured_mm"), rows, {})
         return
     data = given(readings, ("target_mm", "approach", "measured_mm"))
-    found = fit_backlash(*(data.numbers[n] for n in ("target_mm", "approach", "measured_mm")))
+    target, approach, dial = (data.numbers[n] for n in ("target_mm", "approach", "measured_mm"))
+    found = fit_backlash(target, approach, dial, data.last_digit["measured_mm"])
     lines = {"lost motion": found.lost_mm, "travelled over commanded": found.scale}
     tell(lines, [f"one reading scatters by {found.scatter_mm:.3g} mm"], as_json)
 

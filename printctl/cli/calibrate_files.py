@@ -7,6 +7,7 @@ import io
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -16,19 +17,24 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Facts, Printer, Syringe
 from printctl.calibration import Estimate
 from printctl.cli.options import messages, print_lines
+from printctl.errors import UsageError
 from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
 from sim.dryrun import dry_run
 
 
 @dataclass(frozen=True)
 class Job:
-    """A test: where it goes, what it does, on what, from where."""
+    """A test: where it goes, what it does, on what, from where.
+
+    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for.
+    """
 
     path: Path
     toolpath: Toolpath
     printer: Printer
     syringe: Syringe
     at_mm: tuple[float, float, float]
+    doses: bool = False
 
 
 def write_test(
@@ -40,8 +46,19 @@ def write_test(
     ------
     SafetyError
         When a check refuses it.
+    UsageError
+        When it needs a plunger, and there is none.
     """
-    options = GcodeOptions(start_mm=job.at_mm, relieve_ul=0.0)
+    if job.printer.pneumatic and not job.doses and job.toolpath.volume_ul.any():
+        raise UsageError(
+            f"{job.printer.name} has a pneumatic head, and this test drives a plunger; weigh its "
+            "flow instead: printctl calibrate weigh"
+        )
+    # A pneumatic head's flow is what will be weighed; its doses are times, so any will do here.
+    flow = 1.0 if job.printer.pneumatic else None
+    options = GcodeOptions(
+        start_mm=job.at_mm, relieve_ul=0.0, flow_ul_s=flow, standing_doses=flow is not None
+    )
     gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
     run = dry_run(gcode.data, job.printer, job.at_mm)
     checks = [*gcode_checks(run, job.printer), *syringe_checks(run, job.printer, job.syringe)]
@@ -64,12 +81,17 @@ def write_test(
 
 def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None:
     """Write a copy of a profile with one key measured; its source says so."""
-    data = facts.model_dump(mode="json", exclude_unset=True)
     name, _, part = key.partition(".")
+    value: Any = estimate.value
     if part:
-        data[name] = {**getattr(facts, name).model_dump(mode="json"), part: estimate.value}
-    else:
-        data[name] = estimate.value
+        value = {**getattr(facts, name).model_dump(mode="json"), part: value}
+    write_changed(path, facts, key, value, estimate)
+
+
+def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Estimate) -> None:
+    """Write a copy of a profile with one key's value changed for what was measured."""
+    data = facts.model_dump(mode="json", exclude_unset=True)
+    data[key.partition(".")[0]] = value
     left = [other for other in facts.starting_values if other != key]
     if left:
         data["starting_values"] = left

@@ -49,7 +49,12 @@ def lag(
         write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], said)
         return
     data = given(readings, ("x_mm", "width_mm"))
-    found = fit_lag(data.numbers["x_mm"], data.numbers["width_mm"], _pattern(said | data.facts))
+    found = fit_lag(
+        data.numbers["x_mm"],
+        data.numbers["width_mm"],
+        _pattern(said | data.facts),
+        data.last_digit["width_mm"],
+    )
     factor = found.flow_factor.times(material.flow_factor, "")
     tell(_told(found, factor), _notes(found), as_json)
     if write is not None:

@@ -31,7 +31,7 @@ def level(
     for surface in dict.fromkeys(data.words["surface"]):
         rows = [word == surface for word in data.words["surface"]]
         x, y, z = (data.numbers[name][rows] for name in ("x_mm", "y_mm", "z_mm"))
-        plane = planes[surface] = fit_level(x, y, z, centre)
+        plane = planes[surface] = fit_level(x, y, z, centre, data.last_digit["z_mm"])
         lines[f"{surface}, height in the middle"] = plane.height_mm
         lines[f"{surface}, rise along x"] = plane.slope_x
         lines[f"{surface}, rise along y"] = plane.slope_y

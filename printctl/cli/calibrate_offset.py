@@ -22,7 +22,7 @@ def offset(readings: Csv = None, as_json: JsonFlag = False) -> None:
         columns = [data.numbers[axis][rows].tolist() for axis in ("x_mm", "y_mm", "z_mm")]
         places.append([list(place) for place in zip(*columns, strict=True)])
     first, second = (np.array(place) for place in places)
-    found = fit_offset(first, second)
+    found = fit_offset(first, second, max(data.last_digit.values()))
     lines = {f"{names[1]} less {names[0]}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
     tell(
         lines,

@@ -1,4 +1,4 @@
-"""`printctl calibrate weigh`: steps per µL, by weight."""
+"""`printctl calibrate weigh`: steps per µL by weight, or a pneumatic head's flow."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from firmware_profiles import Printer, Syringe, load
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import Estimate, Weighing, fit_weighing, weighing_path
+from printctl.cli.calibrate_air import Weighed, open_rows, weigh_flow
 from printctl.cli.calibrate_files import Job, write_mended, write_test
 from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, numbers_of, tell
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
@@ -30,15 +31,33 @@ def weigh(
     repeats: Annotated[int, typer.Option("--repeats", help="Of each dose.", min=1)] = 4,
     flow: Annotated[float, typer.Option("--flow", help="Of the test, µL/s.", min=0.001)] = 2.0,
     wait: Annotated[float, typer.Option("--wait", help="To change vials, s.", min=0)] = 30.0,
+    ink: Annotated[
+        str, typer.Option("--ink", help="What a pneumatic head is weighed with.")
+    ] = "collagen_fresh",
+    needle: Annotated[str, typer.Option("--needle", help="The same, its needle.")] = "30g",
     at: At = "100,100,50",
     gcode: Gcode = None,
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose."""
+    """Steps per µL, by weight: CSV with travel_mm and mass_mg of each dose.
+
+    Of a pneumatic head the flow at its pressure: open_s and mass_mg; --doses over --flow is how
+    long the valve opens.
+    """
     machine, filled = load(Printer, printer), load(Syringe, syringe)
+    volumes = numbers_of(doses, "--doses") * repeats
+    if machine.pneumatic is not None:
+        what = Weighed(machine, machine.pneumatic, load(Ink, ink), load(Needle, needle))
+        if gcode is not None:
+            path = weighing_path(volumes, flow, wait)
+            job = Job(gcode, path, machine, filled, three_numbers(at, "--at"), doses=True)
+            write_test(job, ("open_s", "mass_mg"), open_rows(what.head, volumes, flow), {})
+            return
+        data = given(readings, ("open_s", "mass_mg"))
+        weigh_flow(what, data, (density, density_error), write, as_json)
+        return
     if gcode is not None:
-        volumes = numbers_of(doses, "--doses") * repeats
         per_ul = 4 / (math.pi * filled.inner_mm**2)
         rows = [[f"{volume * per_ul:.5f}", ""] for volume in volumes]
         path = weighing_path(volumes, flow, wait)
@@ -48,7 +67,13 @@ def weigh(
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = given(readings, ("travel_mm", "mass_mg"))
-    found = fit_weighing(data.numbers["travel_mm"], data.numbers["mass_mg"], density, density_error)
+    found = fit_weighing(
+        data.numbers["travel_mm"],
+        data.numbers["mass_mg"],
+        density,
+        density_error,
+        data.last_digit["mass_mg"],
+    )
     tell(_told(found, machine, filled), _notes(found, filled), as_json)
     if write is not None and mend == "bore":
         write_mended(write, filled, "inner_mm", found.bore_mm())

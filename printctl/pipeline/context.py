@@ -17,7 +17,7 @@ from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
@@ -74,6 +74,12 @@ class RunContext:
         """What the bath is in, where the recipe says it."""
         name = self.recipe.printer.dish
         return None if name is None else load(Dish, name)
+
+    @cached_property
+    def flow_ul_s(self) -> float | None:
+        """What a pneumatic head lays while its valve is open; None for a plunger."""
+        head = self.printer.pneumatic
+        return None if head is None else steady_flow(head, self.ink, self.needle).ul_s
 
     @cached_property
     def tissue(self) -> Tissue:

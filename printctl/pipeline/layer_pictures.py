@@ -7,15 +7,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import Printer
 from registration.report import layer_figure
-from sim.gcode import read_gcode
 from sim.gcode_modal import MOVE
+from sim.valve import read_with_valve
 
 FloatArray = NDArray[np.float64]
 
 
 def layer_pictures(
-    gcode: Path, line_map: Path, width_mm: float, start_mm: tuple[float, float, float]
+    gcode: Path,
+    line_map: Path,
+    width_mm: float,
+    start_mm: tuple[float, float, float],
+    printer: Printer,
 ) -> dict[str, bytes]:
     """Draw the layer in the middle and the one after it (the infill turns from one to the next).
 
@@ -27,6 +32,8 @@ def layer_pictures(
         Of a line.
     start_mm : (3,) mm
         Where the tip stands before the first line.
+    printer : Printer
+        Whose dispenser tells what is written.
 
     Returns
     -------
@@ -34,11 +41,11 @@ def layer_pictures(
     """
     with np.load(line_map) as found:
         layer_of_line = found["source"]
-    program = read_gcode(gcode.read_bytes(), start_mm)
+    program, valve = read_with_valve(gcode.read_bytes(), printer, start_mm)
     layer = layer_of_line[program.line - 1]
     moving = program.kind == MOVE
     start = np.vstack([program.start[None, :], program.target[:-1]])
-    pushed = program.target[:, 3] > start[:, 3]
+    pushed = program.target[:, 3] > start[:, 3] if valve is None else valve.is_open
     path = np.linalg.norm(program.target[:, :2] - start[:, :2], axis=1) > 0
     count = int(layer.max()) + 1
     pictures = {}

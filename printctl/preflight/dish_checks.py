@@ -116,8 +116,7 @@ def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
 def _depth(run: DryRun, standing: Standing, bath_mm: float, needle: Needle) -> list[Check]:
     surface = standing.floor_mm + bath_mm
     dish, tips = standing.dish, _tips(run)
-    pushed = np.diff(run.program.plunger, prepend=0.0) > 0
-    written = pushed & (np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0)
+    written = run.doses & (np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0)
     heights = np.where(written, tips[:, :, 2].max(axis=1), -np.inf)
     row = int(heights.argmax()) if written.any() else -1
     top = float(heights[row]) if row >= 0 else standing.floor_mm

@@ -21,7 +21,6 @@ from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import code
 from sim.gcode_modal import DWELL, MOVE
 
-_HEATS: Final = tuple(code(name) for name in ("M104", "M109", "M140", "M190"))
 _TIMEOUT: Final = {"marlin": "M85 S600", "prusa": "M85 S600", "klipper": "SET_IDLE_TIMEOUT"}
 _NAME: Final = "the firmware's own switch-off"
 
@@ -57,12 +56,12 @@ def _safe_state(printer: Printer) -> list[Check]:
 
 
 def _timeout(run: DryRun, printer: Printer) -> Check:
-    """Whether the job sets the timeout before its first move, and no dwell outlasts it.
+    """Whether the job sets the timeout before its first move and keeps it, above every dwell.
 
     Without one a job that heats is refused where the firmware has such a command.
     """
     command = _TIMEOUT.get(printer.firmware)
-    heats = bool((np.isin(run.program.code, _HEATS) & (run.program.value > 0)).any())
+    heats = any(heat.celsius > 0 for heat in run.heats)
     if command is None:
         remedy = (
             f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
@@ -70,8 +69,8 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             "board's own configuration watch it"
         )
         return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
-    seconds, line = _set_before_moving(run, printer.firmware)
-    dwell = float(run.program.value[run.program.kind == DWELL].max(initial=0.0))
+    seconds, line = _least_timeout(run, printer.firmware)
+    dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
         return Check(
             _NAME,
@@ -79,7 +78,7 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             1,
             "s",
             False,
-            "before the first move",
+            f"line {line} switches it off" if line else "before the first move",
             f"the job doesn't set it, so a dead host leaves everything on; begin it with {command} "
             f"(profile: idle_timeout_s {printer.idle_timeout_s:g})",
             "refuses" if heats else "warns",
@@ -90,23 +89,39 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
         dwell,
         "s",
         seconds > dwell,
-        f"line {line}",
+        f"line {line}" if seconds > dwell else f"line {dwells_at}, timeout of line {line}",
         "a longer dwell would kill the print; raise idle_timeout_s or shorten the dwell",
     )
 
 
-def _set_before_moving(run: DryRun, firmware: str) -> tuple[float, int]:
-    """The timeout that the job has set when it first moves, s, and the line; 0 for none."""
+def _longest_dwell(run: DryRun) -> tuple[float, int]:
+    """Seconds, and the line; zeros for none."""
+    seconds = np.where(run.program.kind == DWELL, run.program.value, 0.0)
+    row = int(seconds.argmax()) if len(seconds) else -1
+    return (float(seconds[row]), int(run.program.line[row])) if row >= 0 else (0.0, 0)
+
+
+def _least_timeout(run: DryRun, firmware: str) -> tuple[float, int]:
+    """Shortest timeout in force from the first move on, s, and its line; 0 for none.
+
+    0 stands for none at all (line 0 where it was never set) and is the least of all.
+    """
     program = run.program
     moves = np.flatnonzero(program.kind == MOVE)
     first = int(program.line[moves[0]]) if len(moves) else math.inf
+    said = _timeouts(run, firmware)
+    before = [at for at in said if at[1] < first][-1:] or [(0.0, 0)]
+    return min([*before, *(at for at in said if at[1] > first)])
+
+
+def _timeouts(run: DryRun, firmware: str) -> list[tuple[float, int]]:
+    """Each setting of the timeout, s, and its line; a question is none."""
     if firmware == "klipper":
-        said = [at for at in run.named if at.name == "SET_IDLE_TIMEOUT" and at.line < first]
-        return (_number(said[-1].words.get("TIMEOUT", "")), said[-1].line) if said else (0.0, 0)
-    rows = np.flatnonzero((program.code == code("M85")) & (program.line < first))
-    if not len(rows):
-        return 0.0, 0
-    return float(np.nan_to_num(program.value[rows[-1]])), int(program.line[rows[-1]])
+        those = [at for at in run.named if at.name == "SET_IDLE_TIMEOUT" and "TIMEOUT" in at.words]
+        return [(_number(at.words["TIMEOUT"]), at.line) for at in those]
+    program = run.program
+    rows = np.flatnonzero((program.code == code("M85")) & ~np.isnan(program.value))
+    return list(zip(program.value[rows].tolist(), program.line[rows].tolist(), strict=True))
 
 
 def _number(text: str) -> float:
@@ -124,7 +139,8 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
         "klipper": (
             "printer.cfg",
             "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
-            "there with enable_force_move, else it refuses the first move; see that they are",
+            "there with enable_force_move, else it refuses the first move; see that they are, and "
+            "that no SET_GCODE_OFFSET is left, which would shift every move",
         ),
         "reprapfirmware": (
             "config.g",

@@ -1,8 +1,9 @@
 """What it takes to push the ink: pressure, force on the plunger, shear on the cells.
 
-No machine of ours reports force or pressure, so this is a prediction: the steady flow of a
-power-law fluid through the needle (entry losses and the barrel's friction left out). Newtonian ink
-with a low-shear viscosity is predicted far too stiff; so only measured inks refuse a print.
+No machine of ours reports force or pressure, so this is a prediction: the steady flow of the ink
+through the needle (`firmware_profiles.rheology`), on the plunger the syringe's friction besides
+where it is known; entry losses left out. Newtonian ink with a low-shear viscosity is predicted far
+too stiff; so only measured inks refuse a print.
 """
 
 from __future__ import annotations
@@ -10,8 +11,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_profiles import Ink, Needle, Printer, Syringe
+import numpy as np
+
+from firmware_profiles import Ink, Needle, Printer, Syringe, held_pa, pressure_pa, wall_stress_pa
 from printctl.preflight.check import Check
+from printctl.preflight.pneumatic_checks import air_checks, speed_checks
+from printctl.preflight.profile_checks import profile_checks
 from sim.dryrun import DryRun
 
 
@@ -22,10 +27,11 @@ class Push:
     Attributes
     ----------
     flow_ul_s : float, µL/s
+        Through the needle: what is pushed, times the ink's flow factor.
     pressure_pa, force_n, shear_pa : float, Pa, N, Pa
         In the syringe, on the plunger, at the needle's wall.
     line : int
-        Of the G-code.
+        Of the G-code; 0 where nothing is pushed.
     """
 
     flow_ul_s: float
@@ -35,32 +41,36 @@ class Push:
     line: int
 
 
-def wall_shear_pa(ink: Ink, bore_mm: float, flow_ul_s: float) -> float:
-    """Shear stress at the needle's wall, Pa: K ((3n + 1)/n · Q/(πR³))ⁿ.
-
-    Power law, laminar, no slip (Weissenberg and Rabinowitsch); at n = 1 it is 4ηQ/(πR³).
-    """
-    n, radius = ink.flow_index, bore_mm / 2
-    rate = (3 * n + 1) / n * flow_ul_s / (math.pi * radius**3)
-    return float(ink.viscosity_pa_s * rate**n)
-
-
 def hardest_push(run: DryRun, ink: Ink, needle: Needle, syringe: Syringe) -> Push:
-    """Where the plunger is driven fastest, and what that takes: Δp = 2 τ_w L / R."""
+    """Where the plunger is driven in fastest, and what that takes; going back is no push."""
     area = math.pi / 4 * syringe.inner_mm**2
-    row = int(run.speed_mm_s[:, 3].argmax()) if len(run.speed_mm_s) else -1
-    flow = float(run.speed_mm_s[row, 3]) * area if row >= 0 else 0.0
-    shear = wall_shear_pa(ink, needle.inner_mm, flow)
-    pressure = 4 * shear * needle.length_mm / needle.inner_mm
-    line = int(run.program.line[row]) if row >= 0 else 0
-    return Push(flow, pressure, pressure * area * 1e-6, shear, line)
+    speed = np.where(run.doses, run.speed_mm_s[:, 3], 0.0)
+    row = int(speed.argmax()) if len(speed) else -1
+    if row < 0 or speed[row] == 0:
+        return Push(0.0, 0.0, 0.0, 0.0, 0)
+    flow = float(speed[row]) * area * ink.flow_factor
+    pressure = pressure_pa(ink, needle, flow)
+    return Push(
+        flow,
+        pressure,
+        pressure * area * 1e-6 + (syringe.friction_n or 0.0),
+        wall_stress_pa(ink, needle.inner_mm, flow),
+        int(run.program.line[row]),
+    )
 
 
 def force_checks(
     run: DryRun, ink: Ink, needle: Needle, syringe: Syringe, printer: Printer
 ) -> list[Check]:
-    """The hardest push against what syringe, head and cells bear, where their profiles say it."""
+    """The hardest push against what syringe, head and cells bear, where their profiles say it.
+
+    A pneumatic head's pressure is what it is set to (`air_checks`), not what the flow asks for.
+    """
+    speeds = speed_checks(run, ink, printer)
+    if printer.pneumatic:
+        return [*air_checks(run, ink, needle, syringe, printer), *speeds]
     push = hardest_push(run, ink, needle, syringe)
+    friction = "" if syringe.friction_n is not None else ", the syringe's friction not known"
     rows = (
         (
             "pressure in the syringe",
@@ -70,7 +80,7 @@ def force_checks(
             f"{syringe.name}: max_pressure_kpa",
         ),
         (
-            "force on the plunger",
+            f"force on the plunger{friction}",
             push.force_n,
             printer.max_plunger_force_n,
             "N",
@@ -84,7 +94,7 @@ def force_checks(
             f"{ink.name}: max_shear_stress_pa",
         ),
     )
-    return [
+    limits = [
         Check(
             f"{name}, at {push.flow_ul_s:.3g} µL/s",
             value,
@@ -97,4 +107,25 @@ def force_checks(
         )
         for name, value, limit, unit, whose in rows
         if limit is not None
+    ]
+    return [*profile_checks(needle, ink), *limits, *_held(ink, needle), *speeds]
+
+
+def _held(ink: Ink, needle: Needle) -> list[Check]:
+    """A yield stress holds pressure in the needle: the plunger's relief must be told of it."""
+    held = held_pa(ink, needle)
+    if held == 0 or ink.retract_ul > 0:
+        return []
+    return [
+        Check(
+            "pressure that the ink holds in the needle after a stop",
+            held * 1e-3,
+            0,
+            "kPa",
+            False,
+            f"{ink.name}: yield_stress_pa, retract_ul",
+            "nothing relieves it (retract_ul 0), so the needle weeps while it travels; give "
+            "retract_ul",
+            "warns",
+        )
     ]

@@ -7,6 +7,8 @@ import numpy as np
 from firmware_profiles import Printer
 from printctl.preflight.check import Check
 from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.pneumatic_checks import valve_checks
+from printctl.preflight.profile_checks import profile_checks
 from sim.dryrun import DryRun
 from sim.dryrun_checks import Finding
 from sim.gcode import code
@@ -20,6 +22,7 @@ _COUNTED = {
 }
 """Findings of which none is allowed, and their names."""
 
+_TINY_MM = 1e-6
 _PROBES = ("G29", "G30", "G32", "G34")
 _NAMED_PROBES = ("BED_MESH_CALIBRATE", "PROBE_ACCURACY", "PROBE_CALIBRATE", "Z_TILT_ADJUST")
 _COUNTED_REMEDY = {
@@ -33,12 +36,15 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
     checks = [
         *_travel(run, printer),
         *_speed(run, found),
-        _plunger(run, printer, found),
+        *_plunger(run, printer, found),
+        *_pulled_back(run),
         _line_length(run, printer, found),
         _merged(run, printer),
         *(_counted(code, name, run.findings) for code, name in _COUNTED.items()),
         _probing(run),
         *firmware_checks(run, printer),
+        *valve_checks(run, printer),
+        *profile_checks(printer),
     ]
     told = {*_COUNTED, "plunger_travel", "long_line"}
     others = [
@@ -95,16 +101,41 @@ def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
     ]
 
 
-def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
-    return Check(
-        "plunger travel",
-        run.plunger_max_mm,
-        printer.plunger_travel_mm,
-        "mm",
-        "plunger_travel" not in found,
-        _line(found.get("plunger_travel")),
-        "use a wider syringe or a smaller part",
-    )
+def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
+    """None for a pneumatic head."""
+    if printer.plunger_travel_mm is None:
+        return []
+    return [
+        Check(
+            "plunger travel",
+            run.plunger_max_mm,
+            printer.plunger_travel_mm,
+            "mm",
+            "plunger_travel" not in found,
+            _line(found.get("plunger_travel")),
+            "use a wider syringe or a smaller part",
+        )
+    ]
+
+
+def _pulled_back(run: DryRun) -> list[Check]:
+    """Whether the plunger goes back behind where it begins: a full syringe has no room there."""
+    back = -run.plunger_min_mm
+    if back <= _TINY_MM:
+        return []
+    row = int(run.program.plunger.argmin())
+    return [
+        Check(
+            "plunger behind where it begins",
+            back,
+            0,
+            "mm",
+            False,
+            f"line {int(run.program.line[row])}",
+            "a full syringe would be opened; leave that much room behind its plunger",
+            "warns",
+        )
+    ]
 
 
 def _line_length(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:

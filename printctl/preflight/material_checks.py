@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-
 from design.toolpath.embedded import held_diameter_mm
 from firmware_profiles import Bath, Ink
 from printctl.preflight.check import Check
+from printctl.preflight.profile_checks import profile_checks
 from sim.dryrun import DryRun
-from sim.gcode import code
 
+_INK: Final = "temperature_c"
 _WORDS: Final = {
     "neutral_ph": "a buffer of neutral pH",
     "calcium": "calcium",
@@ -37,9 +36,10 @@ def chemistry_check(ink: Ink, bath: Bath) -> Check:
 
 
 def bath_checks(bath: Bath) -> list[Check]:
-    """Whether the bath holds while printing and still melts out; none for a bath that stays."""
+    """Whether the bath holds while printing and still melts out; whether its profile is whole."""
+    others = [check for check in profile_checks(bath) if check.place != "max_printing_c"]
     if bath.melt_out_c is None:
-        return []
+        return others
     return [
         Check(
             "printing temperature of the bath, below its melt-out",
@@ -49,57 +49,41 @@ def bath_checks(bath: Bath) -> list[Check]:
             bath.max_printing_c < bath.melt_out_c,
             "bath: max_printing_c",
             f"mend the profile of {bath.name}: it would melt while it is printed in",
-        )
+        ),
+        *others,
     ]
 
 
 def temperature_checks(run: DryRun, ink: Ink, bath: Bath) -> list[Check]:
-    """What the job sets (M104, M109 for the ink, M140, M190 for the bath) against the materials."""
+    """What the job sets, by whatever command, against what ink and bath bear; 0 switches off."""
     span = ink.temperature_c
     return [
-        _at_most(run, ("M104", "M109"), "warmest setting of the ink", span.high, "ink", ink.name),
-        _at_least(run, ("M104", "M109"), "coldest setting of the ink", span.low, ink.name),
-        _at_most(
+        _setting(run, "ink", "warmest", span.high, f"{ink.name} bears at most that (ink: {_INK})"),
+        _setting(run, "ink", "coldest", span.low, f"{ink.name} bears at least that (ink: {_INK})"),
+        _setting(
             run,
-            ("M140", "M190"),
-            "warmest setting of the bath",
-            bath.max_printing_c,
             "bath",
-            bath.name,
+            "warmest",
+            bath.max_printing_c,
+            f"{bath.name} bears at most that (bath: max_printing_c)",
         ),
     ]
 
 
-def _at_most(
-    run: DryRun, names: tuple[str, ...], what: str, limit: float, sort: str, name: str
-) -> Check:
-    value, line = _extreme(run, names, 1)
-    key = "temperature_c" if sort == "ink" else "max_printing_c"
-    remedy = f"{name} bears at most that ({sort}: {key}); lower the job's setting"
-    passed = not line or value <= limit
-    return Check(what, value if line else limit, limit, "°C", passed, _at(line), remedy)
-
-
-def _at_least(run: DryRun, names: tuple[str, ...], what: str, limit: float, name: str) -> Check:
-    value, line = _extreme(run, names, -1)
-    remedy = f"{name} bears at least that (ink: temperature_c); raise the job's setting"
-    passed = not line or value >= limit
-    return Check(what, value if line else limit, limit, "°C", passed, _at(line), remedy)
-
-
-def _at(line: int) -> str:
-    return f"line {line}" if line else "not set by the job"
-
-
-def _extreme(run: DryRun, names: tuple[str, ...], sign: int) -> tuple[float, int]:
-    """Highest (or lowest) temperature that commands set, and its line; 0 switches off."""
-    program = run.program
-    sets = np.isin(program.code, [code(name) for name in names]) & (program.value > 0)
-    rows = np.flatnonzero(sets)
-    if not len(rows):
-        return 0.0, 0
-    row = rows[int((sign * program.value[rows]).argmax())]
-    return float(program.value[row]), int(program.line[row])
+def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Check:
+    """The warmest or coldest setting of one part against its limit."""
+    sign = 1 if which == "warmest" else -1
+    those = [heat for heat in run.heats if heat.part in (part, "both") and heat.celsius != 0]
+    worst = max(those, key=lambda heat: sign * heat.celsius, default=None)
+    return Check(
+        f"{which} setting of the {part}",
+        limit if worst is None else worst.celsius,
+        limit,
+        "°C",
+        worst is None or sign * worst.celsius <= sign * limit,
+        "not set by the job" if worst is None else f"line {worst.line}",
+        f"{bears}; {'lower' if sign > 0 else 'raise'} the job's setting",
+    )
 
 
 def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:

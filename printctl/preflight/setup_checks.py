@@ -9,6 +9,7 @@ import numpy as np
 from firmware_profiles import Needle, Printer, Syringe
 from printctl.preflight.check import Check
 from printctl.preflight.firmware_checks import widest_push_check
+from printctl.preflight.profile_checks import profile_checks
 from sim.dryrun import DryRun
 
 
@@ -30,8 +31,17 @@ def syringe_check(run: DryRun, syringe: Syringe) -> Check:
 
 
 def syringe_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
-    """What the syringe holds, and what the firmware must let it push."""
-    return [syringe_check(run, syringe), *widest_push_check(run, printer, syringe)]
+    """What the syringe holds, and what the firmware must let it push.
+
+    What a pneumatic head takes hangs on its flow, and so on ink and needle: `force_checks`.
+    """
+    if printer.pneumatic:
+        return profile_checks(syringe)
+    return [
+        syringe_check(run, syringe),
+        *widest_push_check(run, printer, syringe),
+        *profile_checks(syringe),
+    ]
 
 
 def needle_check(part_height_mm: float, needle: Needle) -> Check:

@@ -123,6 +123,33 @@ def test_blocks_know_their_command():
     assert run.executed.line.tolist() == [0, 2, 3]
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("M104 S37", ("ink", 37)),
+        ("M109 R30", ("ink", 30)),
+        ("M140 S0", ("bath", 0)),
+        ("M303 E-1 S60", ("bath", 60)),
+        ("M303 S60", ("ink", 60)),
+        ("G10 P0 S25", ("ink", 25)),
+        ("G10 L2 P1 X5", None),
+        ("G10 P1 X3", None),
+        ("M568 P0 S21", ("ink", 21)),
+        ("M141 S40", ("both", 40)),
+        ("M105", None),
+        ("SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=60", ("bath", 60)),
+        ("set_heater_temperature heater=extruder target=12.5", ("ink", 12.5)),
+        ("SET_HEATER_TEMPERATURE HEATER=lamp TARGET=50", ("both", 50)),
+        ("SET_HEATER_TEMPERATURE HEATER=extruder", ("ink", 0)),
+    ],
+)
+def test_every_way_to_set_a_temperature_is_read(line, said):
+    klipper = load(Printer, "klipper_bioprinter")
+    (found,) = dry_run(f"G90\n{line}\n".encode(), klipper).heats or (None,)
+    assert (found and (found.part, found.celsius)) == said
+    assert found is None or found.line == 2
+
+
 def test_an_empty_file_runs_in_no_time():
     run = dry("; nothing\n\n")
     assert run.duration_s == 0

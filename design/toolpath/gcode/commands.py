@@ -53,9 +53,9 @@ class Stops:
         )
 
 
-def plunger_mm_per_ul(syringe: Syringe) -> float:
-    """Plunger travel per volume, mm/µL: 4 / (π D²)."""
-    return 4.0 / (np.pi * syringe.inner_mm**2)
+def plunger_mm_per_ul(printer: Printer, syringe: Syringe) -> float:
+    """Plunger travel per volume, mm/µL: 4 / (π D²); 0 where there is no plunger."""
+    return 0.0 if printer.pneumatic else float(4.0 / (np.pi * syringe.inner_mm**2))
 
 
 def stops(
@@ -66,7 +66,7 @@ def stops(
     flow_factor: float = 1.0,
 ) -> Stops:
     """Commands of a toolpath, with the moves merged that the firmware would drop."""
-    per_ul = plunger_mm_per_ul(syringe) / flow_factor
+    per_ul = plunger_mm_per_ul(printer, syringe) / flow_factor
     plunger = np.cumsum(toolpath.volume_ul) * per_ul
     position = np.column_stack([toolpath.end + place_mm, plunger])
     begin = np.append(toolpath.start[0] + place_mm, 0.0)

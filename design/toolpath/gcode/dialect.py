@@ -11,6 +11,9 @@ Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common t
   SET_IDLE_TIMEOUT; cold extrusion is allowed in printer.cfg alone (``min_extrude_temp``); G92 X Y Z
   moves the origin and homes nothing, where SET_KINEMATIC_POSITION (section ``force_move``) says
   where the tip is.
+- M220 and M221 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an
+  earlier job left goes on silently. All families know the first two, all but Klipper M200 D0
+  (linear E).
 - Smoothieware, https://smoothieware.org/supported-g-codes: no timeout; extrudes cold.
 """
 
@@ -37,6 +40,9 @@ class Dialect:
         can't set it.
     cold_extrusion : str
         Lets the plunger move without a hot end; empty where that is the configuration's.
+    clean : tuple of str
+        Take back what an earlier job or the panel may have left: factors of feed and flow, E as
+        a volume.
     declares : str
         Tells where the tip stands, ``{x} {y} {z}``; empty where G92 does.
     zero_is_off : bool
@@ -45,11 +51,12 @@ class Dialect:
 
     idle_timeout: str = ""
     cold_extrusion: str = ""
+    clean: tuple[str, ...] = ("M220 S100", "M221 S100", "M200 D0")
     declares: str = ""
     zero_is_off: bool = True
 
     def header(self, printer: Printer, start: Place | None = None) -> list[str]:
-        """Lines before the first move: timeout, units, absolute positions and absolute E.
+        """Lines before the first move: timeout, units, absolute positions, absolute linear E.
 
         No homing: the needle may stand in the bath. ``start`` is where the tip stands, where that
         is known and G92 doesn't tell it.
@@ -60,10 +67,16 @@ class Dialect:
         x, y, z = start or ("", "", "")
         return [
             *([self.idle_timeout.format(seconds=f"{seconds:.0f}")] if timed else []),
-            *("G21", "G90", "M82"),
-            *([self.cold_extrusion] if self.cold_extrusion else []),
+            *self._dispenser(printer),
             *([self.declares.format(x=x, y=y, z=z)] if placed else []),
         ]
+
+    def _dispenser(self, printer: Printer) -> list[str]:
+        """Units, modes, and what makes the dispenser ready: a plunger's E, or a closed valve."""
+        if printer.pneumatic:
+            return [printer.pneumatic.closes, "G21", "G90", "M220 S100"]
+        cold = [self.cold_extrusion] if self.cold_extrusion else []
+        return ["G21", "G90", "M82", *self.clean, *cold]
 
     def footer(self) -> list[str]:
         """Lines after the last move: wait until it has ended."""
@@ -76,6 +89,7 @@ DIALECTS: Final[dict[str, Dialect]] = {
     "reprapfirmware": Dialect(cold_extrusion="M302 P1"),
     "klipper": Dialect(
         "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
+        clean=("M220 S100", "M221 S100"),
         declares="SET_KINEMATIC_POSITION X={x} Y={y} Z={z}",
         zero_is_off=False,
     ),

@@ -56,6 +56,13 @@ class GcodeOptions:
         Flow of that relief.
     flow_factor : float
         What comes out over what is pushed (a calibration's); the plunger's travel is divided by it.
+    flow_ul_s : float or None, µL/s
+        What a pneumatic head lays while its valve is open; without meaning for a plunger.
+    ink_speed_mm_s : (low, high) or None, mm/s
+        Speeds that the ink bears; a pneumatic head's follow from the flow and are refused beyond.
+    standing_doses : bool
+        Whether a pneumatic head's valve opens for primes, each for its time: a weighing. Else
+        they are left out.
     """
 
     start_mm: tuple[float, float, float] | None = None
@@ -64,6 +71,9 @@ class GcodeOptions:
     relieve_ul: float = 0.02
     plunger_ul_s: float = 0.4
     flow_factor: float = 1.0
+    flow_ul_s: float | None = None
+    ink_speed_mm_s: tuple[float, float] | None = None
+    standing_doses: bool = False
 
     def __post_init__(self) -> None:
         where = "G-code options"
@@ -73,4 +83,6 @@ class GcodeOptions:
             plunger_ul_s=self.plunger_ul_s,
             flow_factor=self.flow_factor,
         )
+        if self.flow_ul_s is not None:
+            require_positive(where, flow_ul_s=self.flow_ul_s)
         require_not_negative(where, clearance_mm=self.clearance_mm, relieve_ul=self.relieve_ul)

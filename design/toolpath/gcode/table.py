@@ -46,7 +46,10 @@ def tabulate(trip: Trip, printer: Printer, *, declares: bool = True) -> Table:
     value[:, _P] = np.rint(stops.pause_s * 1e3).astype(np.int64)
     given[:, _P] = stops.code == _DWELL
     table = Table(stops.code, value, given, stops.source, stops.move)
-    return _counted_anew(_declared(table, begin[0], trip.known and declares), digits)
+    placed = trip.known and declares
+    if printer.pneumatic:
+        return _declared(table, begin[0], placed, plunger=False) if placed else table
+    return _counted_anew(_declared(table, begin[0], placed), digits)
 
 
 def place_text(trip: Trip, printer: Printer) -> tuple[str, str, str]:
@@ -89,9 +92,9 @@ def _feeds(stops: Stops, begin: FloatArray, printer: Printer, digits: Decimals) 
     return np.maximum(quanta, 1).astype(np.int64)
 
 
-def _declared(table: Table, begin: IntArray, known: bool) -> Table:
+def _declared(table: Table, begin: IntArray, known: bool, *, plunger: bool = True) -> Table:
     """Put the G92 in front that sets E to 0, and the position where it is known."""
-    return _with_sets(table, np.array([0]), begin[None], position=known)
+    return _with_sets(table, np.array([0]), begin[None], position=known, plunger=plunger)
 
 
 def _counted_anew(table: Table, digits: Decimals) -> Table:
@@ -131,11 +134,13 @@ def _rebase(plunger: IntArray, limit: int, whole: int) -> tuple[IntArray, IntArr
     return np.array(rows, dtype=np.int64), np.array(bases, dtype=np.int64)
 
 
-def _with_sets(table: Table, rows: IntArray, words: IntArray, *, position: bool) -> Table:
+def _with_sets(
+    table: Table, rows: IntArray, words: IntArray, *, position: bool, plunger: bool = True
+) -> Table:
     """Insert G92 lines before ``rows`` with X, Y, Z, E of ``words`` (r, 4)."""
     value = np.pad(words, ((0, 0), (0, 2)))
     given = np.zeros((len(rows), 6), dtype=np.bool_)
-    given[:, _E] = True
+    given[:, _E] = plunger
     given[:, [_X, _Y, _Z]] = position
     return Table(
         np.insert(table.code, rows, _SET),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from design.toolpath.gcode.air import at_flow
 from design.toolpath.gcode.commands import Stops, joined, plunger_mm_per_ul, stops
 from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.toolpath import FloatArray, Toolpath
@@ -41,6 +42,8 @@ def round_trip(
     """Put the way in and the way out around a toolpath's commands."""
     body = stops(toolpath, printer, syringe, place_mm, options.flow_factor)
     first = np.append(toolpath.start[0] + place_mm, 0.0)
+    if printer.pneumatic:
+        body = at_flow(body, toolpath, printer, first[:3], options)
     path_top = max(float(body.position[:, 2].max()), float(first[2]))
     top = max(min(path_top + options.clearance_mm, printer.z_mm.high), path_top)
     known = options.start_mm is not None
@@ -50,7 +53,7 @@ def round_trip(
     limits = printer.max_speed_mm_s
     level = min(options.travel_speed_mm_s, limits.x, limits.y)
     rise = min(options.travel_speed_mm_s, limits.z)
-    per_ul = plunger_mm_per_ul(syringe)
+    per_ul = plunger_mm_per_ul(printer, syringe)
     relieved = body.position[-1] - [0.0, 0.0, 0.0, options.relieve_ul * per_ul]
     way_in = [
         Stops.to(_at_height(begin, high), rise, 0),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from design.errors import ToolpathError
+from design.toolpath.gcode.air import valve_lines
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.marks import marks_of
@@ -37,6 +38,9 @@ def write_gcode(
     for it. Writing moves shorter than the firmware's least are merged. Comments mark where the
     job may be interrupted (`design.toolpath.gcode.marks`).
 
+    A pneumatic head's job has no E: a valve opens before each written path and closes after it,
+    and the speed of each move follows from the flow (`design.toolpath.gcode.air`).
+
     Parameters
     ----------
     toolpath : Toolpath
@@ -49,8 +53,9 @@ def write_gcode(
     Raises
     ------
     ToolpathError
-        For a second head (not written yet), a line longer than the firmware takes, or one move
-        that pushes more than E can hold.
+        For a second head (not written yet), a line longer than the firmware takes, one move
+        that pushes more than E can hold, or a speed that a pneumatic head's flow asks for and
+        printer or ink don't bear.
     """
     options = options or GcodeOptions()
     place = np.asarray(place_mm, dtype=np.float64)
@@ -69,6 +74,9 @@ def write_gcode(
     start = place_text(trip, printer) if trip.known else None
     header, footer = dialect.header(printer, start), dialect.footer()
     marks = marks_of(toolpath, table)
+    if printer.pneumatic:
+        doses = options.standing_doses
+        marks = valve_lines(toolpath, table, printer.pneumatic, marks, standing_doses=doses)
     source, move = (np.insert(of, marks.row, -1) for of in (table.source, table.move))
     return Gcode(
         data="".join(f"{line}\n" for line in header).encode()

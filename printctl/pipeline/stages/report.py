@@ -105,5 +105,9 @@ def figures(context: RunContext) -> dict[str, bytes]:
         return {}
     x, y, z = context.start_mm.tolist()
     return layer_pictures(
-        context.folder / GCODE, context.folder / LINE_MAP, part.line_um * 1e-3, (x, y, z)
+        context.folder / GCODE,
+        context.folder / LINE_MAP,
+        part.line_um * 1e-3,
+        (x, y, z),
+        context.printer,
     )

@@ -12,11 +12,13 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
+from printctl.pipeline.stages.toolpath import GCODE
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import Scan, read_scan, write_scan_tiff
 from registration.readers import ScanOverrides
 from sim.deposit import deposit
+from sim.deposit_air import pneumatic_deposit
 from sim.executed import ExecutedMotion
 from sim.scanner import (
     MicroCtOptions,
@@ -43,7 +45,7 @@ def depends(context: RunContext) -> Any:
     if isinstance(part, FileScan):
         path = context.recipe_folder / part.file
         return [found, digest_file(path) if path.is_file() else ""]
-    return [found, context.recipe.seed, context.syringe.inner_mm]
+    return [found, context.recipe.seed, context.syringe.inner_mm, context.flow_ul_s]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -65,7 +67,11 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     area = math.pi / 4 * context.syringe.inner_mm**2
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
-    ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
+    if context.flow_ul_s is None:
+        ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
+    else:
+        gcode = (context.folder / GCODE).read_bytes()
+        ink = pneumatic_deposit(motion, gcode, context.printer, context.flow_ul_s, fine)
     report(0.4, "scanning")
     left = 1 - part.shrink_percent / 100
     seed = part.seed if part.seed is not None else context.recipe.seed
@@ -127,8 +133,8 @@ def describe(scan: Scan, source: str) -> dict[str, Any]:
 
 
 def reads(context: RunContext) -> tuple[str, ...]:
-    """The executed motion, where the scan is simulated from it."""
-    return (EXECUTED,) if isinstance(context.scan_part, SimulatedScan) else ()
+    """The executed motion and the G-code, where the scan is simulated from them."""
+    return (EXECUTED, GCODE) if isinstance(context.scan_part, SimulatedScan) else ()
 
 
 STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration/readers"), work)

@@ -12,7 +12,7 @@ from design.files import replacing, write_bytes
 from design.toolpath import Toolpath
 from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
 from design.toolpath.fresh import FreshOptions, FreshReport, check_lumens, plan_fresh
-from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
+from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -39,6 +39,11 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
             options = FreshOptions(
                 layer_height_mm=part.layer_um * 1e-3,
                 line_width_mm=part.line_um * 1e-3,
+                walls=part.walls,
+                infill_density=part.infill_percent * 1e-2,
+                infill_angles_deg=part.infill_angles_deg,
+                least_move_mm=least_move_mm(context.printer),
+                clear_mm=clear_mm(context.printer),
                 write_speed_mm_s=part.write_speed_mm_s,
                 travel_speed_mm_s=part.travel_speed_mm_s,
                 retract_ul=ink.retract_ul,
@@ -79,12 +84,15 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     toolpath, planned = plan(context)
     report(0.8, "writing G-code")
     x, y, z = context.start_mm.tolist()
+    span = context.ink.write_speed_mm_s
     options = GcodeOptions(
         start_mm=(x, y, z),
         travel_speed_mm_s=context.recipe.toolpath.travel_speed_mm_s,
         relieve_ul=context.ink.retract_ul,
         plunger_ul_s=context.ink.plunger_ul_s,
         flow_factor=context.ink.flow_factor,
+        flow_ul_s=context.flow_ul_s,
+        ink_speed_mm_s=None if span is None else (span.low, span.high),
     )
     gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
     write_bytes(context.folder / GCODE, gcode.data)

@@ -59,4 +59,4 @@ class Machine:
         elif code == "G4":
             self.pause_ms += int(words["P"])
         else:
-            assert code in ("M85", "G21", "G90", "M82", "M302", "M400")
+            assert code in ("M85", "G21", "G90", "M82", "M220", "M221", "M200", "M302", "M400")

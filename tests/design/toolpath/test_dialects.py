@@ -12,16 +12,16 @@ from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.shapes import as_solid, block
 
 MARLIN = load(Printer, "generic_marlin")
+MODES = ["G21", "G90", "M82", "M220 S100", "M221 S100"]
+LINEAR = [*MODES, "M200 D0"]
 HEADERS = {
-    "marlin": ["M85 S600", "G21", "G90", "M82", "M302 P1", "G92 X50 Y60 Z30 E0"],
-    "prusa": ["M85 S600", "G21", "G90", "M82", "M302 S0", "G92 X50 Y60 Z30 E0"],
-    "reprapfirmware": ["G21", "G90", "M82", "M302 P1", "G92 X50 Y60 Z30 E0"],
-    "smoothieware": ["G21", "G90", "M82", "G92 X50 Y60 Z30 E0"],
+    "marlin": ["M85 S600", *LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "prusa": ["M85 S600", *LINEAR, "M302 S0", "G92 X50 Y60 Z30 E0"],
+    "reprapfirmware": [*LINEAR, "M302 P1", "G92 X50 Y60 Z30 E0"],
+    "smoothieware": [*LINEAR, "G92 X50 Y60 Z30 E0"],
     "klipper": [
         "SET_IDLE_TIMEOUT TIMEOUT=600",
-        "G21",
-        "G90",
-        "M82",
+        *MODES,
         "SET_KINEMATIC_POSITION X=50.000 Y=60.000 Z=30.0000",
         "G92 E0",
     ],
@@ -59,7 +59,7 @@ def test_between_header_and_footer_all_families_read_the_same(firmware: str) -> 
 def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
     lines = lines_of(of("klipper"), GcodeOptions())
     assert not any(line.startswith("SET_KINEMATIC") for line in lines)
-    assert lines[4] == "G92 E0"
+    assert lines[6] == "G92 E0"
 
 
 def test_klipper_has_no_timeout_of_zero() -> None:

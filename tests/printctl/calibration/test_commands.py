@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from firmware_profiles import Ink, Printer, Syringe, load
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.calibration import LagPattern, read_readings
 from printctl.calibration.lag import expected_width
 from printctl.cli.main import app
@@ -67,6 +67,50 @@ def test_weighing_from_the_test_to_the_mended_profile(tmp_path: Path) -> None:
     assert bore == pytest.approx(SYRINGE.inner_mm * math.sqrt(0.96), rel=2e-3)
 
 
+def test_a_pneumatic_head_s_flow_from_the_test_to_the_profile(tmp_path: Path) -> None:
+    job, head = tmp_path / "weigh.gcode", ("--printer", "pneumatic_marlin")
+    short = ("--doses", "2,4,6", "--flow", "1", "--wait", "1")
+    assert calibrate("weigh", *head, "--gcode", job, "--repeats", "2", *short).exit_code == 0
+    open_s = read_readings_of(tmp_path / "weigh.csv", "open_s")
+    printer = load(Printer, "pneumatic_marlin")
+    run = dry_run(job.read_bytes(), printer, (100, 100, 50))
+    assert printer.pneumatic is not None
+    assert run.valve is not None
+    # As long from command to command as the sheet says.
+    for row, seconds in zip(np.flatnonzero(run.valve.state == 1), open_s, strict=True):
+        inside = slice(run.valve.row[row], run.valve.row[row + 1])
+        waits = run.program.value[inside][run.program.kind[inside] == 3]
+        assert waits.sum() == pytest.approx(seconds)
+    assert run.plunger_max_mm == 0
+    mass = 0.31 * open_s * 1.02 + np.random.default_rng(2).normal(0, 0.002, len(open_s))
+    sheet = filled(tmp_path / "weigh.csv", mass)
+    fluid = ("--ink", "collagen_fresh", "--needle", "27g", "--density", "1.02")
+    mine = tmp_path / "mine.yaml"
+    found = estimates("weigh", sheet, *head, *fluid, "--write", mine)
+    assert found["flow at 80 kPa"]["low"] < 0.31 < found["flow at 80 kPa"]["high"]
+    mended = load(Printer, str(mine))
+    assert mended.pneumatic is not None
+    collagen = load(Ink, "collagen_fresh")
+    flow = steady_flow(mended.pneumatic, collagen, load(Needle, "27g"))
+    assert flow.measured
+    assert flow.ul_s == pytest.approx(0.31, rel=0.01)
+    # Another needle is not what was weighed.
+    assert not steady_flow(mended.pneumatic, collagen, load(Needle, "30g")).measured
+    assert "measured by printctl calibrate" in mended.source
+
+
+@pytest.mark.parametrize("words", [("lag",), ("backlash", "--axis", "e")])
+def test_a_test_of_the_plunger_is_refused_for_a_pneumatic_head(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    job = tmp_path / "test.gcode"
+    with pytest.raises(UsageError, match="weigh its flow instead"):
+        calibrate(*words, "--printer", "pneumatic_marlin", "--gcode", job)
+    assert not job.exists()
+    done = calibrate("backlash", "--axis", "x", "--printer", "pneumatic_marlin", "--gcode", job)
+    assert done.exit_code == 0
+
+
 def read_readings_of(path: Path, column: str) -> np.ndarray:
     """A column of a sheet that isn't filled in yet."""
     lines = [line.split(",") for line in path.read_text().splitlines() if line[0] != "#"]
@@ -89,6 +133,17 @@ def test_backlash_test_waits_where_its_sheet_says(axis: str, tmp_path: Path) -> 
     sheet = filled(tmp_path / "back.csv", target - side * 0.025 + 0.001 * np.cos(np.arange(10)))
     found = estimates("backlash", sheet)
     assert found["lost motion"]["low"] < 0.05 < found["lost motion"]["high"]
+
+
+def test_the_last_digit_is_the_one_written_not_the_number_s(tmp_path: Path) -> None:
+    sheet = tmp_path / "touch.csv"
+    rows = ["a,1.00,2,3.000"] * 2 + ["b,1.50,2,3e0"] * 2
+    sheet.write_text("\n".join(["needle,x_mm,y_mm,z_mm", *rows]))
+    read = read_readings(sheet, ("x_mm", "y_mm", "z_mm"), ("needle",))
+    assert read.last_digit == pytest.approx({"x_mm": 0.01, "y_mm": 1, "z_mm": 0.001})
+    found = estimates("offset", sheet)["b less a, x"]
+    assert found["value"] == pytest.approx(0.5)
+    assert found["high"] - found["low"] > 0.01
 
 
 def test_lag_sheet_remembers_the_line_and_gives_the_ink_s_factor(tmp_path: Path) -> None:

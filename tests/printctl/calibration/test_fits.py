@@ -15,6 +15,7 @@ from printctl.calibration import (
     Estimate,
     LagPattern,
     fit_backlash,
+    fit_flow,
     fit_lag,
     fit_level,
     fit_offset,
@@ -66,6 +67,23 @@ def test_exact_doses_give_bore_steps_and_loss() -> None:
     steps = found.steps_per_mm(PRINTER, SYRINGE).value
     assert steps * 0.97 == pytest.approx(PRINTER.steps_per_mm.e)
     assert found.steps_per_ul(PRINTER).value == pytest.approx(6400 / (0.97 * AREA))
+
+
+def test_flow_of_an_open_valve_is_covered_as_promised() -> None:
+    seconds = np.tile([10.0, 20.0, 30.0], 3)
+
+    def trial(rng: np.random.Generator) -> tuple[Estimate, float]:
+        mass = 0.4 * (seconds - 0.02) * 1.01 + rng.normal(0, 0.05, len(seconds))
+        return fit_flow(seconds, mass, 1.01).flow_ul_s, 0.4
+
+    assert as_promised(covered(trial))
+    found = fit_flow(seconds, 0.4 * (seconds - 0.25), 1.0)
+    assert found.flow_ul_s.value == pytest.approx(0.4)
+    assert found.lost_s is not None
+    assert found.lost_s.value == pytest.approx(0.25)
+    assert fit_flow(np.full(4, 9.0), np.array([3.6, 3.7, 3.5, 3.6]), 1.0).lost_s is None
+    with pytest.raises(UsageError, match="open_s and mass_mg"):
+        fit_flow(seconds, -seconds, 1.0)
 
 
 def test_doses_that_are_alike_are_fitted_without_a_loss() -> None:
@@ -168,6 +186,40 @@ def test_needle_offset_is_covered_as_promised() -> None:
         return fit_offset(first, second)[axis], float(truth[axis])
 
     assert abs(covered(trial) - 0.95) < 0.06  # Welch's interval is approximate
+
+
+def test_touch_offs_that_agree_are_known_to_their_last_digit() -> None:
+    same = np.full((3, 3), 3.01)
+    x, _, _ = fit_offset(same, same + 0.5, 0.01)
+    # Two means of three, each ± 0.01/√12/√3, four degrees of freedom.
+    half = 2.7764 * 0.01 / math.sqrt(12) * math.sqrt(2 / 3)
+    assert (x.value, x.high - x.value) == pytest.approx((0.5, half), rel=1e-4)
+    sure, _, _ = fit_offset(same, same + 0.5)
+    assert sure.high - sure.low == pytest.approx(0, abs=1e-12)
+
+
+def test_a_fit_through_rounded_readings_is_as_wide_as_the_rounding() -> None:
+    dial = np.round(3 + 1.0 * TARGETS - SIDES * 0.04, 2)
+    found = fit_backlash(TARGETS, SIDES, dial, 0.01)
+    assert found.scatter_mm == pytest.approx(0.01 / math.sqrt(12))
+    assert found.lost_mm.high - found.lost_mm.low > 0.004
+    loud = fit_backlash(TARGETS, SIDES, dial + 0.05 * np.cos(np.arange(10.0) ** 2), 0.01)
+    assert loud.scatter_mm > 0.01  # what scatters more isn't touched
+
+
+@pytest.mark.parametrize("count", [4, 5, 8])
+def test_intervals_of_few_readings_are_student_s(count: int) -> None:
+    """Slope of a line by the textbook: t(n - 2) s / sqrt(Sxx)."""
+    rng = np.random.default_rng(count)
+    travel = np.linspace(1.0, 4.0, count)
+    volume = 16 * travel - 0.3 + rng.normal(0, 0.1, count)
+    found = fit_weighing(travel, volume, 1.0).ul_per_mm
+    slope, offset = np.polyfit(travel, volume, 1)
+    s = math.sqrt(np.sum((volume - slope * travel - offset) ** 2) / (count - 2))
+    t = {4: 4.3027, 5: 3.1824, 8: 2.4469}[count]
+    half = t * s / math.sqrt(np.sum((travel - travel.mean()) ** 2))
+    assert found.value == pytest.approx(slope)
+    assert found.high - found.value == pytest.approx(half, rel=1e-4)
 
 
 def test_one_touch_off_is_none() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import yaml
 
 from firmware_profiles import Printer, load
 from printctl.cli.alive import alive
+from printctl.cli.main import main
 from printctl.cli.pause import After, pause
 from printctl.cli.recover import recover
 from printctl.cli.reload import reload
@@ -18,7 +20,7 @@ from printctl.cli.resume import resume
 from printctl.cli.status import status
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.link import Care, LinkError, LinkState, PrintClient, start_print
-from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, zigzag
 from tests.printctl.link.layered import layered
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -131,3 +133,32 @@ def test_rest_of_a_print_that_lost_its_position_is_written_when_confirmed(
     job.write_bytes(job.read_bytes() + b"M105\n")
     with pytest.raises(PrintctlError, match="has changed since it was printed"):
         recover(job, yes=True)
+
+
+def told(words: list[str], monkeypatch, capsys) -> tuple[int, str]:
+    """Exit code and message of a command, as a user calls it."""
+    monkeypatch.setattr(sys, "argv", ["printctl", *words])
+    with pytest.raises(SystemExit) as left:
+        main()
+    return int(left.value.code or 0), capsys.readouterr().err
+
+
+def test_wish_that_cant_be_granted_is_the_users_mistake_not_the_printers(
+    tmp_path, profile, monkeypatch, capsys
+):
+    job = tmp_path / "job.gcode"
+    job.write_bytes(b"\n".join([b"G92 E0", *zigzag(300)]) + b"\n")
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = start_print(job, profile, served.name, tmp_path / "job.gcode.print")
+        assert served.held.wait(10)
+        for words, why in (
+            (["pause", str(job), "--after", "vessel"], "marks no end of a vessel"),
+            (["reload", str(job)], "marks no safe reload point"),
+            (["resume", str(job), "--plunger-mm", "0"], "isn't paused for a change of syringe"),
+        ):
+            code, message = told(words, monkeypatch, capsys)
+            assert (code, why in message) == (1, True), message
+        served.gate.set()
+        assert client.wait(30).state is LinkState.DONE
+    code, message = told(["resume", str(job)], monkeypatch, capsys)
+    assert (code, "has ended (done" in message) == (1, True), message

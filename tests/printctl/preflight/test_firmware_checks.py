@@ -89,6 +89,20 @@ def test_a_job_that_heats_without_a_timeout_is_refused(late: str) -> None:
     assert "M85 S600" in check.remedy
 
 
+def test_a_timeout_that_the_job_takes_back_is_none() -> None:
+    text = f"M85 S600\nM140 S25\n{body()}M85 S0\nG1 X50 F600\n"
+    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
+    assert check.refuses
+    assert "line 10" in check.place
+    asked = text.replace("M85 S0", "M85")  # a question takes nothing back
+    assert named(checks_of(asked, MARLIN), "the firmware's own switch-off").passed
+
+
+def test_a_heater_set_by_klipper_s_own_command_heats() -> None:
+    text = "SET_HEATER_TEMPERATURE HEATER=heater_bed TARGET=30\n" + body("")
+    assert named(checks_of(text, KLIPPER), "the firmware's own switch-off").refuses
+
+
 def test_a_cold_job_without_a_timeout_is_told_of_it() -> None:
     check = named(checks_of(body(), MARLIN), "the firmware's own switch-off")
     assert not check.passed

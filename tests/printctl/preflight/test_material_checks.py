@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from design.toolpath.embedded import held_diameter_mm
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, wall_stress_pa
 from printctl.preflight import (
     Check,
     SetUp,
@@ -26,7 +26,6 @@ from printctl.preflight import (
     temperature_checks,
     warnings,
 )
-from printctl.preflight.force_checks import wall_shear_pa
 from sim.dryrun import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")
@@ -141,10 +140,39 @@ def test_newtonian_push_is_poiseuille_s() -> None:
     assert push.force_n == pytest.approx(resistance * flow * math.pi / 4 * 4.61**2 * 1e-6)
 
 
+def test_force_holds_the_syringe_s_friction_and_flow_the_ink_s_factor() -> None:
+    ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
+    run = run_of("G92 E0", "G1 X110 E0.1 F600")
+    plain = hardest_push(run, ink, NEEDLE, SYRINGE)
+    rubbed = hardest_push(run, ink, NEEDLE, SYRINGE.model_copy(update={"friction_n": 3.0}))
+    assert rubbed.force_n == pytest.approx(plain.force_n + 3)
+    leaking = hardest_push(run, ink.model_copy(update={"flow_factor": 0.8}), NEEDLE, SYRINGE)
+    assert leaking.flow_ul_s == pytest.approx(0.8 * plain.flow_ul_s)
+    assert leaking.pressure_pa == pytest.approx(0.8 * plain.pressure_pa)
+
+
+def test_a_fast_retraction_is_no_push() -> None:
+    ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 2.0})
+    run = run_of("G92 E0", "G1 X110 E0.1 F600", "G1 E0 F100", "G1 E-1 F120")
+    assert hardest_push(run, ink, NEEDLE, SYRINGE).line == 3
+    assert hardest_push(run_of("G92 E0", "G1 E-1 F60"), ink, NEEDLE, SYRINGE).force_n == 0
+
+
+def test_an_ink_that_holds_pressure_unrelieved_is_told_of() -> None:
+    ink = COLLAGEN.model_copy(update={"yield_stress_pa": 100.0, "retract_ul": 0.0})
+    (check,) = force_checks(run_of("G1 X110 F600"), ink, NEEDLE, SYRINGE, PRINTER)
+    # 4 · 100 Pa · 12.7 mm / 0.16 mm
+    assert check.value == pytest.approx(31.75)
+    assert not check.refuses
+    assert "weeps" in check.remedy
+    relieved = ink.model_copy(update={"retract_ul": 0.02})
+    assert force_checks(run_of("G1 X110 F600"), relieved, NEEDLE, SYRINGE, PRINTER) == []
+
+
 def test_power_law_shear_is_that_of_its_velocity_profile() -> None:
     ink = COLLAGEN.model_copy(update={"viscosity_pa_s": 30.0, "flow_index": 0.4})
     flow, bore, n = 0.3, 0.16, 0.4
-    shear = wall_shear_pa(ink, bore, flow)
+    shear = wall_stress_pa(ink, bore, flow)
     # Integrate v(r) for that wall stress and find the flow again.
     radius = bore / 2
     r = np.linspace(0, radius, 20001)
@@ -156,12 +184,14 @@ def test_power_law_shear_is_that_of_its_velocity_profile() -> None:
 
 @pytest.mark.parametrize(("calibrated", "refuses"), [(True, True), (False, False)])
 def test_only_a_measured_ink_is_refused_for_its_pressure(calibrated: bool, refuses: bool) -> None:
-    ink = COLLAGEN.model_copy(update={"calibrated": calibrated, "max_shear_stress_pa": 1e3})
+    measured = {"calibrated": calibrated, "starting_values": ()}
+    ink = COLLAGEN.model_copy(update={**measured, "max_shear_stress_pa": 1e3})
     syringe = SYRINGE.model_copy(update={"max_pressure_kpa": 100.0})
     printer = PRINTER.model_copy(update={"max_plunger_force_n": 5.0})
     run = run_of("G92 E0", "G1 X110 E0.1 F600")
     checks = force_checks(run, ink, NEEDLE, syringe, printer)
     assert [check.unit for check in checks] == ["kPa", "N", "Pa"]
+    assert "friction not known" in checks[1].check
     assert all(check.place == "line 3" and not check.passed for check in checks)
     assert all(check.refuses == refuses for check in checks)
 

@@ -1,0 +1,69 @@
+"""What pushes the ink: a plunger driven by E, or air behind a valve."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from firmware_profiles.commands import SwitchCommand
+
+Kilopascal = Annotated[float, Field(gt=0, le=2000, allow_inf_nan=False)]
+Delay = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
+
+
+class Plunger(BaseModel):
+    """A plunger that E moves, E in mm of its travel."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: Literal["plunger"] = "plunger"
+
+
+class MeasuredFlow(BaseModel):
+    """What came out, by weight; good for this pressure, ink and needle alone."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    flow_ul_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    pressure_kpa: Kilopascal
+    ink: str = Field(min_length=1, description="The ink profile's `name`.")
+    needle: str = Field(min_length=1, description="The needle profile's `name`.")
+
+
+class Pneumatic(BaseModel):
+    """Air on the ink, let in by a valve that G-code switches; the pressure is set by hand.
+
+    The flow follows from pressure, needle and ink, so the writing speed follows from the flow.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: Literal["pneumatic"]
+    pressure_kpa: Kilopascal = Field(description="What the regulator is set to, above ambient.")
+    max_pressure_kpa: Kilopascal = Field(description="What the regulator can give.")
+    opens: SwitchCommand = Field(description="Opens the valve, e.g. M42 P4 S255.")
+    closes: SwitchCommand = Field(description="Closes it; the same command with another value.")
+    opening_delay_s: Delay = Field(description="From the command until ink flows.")
+    closing_delay_s: Delay = Field(description="From the command until none flows any more.")
+    measured: MeasuredFlow | None = Field(
+        default=None, description="Written by `printctl calibrate weigh`."
+    )
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Pneumatic:
+        if self.pressure_kpa > self.max_pressure_kpa:
+            raise ValueError(
+                f"pressure_kpa {self.pressure_kpa:g} is above what the regulator gives, "
+                f"{self.max_pressure_kpa:g} kPa (max_pressure_kpa); lower it"
+            )
+        one, other = self.opens.split(), self.closes.split()
+        if one == other or one[0].upper() != other[0].upper():
+            raise ValueError(
+                f"opens {self.opens!r} and closes {self.closes!r} must be one command with two "
+                "values (M42 P4 S255 and M42 P4 S0)"
+            )
+        return self
+
+
+Dispenser = Annotated[Plunger | Pneumatic, Field(discriminator="kind")]

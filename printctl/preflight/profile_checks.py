@@ -1,0 +1,24 @@
+"""Profiles that contradict themselves are refused here too: not everybody runs `profiles check`."""
+
+from __future__ import annotations
+
+from firmware_profiles import Facts, doubts
+from printctl.preflight.check import Check
+
+
+def profile_checks(*profiles: Facts) -> list[Check]:
+    """A refusal for each grave doubt about a profile; nothing for one that is in order."""
+    return [
+        Check(
+            f"profile {facts.name}",
+            0,
+            0,
+            "",
+            False,
+            doubt.key,
+            f"{doubt.text}; `printctl profiles check` tells all that is wrong with it",
+        )
+        for facts in profiles
+        for doubt in doubts(facts)
+        if doubt.grave
+    ]

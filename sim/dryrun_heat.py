@@ -1,0 +1,86 @@
+"""Every temperature that a file sets, whatever the command.
+
+Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while it
+tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink and
+bath alike; Klipper's SET_HEATER_TEMPERATURE.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from sim.gcode import Command, Program, code, parse_line
+from sim.gcode_extended import Named
+
+Part = Literal["ink", "bath", "both"]
+_TOOL, _BED, _CHAMBER = ("M104", "M109", "G10", "M568"), ("M140", "M190"), ("M141", "M191")
+_CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
+_SETS: Final = "SET_HEATER_TEMPERATURE"
+
+
+@dataclass(frozen=True)
+class Heating:
+    """One setting.
+
+    Attributes
+    ----------
+    line : int
+        Of the file, from 1.
+    part : "ink", "bath" or "both"
+        What it warms or cools; a Klipper heater of one's own naming counts as both.
+    celsius : float, °C
+        0 switches off.
+    """
+
+    line: int
+    part: Part
+    celsius: float
+
+
+def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[Heating, ...]:
+    """All settings of a file, in its order.
+
+    Parameters
+    ----------
+    program : Program
+    gcode : bytes
+        What it was read from.
+    named : tuple of Named
+        Klipper's commands with names.
+    """
+    rows = np.flatnonzero(np.isin(program.code, _CODES))
+    lines = gcode.splitlines() if len(rows) else []
+    found = [
+        Heating(number, *said)
+        for number in program.line[rows].tolist()
+        for said in _said(parse_line(lines[number - 1]))
+    ]
+    found += [Heating(at.line, *said) for at in named if at.name == _SETS for said in _klipper(at)]
+    return tuple(sorted(found, key=lambda heating: heating.line))
+
+
+def _said(command: Command) -> list[tuple[Part, float]]:
+    """What a line sets, if it does: a G10 without S or R, say, is an offset."""
+    part: Part = "ink" if command.name in _TOOL else "bath" if command.name in _BED else "both"
+    if command.name == "M303":
+        part = "bath" if command.values.get("E", 0.0) < 0 else "ink"
+    letters = "SR"
+    if command.name == "G10" and "L" in command.values:
+        letters = ""
+    return [(part, command.values[word]) for word in letters if word in command.values]
+
+
+def _klipper(at: Named) -> list[tuple[Part, float]]:
+    heater = at.words.get("HEATER", "")
+    part: Part = "both"
+    if heater.startswith("extruder"):
+        part = "ink"
+    elif heater == "heater_bed":
+        part = "bath"
+    try:
+        return [(part, float(at.words.get("TARGET", "0")))]
+    except ValueError:
+        return []
