@@ -10,7 +10,7 @@ import typer
 
 from design.files import write_bytes
 from design.solids import Solid, read_solid
-from design.toolpath.fresh import FreshOptions, FreshReport, plan_fresh
+from design.toolpath.fresh import FreshOptions, FreshReport, Infill, plan_fresh
 from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, write_gcode
 from design.units import LengthUnit
 from firmware_profiles import Ink, Printer, Syringe, load
@@ -32,6 +32,7 @@ def slice_mesh(
     layer_um: Annotated[float, typer.Option("--layer-um", min=5, max=2000)] = 60.0,
     line_um: Annotated[float, typer.Option("--line-um", min=10, max=5000)] = 150.0,
     walls: Annotated[int, typer.Option("--walls", min=1, max=50)] = 2,
+    infill: Annotated[Infill, typer.Option("--infill")] = "lines",
     infill_percent: Annotated[float, typer.Option("--infill-percent", min=0, max=100)] = 100.0,
     speed: Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)] = 20.0,
     as_json: JsonFlag = False,
@@ -50,6 +51,7 @@ def slice_mesh(
         layer_height_mm=layer_um * 1e-3,
         line_width_mm=line_um * 1e-3,
         walls=walls,
+        infill=infill,
         infill_density=infill_percent * 1e-2,
         write_speed_mm_s=speed,
         retract_ul=dose.retract_ul,

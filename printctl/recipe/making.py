@@ -9,7 +9,19 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from printctl.recipe.care import CarePart
 from printctl.recipe.parts import Part, Point, Seed, given
 
+Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
+
+
+class CompensationPart(Part):
+    """What an earlier print of the same ink came out like, so that this one comes out right."""
+
+    shrink_percent: tuple[Percent, Percent, Percent] = Field(
+        default=(0.0, 0.0, 0.0), description="x, y, z; the report's scales, measured."
+    )
+    radial_um: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        default=0.0, description="By how much a lumen's radius came out too small."
+    )
 
 
 class Fresh(Part):
@@ -22,10 +34,12 @@ class Fresh(Part):
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
         default=2, description="Lines along every boundary, counted from the lumen outward."
     )
+    infill: Literal["lines", "concentric", "gyroid"] = "lines"
     infill_percent: Annotated[float, Field(ge=0, le=100)] = 100.0
     infill_angles_deg: Annotated[
         tuple[Annotated[float, Field(ge=-360, le=360)], ...], Field(min_length=1, max_length=32)
     ] = Field(default=(0.0, 90.0), description="Of the infill's lines, layer after layer in turn.")
+    compensate: CompensationPart = CompensationPart()
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
 

@@ -1,14 +1,17 @@
 """FRESH: layers of lines in a support bath, with the lumens kept open."""
 
+from design.toolpath.fresh.compensate import Compensation
 from design.toolpath.fresh.lumens import check_lumens
-from design.toolpath.fresh.options import FreshOptions
+from design.toolpath.fresh.options import FreshOptions, Infill
 from design.toolpath.fresh.plan import FreshPlan, fresh_toolpath, plan_fresh
 from design.toolpath.fresh.report import FreshReport
 
 __all__ = [
+    "Compensation",
     "FreshOptions",
     "FreshPlan",
     "FreshReport",
+    "Infill",
     "check_lumens",
     "fresh_toolpath",
     "plan_fresh",

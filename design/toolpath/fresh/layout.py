@@ -2,7 +2,8 @@
 
 Between two paths the needle goes level where they are near and no lumen lies between (a link);
 else the plunger is relieved and the needle hops, just clear of the fresh ink, or rises higher
-where it would cross an open lumen, and primes when it is down again.
+where it would cross an open lumen, and primes when it is down again. Beside a lumen it primes and
+relieves a little way into the material, so that what weeps doesn't stand in the lumen.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from design.toolpath.fresh.contours import Contours, sample
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import Sequence
-from design.toolpath.fresh.paths import Paths
+from design.toolpath.fresh.paths import Paths, Role
 from design.toolpath.fresh.room import Cells, put_in_cells
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
 from kernels import jit
@@ -80,9 +81,12 @@ def lay_out(
     """
     here, below = obstacle
     starts, ends = _ends(paths, sequence)
-    came = np.vstack([tip[:2], ends[:-1]])
-    crossing = _crossing(came, starts, *_spread(here))
-    crossing[:1] |= _crossing(came[:1], starts[:1], *_spread(below))
+    lead = _leads(paths, sequence, starts, here, options.lead_mm)
+    away = np.where((lead == starts).all(axis=1)[:, None], ends, lead)
+    near = _crossing(np.vstack([tip[:2], ends[:-1]]), starts, *_spread(here))
+    came = np.vstack([tip[:2], away[:-1]])
+    crossing = _crossing(came, lead, *_spread(here))
+    crossing[:1] |= _crossing(came[:1], lead[:1], *_spread(below))
     numbers = np.array(
         [
             height_mm,
@@ -105,6 +109,9 @@ def lay_out(
         sequence.path,
         sequence.first,
         sequence.backward,
+        lead,
+        away,
+        near,
         crossing,
         tip,
         numbers,
@@ -118,6 +125,28 @@ def _ends(paths: Paths, sequence: Sequence) -> tuple[FloatArray, FloatArray]:
     last = np.where(sequence.backward, low, high)
     last = np.where(paths.closed[sequence.path], sequence.first, last)
     return paths.points[sequence.first], paths.points[last]
+
+
+def _leads(
+    paths: Paths, sequence: Sequence, starts: FloatArray, here: Cells, lead_mm: float
+) -> FloatArray:
+    """Where the plunger primes for each path: beside the walls of lumens, else at its start."""
+    lead = starts.copy()
+    closed = paths.closed[sequence.path] & (paths.role[sequence.path] == Role.WALL)
+    rows = np.flatnonzero(closed & (paths.level[sequence.path] == 0))
+    if lead_mm == 0 or len(rows) == 0:
+        return lead
+    first = sequence.first[rows]
+    low, high = paths.offset[sequence.path[rows]], paths.offset[sequence.path[rows] + 1]
+    before = np.where(first > low, first - 1, high - 1)
+    after = np.where(first < high - 1, first + 1, low)
+    way = paths.points[after] - paths.points[before]
+    size = np.hypot(way[:, 0], way[:, 1])
+    left = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(size, 1e-12)[:, None]
+    inside = starts[rows] + lead_mm * left
+    free = ~_crossing(starts[rows], inside, *_spread(here))
+    lead[rows[free]] = inside[free]
+    return lead
 
 
 def _spread(
@@ -198,6 +227,9 @@ def _lay(
     path: IntArray,
     first: IntArray,
     backward: np.ndarray,
+    lead: FloatArray,
+    away: FloatArray,
+    near: np.ndarray,
     crossing: np.ndarray,
     tip: FloatArray,
     numbers: FloatArray,
@@ -210,7 +242,7 @@ def _lay(
         numbers[8],
         numbers[9],
     )
-    most = len(points) + 8 * len(path)
+    most = len(points) + 10 * len(path) + 1
     rows, kind = np.zeros((most, 6)), np.zeros(most, np.int64)
     counts = np.zeros(3, np.int64)
     n = 0
@@ -222,13 +254,20 @@ def _lay(
         far = math.hypot(to_x - x, to_y - y)
         if far > 0 or tip_z != z:
             counts[0] += 1
-            if far <= link and tip_z == z and not crossing[k]:
+            if far <= link and tip_z == z and not near[k]:
                 counts[2] += 1
                 rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, z, level
                 kind[n] = _TRAVEL
                 n += 1
             else:
                 counts[1] += crossing[k]
+                if k > 0 and (away[k - 1, 0] != x or away[k - 1, 1] != y):
+                    x, y = away[k - 1, 0], away[k - 1, 1]
+                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = x, y, tip_z, level
+                    kind[n] = _TRAVEL
+                    n += 1
+                in_x, in_y = lead[k, 0], lead[k, 1]
+                far = math.hypot(in_x - x, in_y - y)
                 if relief > 0:
                     rows[n, 0], rows[n, 1], rows[n, 2] = x, y, tip_z
                     rows[n, 3], rows[n, 5], kind[n] = -relief, relief / flow, _RETRACT
@@ -239,16 +278,20 @@ def _lay(
                     kind[n] = _TRAVEL
                     n += 1
                 if far > 0:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, top, level
+                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = in_x, in_y, top, level
                     kind[n] = _TRAVEL
                     n += 1
                 if top != z:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, z, rising
+                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = in_x, in_y, z, rising
                     kind[n] = _TRAVEL
                     n += 1
                 if relief > 0:
-                    rows[n, 0], rows[n, 1], rows[n, 2] = to_x, to_y, z
+                    rows[n, 0], rows[n, 1], rows[n, 2] = in_x, in_y, z
                     rows[n, 3], rows[n, 5], kind[n] = relief, relief / flow, _PRIME
+                    n += 1
+                if in_x != to_x or in_y != to_y:
+                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, z, level
+                    kind[n] = _TRAVEL
                     n += 1
         x, y, tip_z = to_x, to_y, z
         for step in range(1, size + 1 if closed[p] else size):
@@ -267,4 +310,9 @@ def _lay(
                 rows[n, 0], rows[n, 1], rows[n, 2] = x, y, z
                 rows[n, 3], rows[n, 4], kind[n] = wide * height * length, writing, _WRITE
                 n += 1
+    last = len(path) - 1
+    if last >= 0 and (away[last, 0] != x or away[last, 1] != y):
+        rows[n, 0], rows[n, 1], rows[n, 2] = away[last, 0], away[last, 1], z
+        rows[n, 4], kind[n] = level, _TRAVEL
+        n += 1
     return rows[:n].copy(), kind[:n].copy(), counts

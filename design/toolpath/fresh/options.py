@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
+from design.toolpath.fresh.compensate import Compensation
+
+Infill = Literal["lines", "concentric", "gyroid"]
+
+#: A gyroid denser than this would write over itself.
+DENSEST_GYROID = 0.7
 
 
 @dataclass(frozen=True)
@@ -22,15 +29,21 @@ class FreshOptions:
     least_line : float
         Narrowest line that can be written, in line widths: with less flow, in places that are
         too thin for a whole one.
+    infill : "lines", "concentric" or "gyroid"
     infill_density : float
         Part of the inside that the infill fills; 1 is solid.
     infill_angles_deg : tuple of float, °
         Direction of the infill lines, layer after layer in turn.
+    lead_mm : float, mm
+        How far from a lumen's wall, into the material, the plunger primes before it and relieves
+        after it: what weeps there doesn't stand in the lumen.
     least_move_mm : float, mm
         Shortest move along a wall, along the longer of x and y: what the firmware doesn't merge.
     clear_mm : float, mm
         How far the ink keeps from every boundary, for what motors round: of the twenty points
         round a lumen the one that is rounded furthest into it counts.
+    compensation : Compensation
+        What the print will shrink by.
     write_speed_mm_s, travel_speed_mm_s, lift_speed_mm_s : float, mm/s
         While writing, travelling level, and going up or down.
     lift_mm : float, mm
@@ -51,13 +64,16 @@ class FreshOptions:
     line_width_mm: float = 0.15
     walls: int = 2
     least_line: float = 0.4
+    infill: Infill = "lines"
     infill_density: float = 1.0
     infill_angles_deg: tuple[float, ...] = (0.0, 90.0)
+    compensation: Compensation = field(default_factory=Compensation)
     write_speed_mm_s: float = 20.0
     travel_speed_mm_s: float = 40.0
     lift_speed_mm_s: float = 5.0
     lift_mm: float = 0.5
     hop_mm: float = 0.12
+    lead_mm: float = 0.15
     least_move_mm: float = 0.0
     clear_mm: float = 0.0
     link_mm: float = 0.3
@@ -79,6 +95,7 @@ class FreshOptions:
             "FRESH options",
             link_mm=self.link_mm,
             hop_mm=self.hop_mm,
+            lead_mm=self.lead_mm,
             least_move_mm=self.least_move_mm,
             clear_mm=self.clear_mm,
             retract_ul=self.retract_ul,
@@ -91,6 +108,11 @@ class FreshOptions:
                     f"{name} is {value:g} (FRESH options); it must lie within "
                     f"{'0.2' if name == 'least_line' else '0'} to 1"
                 )
+        if self.infill == "gyroid" and self.infill_density > DENSEST_GYROID:
+            raise ToolpathError(
+                f"infill_density is {self.infill_density:g} (FRESH options); a gyroid's lines "
+                f"meet above {DENSEST_GYROID:g}: choose lines, or less"
+            )
         if self.walls < 1:
             raise ToolpathError(
                 f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "

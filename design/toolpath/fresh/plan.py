@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
@@ -17,6 +18,7 @@ from design.toolpath.fresh.layout import Rows, lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths, join
+from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.report import FreshReport, make_report
 from design.toolpath.fresh.section import Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
@@ -62,7 +64,7 @@ def plan_fresh(solid: Solid, options: FreshOptions) -> FreshPlan:
         When the solid isn't a closed manifold, lower than half a layer, or nowhere as wide as
         the narrowest line.
     """
-    written = list(_layers(solid, options))
+    written = list(_layers(options.compensation.enlarged(solid), options))
     found = [layer for layer in written if layer.paths]
     if not found:
         raise ToolpathError(
@@ -105,12 +107,23 @@ def _layers(solid: Solid, options: FreshOptions) -> Iterator[Written]:
 
 def _layer_paths(layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
     width = options.line_width_mm
-    material = clear_of_lumens(layer.material, options.clear_mm)
+    clear = options.clear_mm + options.compensation.radial_mm
+    material = clear_of_lumens(layer.material, clear)
     walls = build_walls(material, width, options.walls, options.least_line)
-    angle = options.infill_angles_deg[layer.index % len(options.infill_angles_deg)]
-    inside = rings(walls.inside)
     outlines = without_short_moves(walls.paths, options.least_move_mm, width)
-    return join([outlines, infill_paths(inside, width, angle, origin, options.infill_density)])
+    return join([outlines, _infill(walls.inside, layer, options, origin)])
+
+
+def _infill(inside: CrossSection, layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
+    width, density = options.line_width_mm, options.infill_density
+    match options.infill:
+        case "concentric":
+            return concentric_paths(inside, width, density, options.least_line, options.walls)
+        case "gyroid":
+            return gyroid_paths(inside, width, density, layer.tip_mm, origin)
+        case "lines":
+            angle = options.infill_angles_deg[layer.index % len(options.infill_angles_deg)]
+            return infill_paths(rings(inside), width, angle, origin, density)
 
 
 def _coverage(layer: Layer, start: FloatArray, rows: Rows, options: FreshOptions) -> Coverage:

@@ -54,13 +54,19 @@ def build_walls(material: CrossSection, width_mm: float, count: int, least: floa
 
 
 def clear_of_lumens(material: CrossSection, clear_mm: float) -> CrossSection:
-    """The material without what is nearer to a hole in it than ``clear_mm``."""
-    if clear_mm <= 0:
+    """The material without what is nearer to a hole in it than ``clear_mm``.
+
+    Below 0 the holes become smaller. A lumen that is open to the outside in this section is no
+    hole in it and stays.
+    """
+    rings = material.to_polygons()
+    holes = [ring[::-1] for ring in rings if _signed_area(ring) < 0]
+    if not holes or clear_mm == 0:
         return material
-    holes = [ring[::-1] for ring in material.to_polygons() if _signed_area(ring) < 0]
-    if not holes:
-        return material
-    return material - CrossSection(holes).offset(clear_mm, JoinType.Miter, 2.0)
+    made = CrossSection(holes).offset(clear_mm, JoinType.Miter, 2.0)
+    if clear_mm > 0:
+        return material - made
+    return material + CrossSection(holes) - made
 
 
 def _signed_area(ring: FloatArray) -> float:

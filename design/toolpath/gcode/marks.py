@@ -90,6 +90,8 @@ def _lifted(toolpath: Toolpath, last: int, after: int) -> tuple[int, bool]:
             relieved = True
         elif toolpath.kind[move] == MoveKind.TRAVEL and way[2] > 0 and not way[:2].any():
             raised = True
+        elif toolpath.source_kind == "layer" and not (relieved or raised or way[2]):
+            continue  # a way off the lumen's wall, before the plunger is relieved
         else:
             return move - 1, relieved and raised
     return after - 1, relieved and raised

@@ -11,7 +11,7 @@ import numpy as np
 from design.files import replacing, write_bytes
 from design.toolpath import Toolpath
 from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
-from design.toolpath.fresh import FreshOptions, FreshReport, check_lumens, plan_fresh
+from design.toolpath.fresh import Compensation, FreshOptions, FreshReport, check_lumens, plan_fresh
 from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
 from printctl.pipeline.stage import Stage
@@ -40,10 +40,14 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
                 layer_height_mm=part.layer_um * 1e-3,
                 line_width_mm=part.line_um * 1e-3,
                 walls=part.walls,
+                infill=part.infill,
                 infill_density=part.infill_percent * 1e-2,
                 infill_angles_deg=part.infill_angles_deg,
                 least_move_mm=least_move_mm(context.printer),
                 clear_mm=clear_mm(context.printer),
+                compensation=Compensation(
+                    part.compensate.shrink_percent, part.compensate.radial_um * 1e-3
+                ),
                 write_speed_mm_s=part.write_speed_mm_s,
                 travel_speed_mm_s=part.travel_speed_mm_s,
                 retract_ul=ink.retract_ul,
