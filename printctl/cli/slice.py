@@ -7,15 +7,27 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from design.files import write_bytes
 from design.solids import Solid, read_solid
-from design.toolpath.fresh import FreshOptions, FreshReport, Infill, plan_fresh
-from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, write_gcode
+from design.toolpath.fresh import FreshOptions, FreshPlan, Infill, plan_fresh
+from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
 from design.units import LengthUnit
-from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, print_json, print_lines
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
+from printctl.cli.options import (
+    JsonFlag,
+    PrinterOption,
+    SyringeOption,
+    messages,
+    print_json,
+    print_lines,
+)
 from printctl.errors import UsageError
+from printctl.pipeline.stages.toolpath import save_line_map
+
+#: Height of the tip above the part when the job begins, mm.
+_ABOVE_MM = 5.0
 
 
 def slice_mesh(
@@ -29,75 +41,107 @@ def slice_mesh(
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
     ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    needle: Annotated[
+        str, typer.Option("--needle", help="Needle profile; what a pneumatic head lays needs it.")
+    ] = "fresh_150um",
     layer_um: Annotated[float, typer.Option("--layer-um", min=5, max=2000)] = 60.0,
     line_um: Annotated[float, typer.Option("--line-um", min=10, max=5000)] = 150.0,
-    walls: Annotated[int, typer.Option("--walls", min=1, max=50)] = 2,
+    walls: Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)] = 2,
     infill: Annotated[Infill, typer.Option("--infill")] = "lines",
     infill_percent: Annotated[float, typer.Option("--infill-percent", min=0, max=100)] = 100.0,
     speed: Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)] = 20.0,
     as_json: JsonFlag = False,
 ) -> None:
-    """Slice a mesh into FRESH layers whose lumens keep their size, and write G-code.
+    """Slice a mesh into FRESH layers whose lumens keep their size; write G-code and its line map.
 
     The part's middle comes to the middle of the work area, its lowest point to the lowest z. The
-    job says where the tip stands when it begins: above the part's middle, clear of it.
+    job says where the tip stands when it begins: above the part's middle, clear of it. Nothing is
+    checked here: look at it with `printctl simulate`, and `printctl print` checks again.
     """
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
-    profile, dose = load(Printer, printer), load(Ink, ink)
+    profile, dose, barrel = load(Printer, printer), load(Ink, ink), load(Syringe, syringe)
     solid = read_solid(model, unit)
-    place, start = _placed(solid, profile)
-    options = FreshOptions(
-        layer_height_mm=layer_um * 1e-3,
-        line_width_mm=line_um * 1e-3,
-        walls=walls,
-        infill=infill,
-        infill_density=infill_percent * 1e-2,
-        write_speed_mm_s=speed,
-        retract_ul=dose.retract_ul,
-        plunger_ul_s=dose.plunger_ul_s,
-        least_move_mm=least_move_mm(profile),
-        clear_mm=clear_mm(profile),
-    )
-    plan = plan_fresh(solid, options)
-    gcode = write_gcode(
-        plan.toolpath,
-        profile,
-        load(Syringe, syringe),
-        place,
-        GcodeOptions(
-            start_mm=(float(start[0]), float(start[1]), float(start[2])),
-            relieve_ul=dose.retract_ul,
+    _check_size(solid, profile, model)
+    plan = plan_fresh(
+        solid,
+        FreshOptions(
+            layer_height_mm=layer_um * 1e-3,
+            line_width_mm=line_um * 1e-3,
+            walls=walls,
+            infill=infill,
+            infill_density=infill_percent * 1e-2,
+            write_speed_mm_s=speed,
+            retract_ul=dose.retract_ul,
             plunger_ul_s=dose.plunger_ul_s,
-            flow_factor=dose.flow_factor,
+            least_move_mm=least_move_mm(profile),
+            clear_mm=clear_mm(profile),
         ),
     )
+    place, start = _placed(solid, profile)
+    gcode = _written(plan, profile, barrel, dose, load(Needle, needle), place, start)
     write_bytes(out, gcode.data)
-    facts = _facts(plan.report, gcode.line_count, out, place)
-    if as_json:
-        print_json(facts)
-        return
-    print_lines(
-        f"{facts['layers']} layers, {facts['lines']} lines of G-code, "
-        f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
-        str(out),
-    )
+    save_line_map(out.with_suffix(".map.npz"), gcode)
+    if plan.report.written_ul > barrel.volume_ul:
+        messages().print(
+            f"note: {plan.report.written_ul:.4g} µL is more than {barrel.name} holds "
+            f"({barrel.volume_ul:g} µL): it will be changed on the way (printctl reload)",
+            markup=False,
+        )
+    _tell(_facts(plan, gcode, out, place), as_json)
 
 
-def _placed(solid: Solid, printer: Printer) -> tuple[np.ndarray, np.ndarray]:
+def _check_size(solid: Solid, printer: Printer, model: Path) -> None:
+    """Refuse what is larger than the machine before it is sliced: it may be the unit."""
+    size = solid.bounds[1] - solid.bounds[0]
+    for axis, mm in zip("xyz", size.tolist(), strict=True):
+        span = getattr(printer, f"{axis}_mm")
+        if mm > span.high - span.low:
+            raise UsageError(
+                f"{model} is {mm:g} mm long in {axis}, more than the {span.high - span.low:g} mm "
+                f"of {printer.name}; check --unit"
+            )
+
+
+def _placed(
+    solid: Solid, printer: Printer
+) -> tuple[NDArray[np.float64], tuple[float, float, float]]:
     """Where the part's origin comes to in the printer's frame, and where the tip begins, mm."""
     low, high = solid.bounds
     middle = [(span.low + span.high) / 2 for span in (printer.x_mm, printer.y_mm)]
     place = np.round(np.append(middle - (low + high)[:2] / 2, printer.z_mm.low - low[2]), 3)
-    top = min(float(high[2] + place[2]) + 5.0, printer.z_mm.high)
-    return place, np.round(np.append((low + high)[:2] / 2 + place[:2], top), 3)
+    top = min(float(high[2] + place[2]) + _ABOVE_MM, printer.z_mm.high)
+    x, y = np.round((low + high)[:2] / 2 + place[:2], 3).tolist()
+    return place, (x, y, round(top, 3))
 
 
-def _facts(report: FreshReport, lines: int, out: Path, place: np.ndarray) -> dict[str, Any]:
+def _written(
+    plan: FreshPlan,
+    printer: Printer,
+    syringe: Syringe,
+    ink: Ink,
+    needle: Needle,
+    place: NDArray[np.float64],
+    start: tuple[float, float, float],
+) -> Gcode:
+    head, span = printer.pneumatic, ink.write_speed_mm_s
+    options = GcodeOptions(
+        start_mm=start,
+        relieve_ul=ink.retract_ul,
+        plunger_ul_s=ink.plunger_ul_s,
+        flow_factor=ink.flow_factor,
+        flow_ul_s=None if head is None else steady_flow(head, ink, needle).ul_s,
+        ink_speed_mm_s=None if span is None else (span.low, span.high),
+    )
+    return write_gcode(plan.toolpath, printer, syringe, place, options)
+
+
+def _facts(plan: FreshPlan, gcode: Gcode, out: Path, place: NDArray[np.float64]) -> dict[str, Any]:
+    report = plan.report
     return {
         "gcode": str(out),
         "layers": report.layers,
-        "lines": lines,
+        "lines": gcode.line_count,
         "written_ul": report.written_ul,
         "material_ul": report.material_ul,
         "unfilled_percent": 100 * report.unfilled_fraction,
@@ -105,3 +149,14 @@ def _facts(report: FreshReport, lines: int, out: Path, place: np.ndarray) -> dic
         "lifted": report.lifted,
         "place_mm": place.tolist(),
     }
+
+
+def _tell(facts: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json(facts)
+        return
+    print_lines(
+        f"{facts['layers']} layers, {facts['lines']} lines of G-code, "
+        f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
+        facts["gcode"],
+    )

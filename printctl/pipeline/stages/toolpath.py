@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,9 +73,9 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
             return embedded.toolpath, embedded.report
 
 
-def write_line_map(context: RunContext, gcode: Gcode) -> None:
+def save_line_map(path: Path, gcode: Gcode) -> None:
     """Keep which layer or vessel, and which move, each line of the G-code is for."""
-    with replacing(context.folder / LINE_MAP) as draft, draft.open("wb") as handle:
+    with replacing(path) as draft, draft.open("wb") as handle:
         np.savez(
             handle,
             source=gcode.line_source,
@@ -100,7 +101,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     )
     gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
     write_bytes(context.folder / GCODE, gcode.data)
-    write_line_map(context, gcode)
+    save_line_map(context.folder / LINE_MAP, gcode)
     summary = {
         "method": context.recipe.toolpath.method,
         "moves": len(toolpath),

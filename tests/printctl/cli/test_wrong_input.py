@@ -5,8 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from design.solids import block_solid, write_stl
 from printctl.cli.main import main
 
 
@@ -28,6 +30,13 @@ from printctl.cli.main import main
         ("profiles check list.yaml", 2, "holds no keys"),
         ("profiles check needle.yaml", 2, "needle.yaml: name: Field required"),
         ("profiles check bad.csv", 2, "ends in .yaml"),
+        ("slice nothing.stl --unit mm --out a.gcode", 1, "No such file"),
+        ("slice cube.stl --out a.gcode", 1, "doesn't say its unit"),
+        ("slice cube.stl --unit mm --out .", 2, "is a folder"),
+        ("slice cube.stl --unit m --out a.gcode", 2, "2000 mm long in x, more than the 200 mm"),
+        ("slice cube.stl --unit um --out a.gcode", 1, "check the part's unit"),
+        ("slice bin.yaml --unit mm --out a.gcode", 1, ".yaml isn't one of .stl"),
+        ("slice cube.stl --unit mm --out a.gcode --infill gyroid", 1, "meet above 0.7"),
         ("ports --printer nope", 2, "no printer profile 'nope'"),
     ],
 )
@@ -44,6 +53,7 @@ def test_one_message_and_the_right_exit_code(
     (tmp_path / "list.yaml").write_text("- 1\n")
     (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")
     (tmp_path / "bad.csv").write_text("travel_mm,mass_mg\n1,abc\n")
+    write_stl(tmp_path / "cube.stl", block_solid(np.full(3, 2.0)))
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path.with_name(tmp_path.name + "_data")))
