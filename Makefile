@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link clean
+.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link bench-solids clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -33,6 +33,10 @@ bench-tissue: $(VENV)/.ready
 # Minutes: every promise of the printer link, on the simulated printer; BENCH="--quick" for one or two.
 bench-link: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.link $(BENCH)
+
+# Minutes, most of them PrusaSlicer's where it is installed; BENCH="--quick" without the large part.
+bench-solids: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.solids $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
