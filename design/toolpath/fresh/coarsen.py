@@ -3,7 +3,8 @@
 Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
 Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
 round a lumen, or by leaving out a point, where it bends the other way. Both put the path on the
-side of the material, so that the circle inside a lumen stays as wide as it was.
+side of the material, so that the circle inside a lumen stays as wide as it was. A ring too
+small for many moves is drawn anew, as the tangent polygon of the most sides.
 """
 
 from __future__ import annotations
@@ -20,6 +21,11 @@ from kernels import jit
 
 #: How far a path may leave its place, in line widths.
 TOLERANCE = 0.3
+#: How far a corner of a tangent polygon may stand off a ring too small for anything else.
+FURTHEST = 0.5
+#: A ring is small when it is no wider than so many least moves.
+_SMALL = 4.0
+_MOST_SIDES, _TURNS = 16, 6
 #: Rounds over a path; each takes at most every other short move away.
 ROUNDS = 12
 
@@ -38,6 +44,7 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
     """
     if least_mm <= 0 or len(paths) == 0:
         return paths
+    paths = _small_rings_redrawn(paths, least_mm, width_mm)
     points, keep = _coarsened(
         paths.points.copy(),
         paths.offset,
@@ -50,6 +57,53 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
     return replace(
         paths, points=points[keep], width_mm=paths.width_mm[keep], offset=total[paths.offset]
     )
+
+
+def _small_rings_redrawn(paths: Paths, least_mm: float, width_mm: float) -> Paths:
+    """Rings round lumens too small for many moves, as tangent polygons where one fits."""
+    rings = np.split(paths.points, paths.offset[1:-1])
+    widths = np.split(paths.width_mm, paths.offset[1:-1])
+    for k in np.flatnonzero(paths.closed & (paths.role == Role.WALL)):
+        step = np.abs(np.diff(rings[k], axis=0, append=rings[k][:1])).max(axis=1)
+        small = np.ptp(rings[k], axis=0).max() < _SMALL * least_mm
+        if not small or step.min() >= least_mm or _area(rings[k]) >= 0:
+            continue
+        found = _tangent_polygon(rings[k], least_mm, FURTHEST * width_mm)
+        if found is not None:
+            rings[k], widths[k] = found, np.full(len(found), widths[k].mean())
+    offset = np.cumsum([0, *map(len, rings)], dtype=np.int64)
+    return replace(
+        paths, points=np.concatenate(rings), width_mm=np.concatenate(widths), offset=offset
+    )
+
+
+def _tangent_polygon(ring: FloatArray, least_mm: float, most_mm: float) -> FloatArray | None:
+    """Polygon of the most sides, none too short, whose sides touch the ring from outside."""
+    for sides in range(_MOST_SIDES, 3, -1):
+        for turn in range(_TURNS):
+            angle = -2 * np.pi * (np.arange(sides) + turn / _TURNS) / sides  # clockwise
+            normal = np.column_stack([np.cos(angle), np.sin(angle)])
+            reach = (ring @ normal.T).max(axis=0)
+            after, beyond = np.roll(normal, -1, axis=0), np.roll(reach, -1)
+            sine = normal[:, 0] * after[:, 1] - normal[:, 1] * after[:, 0]
+            corner = np.column_stack(
+                [
+                    (reach * after[:, 1] - beyond * normal[:, 1]) / sine,
+                    (beyond * normal[:, 0] - reach * after[:, 0]) / sine,
+                ]
+            )
+            step = np.abs(np.diff(corner, axis=0, append=corner[:1])).max(axis=1)
+            if step.min() < least_mm:
+                continue
+            away = np.hypot(*(corner[:, None] - ring[None]).transpose(2, 0, 1)).min(axis=1)
+            if away.max() <= most_mm:
+                return corner
+    return None
+
+
+def _area(ring: FloatArray) -> float:
+    x, y = ring.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @jit

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from design.toolpath.fresh.cells import Cells, crossing, put_in_cells
 from design.toolpath.fresh.contours import Contours, sample
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import Sequence
 from design.toolpath.fresh.paths import Paths, Role
-from design.toolpath.fresh.room import Cells, put_in_cells
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
 from kernels import jit
 
@@ -52,6 +54,21 @@ class Rows:
     links: int
 
 
+class Care(NamedTuple):
+    """Numbers of `FreshOptions` that the kernels need: mm, mm/s, µL and µL/s."""
+
+    z: float
+    height: float
+    link: float
+    hop: float
+    lift: float
+    relief: float
+    flow: float
+    writing: float
+    level: float
+    rising: float
+
+
 def obstacles(contours: Contours, width_mm: float) -> Cells:
     """A layer's contours, to ask what crosses them."""
     return put_in_cells(sample(contours, CELL * width_mm).contours, CELL * width_mm)
@@ -83,23 +100,21 @@ def lay_out(
     starts, ends = _ends(paths, sequence)
     lead = _leads(paths, sequence, starts, here, options.lead_mm)
     away = np.where((lead == starts).all(axis=1)[:, None], ends, lead)
-    near = _crossing(np.vstack([tip[:2], ends[:-1]]), starts, *_spread(here))
+    near = crossing(np.vstack([tip[:2], ends[:-1]]), starts, here)
     came = np.vstack([tip[:2], away[:-1]])
-    crossing = _crossing(came, lead, *_spread(here))
-    crossing[:1] |= _crossing(came[:1], lead[:1], *_spread(below))
-    numbers = np.array(
-        [
-            height_mm,
-            options.layer_height_mm,
-            options.link_mm,
-            options.hop_mm,
-            options.lift_mm,
-            options.retract_ul,
-            options.plunger_ul_s,
-            options.write_speed_mm_s,
-            options.travel_speed_mm_s,
-            options.lift_speed_mm_s,
-        ]
+    over = crossing(came, lead, here)
+    over[:1] |= crossing(came[:1], lead[:1], below)
+    care = Care(
+        height_mm,
+        options.layer_height_mm,
+        options.link_mm,
+        options.hop_mm,
+        options.lift_mm,
+        options.retract_ul,
+        options.plunger_ul_s,
+        options.write_speed_mm_s,
+        options.travel_speed_mm_s,
+        options.lift_speed_mm_s,
     )
     rows, kind, counts = _lay(
         paths.points,
@@ -112,9 +127,9 @@ def lay_out(
         lead,
         away,
         near,
-        crossing,
+        over,
         tip,
-        numbers,
+        care,
     )
     return Rows(rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], kind, *map(int, counts))
 
@@ -144,78 +159,56 @@ def _leads(
     size = np.hypot(way[:, 0], way[:, 1])
     left = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(size, 1e-12)[:, None]
     inside = starts[rows] + lead_mm * left
-    free = ~_crossing(starts[rows], inside, *_spread(here))
+    free = ~crossing(starts[rows], inside, here)
     lead[rows[free]] = inside[free]
     return lead
 
 
-def _spread(
-    cells: Cells,
-) -> tuple[FloatArray, FloatArray, FloatArray, float, int, int, IntArray, IntArray]:
-    return (
-        cells.start,
-        cells.end,
-        cells.low,
-        cells.side,
-        cells.columns,
-        cells.rows,
-        cells.offset,
-        cells.edge,
-    )
+@jit
+def _add(
+    rows: FloatArray,
+    kind: IntArray,
+    n: int,
+    what: int,
+    x: float,
+    y: float,
+    z: float,
+    volume: float,
+    speed: float,
+    duration: float,
+) -> int:
+    rows[n, 0], rows[n, 1], rows[n, 2] = x, y, z
+    rows[n, 3], rows[n, 4], rows[n, 5] = volume, speed, duration
+    kind[n] = what
+    return n + 1
 
 
 @jit
-def _meet(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
-) -> bool:
-    """Whether the segments ab and cd cross or touch."""
-    c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
-    a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
-    b = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
-    return c * d <= 0 and a * b <= 0
-
-
-@jit
-def _crossing(
-    a: FloatArray,
-    b: FloatArray,
-    start: FloatArray,
-    end: FloatArray,
-    low: FloatArray,
-    side: float,
-    columns: int,
-    rows: int,
-    offset: IntArray,
-    edge: IntArray,
-) -> np.ndarray:
-    """Whether each way from a to b crosses an edge; looked up a cell's length at a time."""
-    found = np.zeros(len(a), np.bool_)
-    for k in range(len(a)):
-        ax, ay, bx, by = a[k, 0], a[k, 1], b[k, 0], b[k, 1]
-        steps = int(math.hypot(bx - ax, by - ay) / side) + 1
-        for step in range(steps):
-            px, py = ax + (bx - ax) * step / steps, ay + (by - ay) * step / steps
-            qx, qy = ax + (bx - ax) * (step + 1) / steps, ay + (by - ay) * (step + 1) / steps
-            x0 = max(math.floor((min(px, qx) - low[0]) / side), 0)
-            x1 = min(math.floor((max(px, qx) - low[0]) / side), columns - 1)
-            y0 = max(math.floor((min(py, qy) - low[1]) / side), 0)
-            y1 = min(math.floor((max(py, qy) - low[1]) / side), rows - 1)
-            for y in range(y0, y1 + 1):
-                for x in range(x0, x1 + 1):
-                    cell = y * columns + x
-                    for place in range(offset[cell], offset[cell + 1]):
-                        j = edge[place]
-                        if _meet(ax, ay, bx, by, start[j, 0], start[j, 1], end[j, 0], end[j, 1]):
-                            found[k] = True
-                            break
-                    if found[k]:
-                        break
-                if found[k]:
-                    break
-            if found[k]:
-                break
-    return found
+def _fly(
+    rows: FloatArray,
+    kind: IntArray,
+    n: int,
+    x: float,
+    y: float,
+    tip_z: float,
+    to_x: float,
+    to_y: float,
+    rise: float,
+    care: Care,
+) -> int:
+    """Relieve, go up by ``rise`` above both ends, across and down, and prime."""
+    pause, top = care.relief / care.flow, max(tip_z, care.z) + rise
+    if care.relief > 0:
+        n = _add(rows, kind, n, _RETRACT, x, y, tip_z, -care.relief, 0.0, pause)
+    if top != tip_z:
+        n = _add(rows, kind, n, _TRAVEL, x, y, top, 0.0, care.rising, 0.0)
+    if to_x != x or to_y != y:
+        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, top, 0.0, care.level, 0.0)
+    if top != care.z:
+        n = _add(rows, kind, n, _TRAVEL, to_x, to_y, care.z, 0.0, care.rising, 0.0)
+    if care.relief > 0:
+        n = _add(rows, kind, n, _PRIME, to_x, to_y, care.z, care.relief, 0.0, pause)
+    return n
 
 
 @jit
@@ -223,29 +216,22 @@ def _lay(
     points: FloatArray,
     width: FloatArray,
     offset: IntArray,
-    closed: np.ndarray,
+    closed: NDArray[np.bool_],
     path: IntArray,
     first: IntArray,
-    backward: np.ndarray,
+    backward: NDArray[np.bool_],
     lead: FloatArray,
     away: FloatArray,
-    near: np.ndarray,
-    crossing: np.ndarray,
+    near: NDArray[np.bool_],
+    over: NDArray[np.bool_],
     tip: FloatArray,
-    numbers: FloatArray,
+    care: Care,
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    z, height, link, hop, lift = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]
-    relief, flow, writing, level, rising = (
-        numbers[5],
-        numbers[6],
-        numbers[7],
-        numbers[8],
-        numbers[9],
-    )
+    """Rows of end, volume, speed and duration; kinds; travels, those lifted, and links."""
     most = len(points) + 10 * len(path) + 1
     rows, kind = np.zeros((most, 6)), np.zeros(most, np.int64)
     counts = np.zeros(3, np.int64)
-    n = 0
+    n, z, level = 0, care.z, care.level
     x, y, tip_z = tip[0], tip[1], tip[2]
     for k in range(len(path)):
         p = path[k]
@@ -254,45 +240,19 @@ def _lay(
         far = math.hypot(to_x - x, to_y - y)
         if far > 0 or tip_z != z:
             counts[0] += 1
-            if far <= link and tip_z == z and not near[k]:
+            if far <= care.link and tip_z == z and not near[k]:
                 counts[2] += 1
-                rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, z, level
-                kind[n] = _TRAVEL
-                n += 1
+                n = _add(rows, kind, n, _TRAVEL, to_x, to_y, z, 0.0, level, 0.0)
             else:
-                counts[1] += crossing[k]
+                counts[1] += over[k]
                 if k > 0 and (away[k - 1, 0] != x or away[k - 1, 1] != y):
                     x, y = away[k - 1, 0], away[k - 1, 1]
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = x, y, tip_z, level
-                    kind[n] = _TRAVEL
-                    n += 1
+                    n = _add(rows, kind, n, _TRAVEL, x, y, tip_z, 0.0, level, 0.0)
                 in_x, in_y = lead[k, 0], lead[k, 1]
-                far = math.hypot(in_x - x, in_y - y)
-                if relief > 0:
-                    rows[n, 0], rows[n, 1], rows[n, 2] = x, y, tip_z
-                    rows[n, 3], rows[n, 5], kind[n] = -relief, relief / flow, _RETRACT
-                    n += 1
-                top = max(tip_z, z) + (lift if crossing[k] else hop)
-                if top != tip_z:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = x, y, top, rising
-                    kind[n] = _TRAVEL
-                    n += 1
-                if far > 0:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = in_x, in_y, top, level
-                    kind[n] = _TRAVEL
-                    n += 1
-                if top != z:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = in_x, in_y, z, rising
-                    kind[n] = _TRAVEL
-                    n += 1
-                if relief > 0:
-                    rows[n, 0], rows[n, 1], rows[n, 2] = in_x, in_y, z
-                    rows[n, 3], rows[n, 5], kind[n] = relief, relief / flow, _PRIME
-                    n += 1
+                rise = care.lift if over[k] else care.hop
+                n = _fly(rows, kind, n, x, y, tip_z, in_x, in_y, rise, care)
                 if in_x != to_x or in_y != to_y:
-                    rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 4] = to_x, to_y, z, level
-                    kind[n] = _TRAVEL
-                    n += 1
+                    n = _add(rows, kind, n, _TRAVEL, to_x, to_y, z, 0.0, level, 0.0)
         x, y, tip_z = to_x, to_y, z
         for step in range(1, size + 1 if closed[p] else size):
             if closed[p]:
@@ -307,12 +267,9 @@ def _lay(
             length = math.hypot(points[i, 0] - x, points[i, 1] - y)
             if length > 0:
                 x, y = points[i, 0], points[i, 1]
-                rows[n, 0], rows[n, 1], rows[n, 2] = x, y, z
-                rows[n, 3], rows[n, 4], kind[n] = wide * height * length, writing, _WRITE
-                n += 1
+                volume = wide * care.height * length
+                n = _add(rows, kind, n, _WRITE, x, y, z, volume, care.writing, 0.0)
     last = len(path) - 1
     if last >= 0 and (away[last, 0] != x or away[last, 1] != y):
-        rows[n, 0], rows[n, 1], rows[n, 2] = away[last, 0], away[last, 1], z
-        rows[n, 4], kind[n] = level, _TRAVEL
-        n += 1
+        n = _add(rows, kind, n, _TRAVEL, away[last, 0], away[last, 1], z, 0.0, level, 0.0)
     return rows[:n].copy(), kind[:n].copy(), counts

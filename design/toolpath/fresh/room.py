@@ -9,74 +9,16 @@ Only edges that face p count, so that a corner isn't held to be a narrow place.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from design.toolpath.fresh.contours import Contours, Samples
+from design.toolpath.fresh.cells import Cells, put_in_cells
+from design.toolpath.fresh.contours import Samples
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
 #: Two edges face each other when the product of their normals is below this.
 FACING = -0.2
-
-
-@dataclass(frozen=True)
-class Cells:
-    """Edges by the square cells that their bounding boxes touch.
-
-    Attributes
-    ----------
-    start, end : (n, 2) float64, mm
-    low : (2,) float64, mm
-        Corner of the first cell.
-    side : float, mm
-    columns, rows : int
-    offset, edge : int64
-        Edges of cell k are ``edge[offset[k] : offset[k + 1]]``; cells go row by row.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    low: FloatArray
-    side: float
-    columns: int
-    rows: int
-    offset: IntArray
-    edge: IntArray
-
-
-def put_in_cells(contours: Contours, side_mm: float) -> Cells:
-    """Sort a contour's edges into cells; edges should be short against a cell."""
-    start, end = contours.points, contours.points[contours.next]
-    low = start.min(axis=0)
-    columns, rows = (np.floor((start.max(axis=0) - low) / side_mm) + 1).astype(np.int64)
-    first = np.floor((np.minimum(start, end) - low) / side_mm).astype(np.int64)
-    last = np.floor((np.maximum(start, end) - low) / side_mm).astype(np.int64)
-    offset, edge = _fill_cells(first, last, int(columns), int(rows))
-    return Cells(start, end, low, side_mm, int(columns), int(rows), offset, edge)
-
-
-@jit
-def _fill_cells(
-    first: IntArray, last: IntArray, columns: int, rows: int
-) -> tuple[IntArray, IntArray]:
-    offset = np.zeros(columns * rows + 1, np.int64)
-    for k in range(len(first)):
-        for y in range(first[k, 1], last[k, 1] + 1):
-            for x in range(first[k, 0], last[k, 0] + 1):
-                offset[y * columns + x + 1] += 1
-    for cell in range(columns * rows):
-        offset[cell + 1] += offset[cell]
-    at = offset[:-1].copy()
-    edge = np.empty(offset[-1], np.int64)
-    for k in range(len(first)):
-        for y in range(first[k, 1], last[k, 1] + 1):
-            for x in range(first[k, 0], last[k, 0] + 1):
-                cell = y * columns + x
-                edge[at[cell]] = k
-                at[cell] += 1
-    return offset, edge
 
 
 @jit
@@ -106,18 +48,9 @@ def _ball(ux: float, uy: float, vx: float, vy: float, nx: float, ny: float) -> f
 
 @jit
 def _room(
-    points: FloatArray,
-    normal: FloatArray,
-    start: FloatArray,
-    end: FloatArray,
-    low: FloatArray,
-    side: float,
-    columns: int,
-    rows: int,
-    offset: IntArray,
-    edge: IntArray,
-    most: float,
+    points: FloatArray, normal: FloatArray, cells: Cells, most: float
 ) -> tuple[FloatArray, IntArray]:
+    low, side, start, end = cells.low, cells.side, cells.start, cells.end
     radius = np.full(len(points), most)
     other = np.full(len(points), -1, np.int64)
     for k in range(len(points)):
@@ -125,14 +58,14 @@ def _room(
         nx, ny = normal[k, 0], normal[k, 1]
         # The disc of the largest radius lies in this box.
         x0 = max(int((px + most * nx - most - low[0]) / side), 0)
-        x1 = min(int((px + most * nx + most - low[0]) / side), columns - 1)
+        x1 = min(int((px + most * nx + most - low[0]) / side), cells.columns - 1)
         y0 = max(int((py + most * ny - most - low[1]) / side), 0)
-        y1 = min(int((py + most * ny + most - low[1]) / side), rows - 1)
+        y1 = min(int((py + most * ny + most - low[1]) / side), cells.rows - 1)
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
-                cell = y * columns + x
-                for place in range(offset[cell], offset[cell + 1]):
-                    j = edge[place]
+                cell = y * cells.columns + x
+                for place in range(cells.offset[cell], cells.offset[cell + 1]):
+                    j = cells.edge[place]
                     vx, vy = end[j, 0] - start[j, 0], end[j, 1] - start[j, 1]
                     length = math.sqrt(vx * vx + vy * vy)
                     if length < 1e-12 or (-vy * nx + vx * ny) > FACING * length:
@@ -164,16 +97,4 @@ def measure_room(samples: Samples, most_mm: float) -> tuple[FloatArray, IntArray
     if len(samples.normal) == 0:
         return np.zeros(0), np.zeros(0, dtype=np.int64)
     cells = put_in_cells(samples.contours, 2 * most_mm)
-    return _room(
-        samples.contours.points,
-        samples.normal,
-        cells.start,
-        cells.end,
-        cells.low,
-        cells.side,
-        cells.columns,
-        cells.rows,
-        cells.offset,
-        cells.edge,
-        most_mm,
-    )
+    return _room(samples.contours.points, samples.normal, cells, most_mm)

@@ -151,6 +151,19 @@ def test_moves_round_a_lumen_are_as_long_as_the_firmware_needs(radius, sides):
     assert np.hypot(*points.T).max() < (radius + W / 2) + 0.3 * W + 1e-6
 
 
+@pytest.mark.parametrize("radius", [0.05, 0.06, 0.075, 0.09])
+def test_the_smallest_lumens_stay_round_for_a_fine_needle(radius):
+    width = 0.08
+    walls = build_walls(ring(radius, radius + 1.0, 24), width, 1, 0.4)
+    paths = without_short_moves(walls.paths, 0.0875, width)
+    hole = int(np.argmin([np.hypot(*paths.points[at]) for at in paths.offset[:-1]]))
+    points = paths.points[paths.offset[hole] : paths.offset[hole + 1]]
+    step = np.abs(np.diff(points, axis=0, append=points[:1])).max(axis=1)
+    assert step.min() >= 0.0875 - 1e-9
+    inside = shapely.LinearRing(points).distance(shapely.Point(0, 0))
+    assert inside == pytest.approx((radius + width / 2) * np.cos(np.pi / 24), abs=2e-3)
+
+
 def test_ink_keeps_clear_of_lumens_alone():
     section = clear_of_lumens(ring(0.5, 1.0), 0.01)
     radius = [np.hypot(*points.T) for points in section.to_polygons()]
