@@ -1,31 +1,50 @@
 """From a network and a body to printable solids and their files."""
 
+from design.solids.bodies import Chamber, chamber_solid, cylinder_solid
 from design.solids.check import SolidCheck, validate_file
+from design.solids.connectors import Connector, connector_parts, with_connector
 from design.solids.construct import block_solid, construct_solid, solid_from_surface
 from design.solids.genus import construct_genus, network_genus
 from design.solids.lumen import lumen_solid
+from design.solids.marks import fiducial_places, text_solid, with_text
+from design.solids.obj import write_obj
 from design.solids.ply import write_ply
 from design.solids.ports import open_ends
 from design.solids.read import read_solid
 from design.solids.solid import Solid
 from design.solids.stl import write_stl
-from design.solids.threemf import write_3mf
+from design.solids.threemf import Part, write_3mf
 from design.solids.topology import surface_genus
+from design.solids.vtp import write_solid_vtp
+from design.solids.walls import tube_solid
 
 __all__ = [
+    "Chamber",
+    "Connector",
+    "Part",
     "Solid",
     "SolidCheck",
     "block_solid",
+    "chamber_solid",
+    "connector_parts",
     "construct_genus",
     "construct_solid",
+    "cylinder_solid",
+    "fiducial_places",
     "lumen_solid",
     "network_genus",
     "open_ends",
     "read_solid",
     "solid_from_surface",
     "surface_genus",
+    "text_solid",
+    "tube_solid",
     "validate_file",
+    "with_connector",
+    "with_text",
     "write_3mf",
+    "write_obj",
     "write_ply",
+    "write_solid_vtp",
     "write_stl",
 ]

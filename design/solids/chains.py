@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class Chain:
         return Chain(self.points[::-1], self.radius[::-1], self.node[::-1])
 
 
-def mitre_excess(cosine: FloatArray, radius: FloatArray) -> FloatArray:
+def mitre_excess(cosine: FloatArray, radius: FloatArray | float) -> FloatArray:
     """How far a mitre's outer corner stands over a ball at a bend by θ: r (1/cos(θ/2) - 1), mm."""
     half = np.sqrt((1.0 + np.clip(cosine, -1.0, 1.0)) / 2.0)
     with np.errstate(divide="ignore"):
@@ -58,6 +57,8 @@ def mitre_excess(cosine: FloatArray, radius: FloatArray) -> FloatArray:
 
 def link_vessels(network: VesselNetwork, tolerance_mm: float) -> list[Chain]:
     """Join the vessels of ``network`` where a mitre is within ``tolerance_mm`` of a ball.
+
+    Only where two vessels meet: at a junction of more the union is made of all of them.
 
     Raises
     ------
@@ -87,22 +88,21 @@ def _vessel_chain(network: VesselNetwork, vessel: int) -> Chain:
 
 
 def _partners(network: VesselNetwork, vessels: list[Chain], tolerance_mm: float) -> dict[End, End]:
-    """The end that continues each joined end; at each node the straightest pairs first."""
+    """The end that continues each joined end, at nodes of two ends."""
     at_node: dict[int, list[End]] = defaultdict(list)
     for vessel, nodes in enumerate(network.vessel_nodes.tolist()):
         at_node[nodes[0]].append((vessel, 0))
         at_node[nodes[1]].append((vessel, 1))
     partner: dict[End, End] = {}
     for ends in at_node.values():
-        outward = np.array([_outward(vessels[vessel], end) for vessel, end in ends])
-        radius = np.array([vessels[vessel].radius[-end] for vessel, end in ends])
-        cosine = -(outward @ outward.T)
-        for i, j in sorted(combinations(range(len(ends)), 2), key=lambda ij: -cosine[ij]):
-            thin, wide = sorted((radius[i], radius[j]))
-            gentle = cosine[i, j] > 0 and mitre_excess(cosine[i, j], wide) <= tolerance_mm
-            free = ends[i] not in partner and ends[j] not in partner
-            if gentle and free and thin >= _WIDTH_RATIO * wide:
-                partner[ends[i]], partner[ends[j]] = ends[j], ends[i]
+        if len(ends) != 2:
+            continue
+        one, two = (_outward(vessels[vessel], end) for vessel, end in ends)
+        thin, wide = sorted(float(vessels[vessel].radius[-end]) for vessel, end in ends)
+        cosine = -float(one @ two)
+        gentle = cosine > 0.0 and mitre_excess(np.array(cosine), wide) <= tolerance_mm
+        if gentle and thin >= _WIDTH_RATIO * wide:
+            partner[ends[0]], partner[ends[1]] = ends[1], ends[0]
     return partner
 
 

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from manifold3d import Manifold
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.facets import FACET_TOLERANCE_MM, facet_count, inscribed_factor
-from design.solids.manifolds import to_manifold, unite
-from design.solids.runs import free_ends, split_runs
-from design.solids.snap import solid_from_manifold
+from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.runs import free_ends
+from design.solids.smooth.assemble import sewn
+from design.solids.smooth.layout import lay_out
+from design.solids.snap import solid_from_mesh
 from design.solids.solid import Solid
-from design.solids.tube import EndShape, tube_mesh
-
-_CLEAR_OF_TUBES = 0.999
-"""Balls stay this factor inside the tubes' facets, so that the union has no slivers."""
-
-_COARSER_BALLS = 4.0
-"""Balls show only in the outer corner of a bend: half the tubes' facets make half the time."""
+from design.solids.tube import EndShape
 
 
 def lumen_solid(
@@ -29,12 +22,14 @@ def lumen_solid(
     extend_ends_mm: float = 0.0,
     extend_nodes: IntArray | None = None,
     tolerance_mm: float = FACET_TOLERANCE_MM,
+    fillet_ratio: float = 0.0,
+    fillet_mm: float | None = None,
 ) -> Solid:
-    """Sharp union of all vessels: conical frusta, mitred at gentle bends, balls where they meet.
+    """Union of all vessels: conical frusta, mitred at gentle bends, balls where they meet.
 
     The cross-section's area is that of the circle, so volume and conductance are those of the
     design. Free ends are closed by half balls, as capsules are, or extended straight and cut
-    flat.
+    flat. Junctions have sharp seams, or are rounded as by a ball rolled along them from outside.
 
     Parameters
     ----------
@@ -46,6 +41,13 @@ def lumen_solid(
         The free ends that are extended (see `open_ends`); all of them by default.
     tolerance_mm : float, mm
         Greatest distance between facet and arc.
+    fillet_ratio : float
+        Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
+        differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
+        round. Where neighbouring junctions leave no room it is reduced, by steps to a tenth and
+        then to none.
+    fillet_mm : float, mm, optional
+        The same radius at all junctions, in the place of ``fillet_ratio``.
 
     Returns
     -------
@@ -56,23 +58,35 @@ def lumen_solid(
     Raises
     ------
     SolidError
-        Negative extension, tolerance not above 0, vessel of zero length, or a union that can't
-        be kept closed in float32.
+        Negative extension or fillet, tolerance not above 0, vessel of zero length, or a union
+        that can't be kept closed in float32.
     """
+    _check(extend_ends_mm, tolerance_mm, fillet_ratio if fillet_mm is None else fillet_mm)
+    extended = _extended(network, extend_ends_mm, extend_nodes)
+    # Around the middle of the network, so that far from the origin no digits are lost in between.
+    middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
+    layout = lay_out(network.moved(-middle), tolerance_mm, fillet_ratio, fillet_mm)
+    joined = layout.joint_of()
+    shapes: list[tuple[EndShape, EndShape]] = []
+    for index, run in enumerate(layout.runs):
+        ends: list[EndShape] = []
+        for end in (0, 1):
+            node = int(run.node[-end])
+            ends.append("flat" if (index, end) in joined or node in extended else "round")
+        shapes.append((ends[0], ends[1]))
+        layout.runs[index] = _with_ends_drawn_out(run, extended, extend_ends_mm)
+    vertices, faces = sewn(layout, shapes, tolerance_mm)
+    return solid_from_mesh(vertices + middle, faces, "the lumens' union")
+
+
+def _check(extend_ends_mm: float, tolerance_mm: float, fillet: float) -> None:
     if not (extend_ends_mm >= 0.0 and tolerance_mm > 0.0):
         raise SolidError(
             f"extend_ends_mm {extend_ends_mm:g} and tolerance_mm {tolerance_mm:g} mm: give a "
             "length of at least 0 and a tolerance above 0"
         )
-    extended = _extended(network, extend_ends_mm, extend_nodes)
-    runs, balls = split_runs(network, tolerance_mm)
-    joined = network.degree() > 1
-    parts = [_tube(run, joined, extended, extend_ends_mm, tolerance_mm) for run in runs]
-    parts += [
-        _ball(centre, radius, tolerance_mm)
-        for centre, radius in zip(balls.centre, balls.radius.tolist(), strict=True)
-    ]
-    return solid_from_manifold(unite(parts), "the lumens' union")
+    if not 0.0 <= fillet < np.inf:
+        raise SolidError(f"fillet {fillet:g}; give a radius of at least 0 (0: sharp seams)")
 
 
 def _extended(
@@ -92,22 +106,13 @@ def _extended(
     return asked
 
 
-def _tube(
-    run: Chain,
-    joined: NDArray[np.bool_],
-    extended: set[int],
-    extend_ends_mm: float,
-    tolerance_mm: float,
-) -> Manifold:
-    points, radius = run.points, run.radius
-    shapes: list[EndShape] = []
-    for node, at in zip(run.node[[0, -1]].tolist(), (0, -1), strict=True):
-        shapes.append("flat" if node < 0 or joined[node] or node in extended else "round")
-        if node in extended:
-            points, radius = _drawn_out(points, radius, at, extend_ends_mm)
-    facets = facet_count(float(radius.max()), tolerance_mm)
-    vertices, faces = tube_mesh(points, radius, facets, (shapes[0], shapes[1]))
-    return to_manifold(vertices, faces, "a vessel's tube")
+def _with_ends_drawn_out(run: Chain, extended: set[int], length_mm: float) -> Chain:
+    points, radius, node = run.points, run.radius, run.node
+    for at in (0, -1):
+        if int(run.node[at]) in extended:
+            points, radius = _drawn_out(points, radius, at, length_mm)
+            node = np.insert(node, 0 if at == 0 else len(node), node[at])
+    return Chain(points, radius, node)
 
 
 def _drawn_out(
@@ -119,9 +124,3 @@ def _drawn_out(
     tip = points[at] + outward * (length_mm / np.linalg.norm(outward))
     where = 0 if at == 0 else len(points)
     return np.insert(points, where, tip, axis=0), np.insert(radius, where, radius[at])
-
-
-def _ball(centre: FloatArray, radius: float, tolerance_mm: float) -> Manifold:
-    inscribed = inscribed_factor(facet_count(radius, tolerance_mm)) * _CLEAR_OF_TUBES
-    facets = facet_count(radius, _COARSER_BALLS * tolerance_mm)
-    return Manifold.sphere(radius * inscribed, facets).translate(centre.tolist())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.solids.manifolds import to_manifold
 from design.solids.solid import Solid
-from design.solids.topology import edge_faults, faulty_vertices
+from design.solids.topology import edge_faults, faulty_vertices, is_closed
 
 FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
@@ -59,11 +59,28 @@ def solid_from_manifold(manifold: Manifold, what: str) -> Solid:
     )
 
 
+def solid_from_mesh(vertices: FloatArray, faces: FaceArray, what: str) -> Solid:
+    """Round a closed mesh to float32; as it is where that leaves it closed.
+
+    Raises
+    ------
+    SolidError
+        When it isn't closed and oriented, or can't be kept so (see `solid_from_manifold`).
+    """
+    snapped, kept = snap_mesh(vertices, faces)
+    if len(kept) and is_closed(kept):
+        return Solid(snapped, kept.astype(np.int32))
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return solid_from_manifold(to_manifold(vertices[used], renumbered.reshape(-1, 3), what), what)
+
+
 def snap_mesh(vertices: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray]:
     """Round to float32, merge equal vertices, drop triangles that collapsed to an edge."""
     places, index = _places(vertices)
-    used, faces = np.unique(_not_collapsed(index[faces]), return_inverse=True)
-    return places[used].astype(np.float64), faces.reshape(-1, 3)
+    faces = _not_collapsed(index[faces])
+    used = np.zeros(len(places), dtype=bool)
+    used[faces] = True
+    return places[used].astype(np.float64), (np.cumsum(used) - 1)[faces]
 
 
 def _not_collapsed(faces: FaceArray) -> FaceArray:
@@ -74,8 +91,14 @@ def _not_collapsed(faces: FaceArray) -> FaceArray:
 def _places(vertices: FloatArray) -> tuple[NDArray[np.float32], FaceArray]:
     """Distinct float32 positions, and which of them each vertex has."""
     rounded = vertices.astype(np.float32) + np.float32(0.0)  # -0 and 0 are one place
-    places, index = np.unique(rounded, axis=0, return_inverse=True)
-    return places, index.reshape(-1)
+    bits = rounded.view(np.int32).astype(np.int64)
+    order = np.lexsort((bits[:, 2], (bits[:, 0] << 32) + bits[:, 1]))
+    ordered = rounded[order]
+    fresh = np.ones(len(ordered), dtype=bool)
+    fresh[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    index = np.empty(len(ordered), dtype=np.int64)
+    index[order] = np.cumsum(fresh) - 1
+    return ordered[fresh], index
 
 
 def _draw_apart(vertices: FloatArray, faces: FaceArray, step: float) -> FloatArray:

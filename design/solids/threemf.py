@@ -1,4 +1,4 @@
-"""Write 3MF, which unlike STL knows its unit.
+"""Write 3MF, which unlike STL knows its unit, names and colours.
 
 3MF Core Specification 1.3 (3MF Consortium): a zip archive (OPC) of a content-type list, a
 relationship that points to the model, and the model in XML. Written here rather than by trimesh,
@@ -9,13 +9,31 @@ same bytes.
 from __future__ import annotations
 
 import io
+import re
 import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
+from design.errors import SolidError
 from design.files import write_bytes
 from design.solids.solid import Solid
+
+METADATA: Final = (
+    "Title",
+    "Designer",
+    "Description",
+    "Copyright",
+    "LicenseTerms",
+    "Rating",
+    "CreationDate",
+    "ModificationDate",
+)
+"""Names that the core specification knows besides Application, which is always printctl."""
 
 _CONTENT_TYPES = """<?xml version="1.0" encoding="UTF-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
@@ -34,47 +52,121 @@ _RELATIONSHIPS = """<?xml version="1.0" encoding="UTF-8"?>
 _MODEL = """<?xml version="1.0" encoding="UTF-8"?>
 <model unit="millimeter" xml:lang="en-US"
  xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
-<metadata name="Application">printctl</metadata>
-<resources>
-<object id="1" type="model"><mesh>
-<vertices>
-{vertices}</vertices>
-<triangles>
-{triangles}</triangles>
-</mesh></object>
-</resources>
-<build><item objectid="1"/></build>
+{metadata}<resources>
+{resources}</resources>
+<build>{items}</build>
 </model>
 """
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest time a zip archive can hold; no clock is read."""
 
+_COLOUR = re.compile(r"#[0-9A-Fa-f]{6}([0-9A-Fa-f]{2})?")
 
-def write_3mf(path: Path, solid: Solid) -> None:
-    """Write ``solid`` as one 3MF object in mm, the same bytes for the same solid.
+
+@dataclass(frozen=True)
+class Part:
+    """One object of a 3MF file.
+
+    Attributes
+    ----------
+    solid : Solid
+    name : str
+    colour : str, optional
+        ``#RRGGBB`` or ``#RRGGBBAA``, shown by slicers and viewers.
+    """
+
+    solid: Solid
+    name: str = ""
+    colour: str | None = None
+
+
+def write_3mf(
+    path: Path,
+    solid: Solid | Sequence[Part],
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Write a solid, or several named and coloured ones, in mm; the same bytes for the same.
+
+    Parameters
+    ----------
+    path : Path
+    solid : Solid or sequence of Part
+        Parts share one frame, and may touch or overlap: each is an object of its own.
+    metadata : mapping, optional
+        See `METADATA`.
 
     Raises
     ------
+    SolidError
+        No part, a colour that isn't one, a name of metadata that 3MF doesn't know.
     OSError
         When the file can't be written.
     """
-    # Nine digits give back every float32.
-    vertices = '<vertex x="%.9g" y="%.9g" z="%.9g"/>\n' * len(solid.vertices)
-    triangles = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(solid.faces)
+    parts = [Part(solid)] if isinstance(solid, Solid) else list(solid)
     model = _MODEL.format(
-        vertices=vertices % tuple(solid.vertices.astype(np.float32).ravel().tolist()),
-        triangles=triangles % tuple(solid.faces.ravel().tolist()),
+        metadata=_metadata(metadata or {}),
+        resources="".join(_resources(parts)),
+        items="".join(f'<item objectid="{number + 2}"/>' for number in range(len(parts))),
     )
-    parts = {
+    files = {
         "[Content_Types].xml": _CONTENT_TYPES,
         "_rels/.rels": _RELATIONSHIPS,
         "3D/3dmodel.model": model,
     }
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, text in parts.items():
+        for name, text in files.items():
             entry = zipfile.ZipInfo(name, _EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             packed.writestr(entry, text)
     write_bytes(path, archive.getvalue())
+
+
+def _metadata(given: Mapping[str, str]) -> str:
+    unknown = sorted(set(given) - set(METADATA))
+    if unknown:
+        raise SolidError(f"3MF metadata {unknown[0]!r}: choose from {', '.join(METADATA)}")
+    lines = {"Application": "printctl"} | dict(given)
+    return "".join(
+        f'<metadata name="{name}">{escape(text)}</metadata>\n' for name, text in lines.items()
+    )
+
+
+def _resources(parts: list[Part]) -> list[str]:
+    """Colours (resource 1, where there are any) and objects (2 on)."""
+    if not parts:
+        raise SolidError("a 3MF file without parts; give at least one solid")
+    colours = [part.colour for part in parts if part.colour is not None]
+    for colour in colours:
+        if not _COLOUR.fullmatch(colour):
+            raise SolidError(f"colour {colour!r}: write it as #RRGGBB or #RRGGBBAA")
+    found = []
+    if colours:
+        bases = "".join(
+            f"<base name={quoteattr(part.name or 'part')} displaycolor={quoteattr(part.colour)}/>\n"
+            for part in parts
+            if part.colour is not None
+        )
+        found.append(f'<basematerials id="1">\n{bases}</basematerials>\n')
+    coloured = 0
+    for number, part in enumerate(parts):
+        extra = f" name={quoteattr(part.name)}" if part.name else ""
+        if part.colour is not None:
+            extra += f' pid="1" pindex="{coloured}"'
+            coloured += 1
+        found.append(_object(number + 2, extra, part.solid))
+    return found
+
+
+def _object(number: int, extra: str, solid: Solid) -> str:
+    # Nine digits give back every float32.
+    vertices = '<vertex x="%.9g" y="%.9g" z="%.9g"/>\n' * len(solid.vertices)
+    triangles = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(solid.faces)
+    return (
+        f'<object id="{number}" type="model"{extra}><mesh>\n<vertices>\n'
+        + vertices % tuple(solid.vertices.astype(np.float32).ravel().tolist())
+        + "</vertices>\n<triangles>\n"
+        + triangles % tuple(solid.faces.ravel().tolist())
+        + "</triangles>\n</mesh></object>\n"
+    )

@@ -31,6 +31,16 @@ class EdgeFaults:
         return self.open + self.wrong > 0
 
 
+def is_closed(faces: NDArray[np.integer]) -> bool:
+    """Whether each edge of ``faces`` (m, 3) is walked once in either direction; two sorts."""
+    tail = np.asarray(faces, dtype=np.int64)
+    head = np.roll(tail, -1, axis=1).ravel()
+    tail = tail.ravel()
+    count = int(tail.max(initial=0)) + 1
+    there, back = np.sort(tail * count + head), np.sort(head * count + tail)
+    return bool(np.array_equal(there, back) and np.all(there[1:] != there[:-1]))
+
+
 def edge_faults(faces: NDArray[np.integer]) -> EdgeFaults:
     """Count the faulty edges of ``faces`` (m, 3)."""
     edge, forward = _half_edges(faces)

@@ -60,7 +60,7 @@ def _rings(direction: FloatArray, facets: int) -> FloatArray:
     """
     angle = 2.0 * np.pi * np.arange(facets) / facets
     along = np.empty((len(direction) + 1, facets, 3))
-    first, second = _frame(direction[0])
+    first, second = cross_frame(direction[0])
     across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     along[0] = across
     for bend, (before, after) in enumerate(pairwise(direction), 1):
@@ -73,7 +73,7 @@ def _rings(direction: FloatArray, facets: int) -> FloatArray:
     return along
 
 
-def _frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+def cross_frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors that make a right-handed frame with ``axis``.
 
     The same for ``axis`` and its opposite up to order, so that collinear tubes share vertices.

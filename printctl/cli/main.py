@@ -20,6 +20,7 @@ from printctl.cli.design import design
 from printctl.cli.doctor import doctor
 from printctl.cli.history import history
 from printctl.cli.init import init
+from printctl.cli.lumens import lumens
 from printctl.cli.measure import measure
 from printctl.cli.pause import pause
 from printctl.cli.ports import ports
@@ -75,6 +76,7 @@ app.command("register")(register)
 app.command("view")(view)
 app.command("convert")(convert)
 app.command("measure")(measure)
+app.command("lumens")(lumens)
 app.command("ports")(ports)
 app.add_typer(profiles, name="profiles")
 app.add_typer(history, name="history")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ import trimesh
 
 from design.errors import SolidError
 from design.solids import (
+    Part,
     Solid,
     block_solid,
     construct_solid,
@@ -18,13 +22,20 @@ from design.solids import (
     read_solid,
     validate_file,
     write_3mf,
+    write_obj,
     write_ply,
+    write_solid_vtp,
     write_stl,
 )
 from design.units import LengthUnit
 from tests.design.solids.networks import ladder
 
-WRITERS = {".stl": write_stl, ".3mf": write_3mf, ".ply": write_ply}
+WRITERS: dict[str, Callable[[Path, Solid], None]] = {
+    ".stl": write_stl,
+    ".3mf": write_3mf,
+    ".ply": write_ply,
+    ".obj": write_obj,
+}
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +174,67 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, construct: Solid) ->
         write_ply(path, construct, np.zeros(3))
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["solid.ply"]
+
+
+def test_3mf_names_and_colours_its_parts(tmp_path: Path) -> None:
+    path = tmp_path / "parts.3mf"
+    one, two = block_solid((1, 2, 3)), block_solid((1, 1, 1), (5, 0, 0))
+    parts = [Part(one, "artery <1>", "#C0392B"), Part(two, "vein", "#2980B980")]
+    write_3mf(path, parts, {"Title": "tree & body", "Designer": "lab"})
+    text = zipfile.ZipFile(path).read("3D/3dmodel.model").decode()
+    root = ElementTree.fromstring(text)
+    core = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
+    meta = {entry.get("name"): entry.text for entry in root.findall(core + "metadata")}
+    assert meta == {"Application": "printctl", "Title": "tree & body", "Designer": "lab"}
+    objects = root.findall(f"{core}resources/{core}object")
+    assert [entry.get("name") for entry in objects] == ["artery <1>", "vein"]
+    bases = root.findall(f".//{core}base")
+    assert [bases[int(entry.get("pindex", -1))].get("displaycolor") for entry in objects] == [
+        "#C0392B",
+        "#2980B980",
+    ]
+    assert validate_file(path).volume == pytest.approx(7.0)
+
+
+def test_3mf_is_read_by_lib3mf_without_a_warning(tmp_path: Path, construct: Solid) -> None:
+    lib3mf = pytest.importorskip("lib3mf")
+    path = tmp_path / "solid.3mf"
+    write_3mf(path, [Part(construct, "body", "#AABBCC")], {"Title": "x"})
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromFile(str(path))
+    assert reader.GetWarningCount() == 0
+    meshes = model.GetMeshObjects()
+    assert meshes.Count() == 1
+    meshes.MoveNext()
+    assert meshes.GetCurrentMeshObject().IsManifoldAndOriented()
+
+
+@pytest.mark.parametrize(
+    ("parts", "metadata", "message"),
+    [
+        ([], {}, "without parts"),
+        ([Part(block_solid((1, 1, 1)), colour="red")], {}, "'red'"),
+        ([Part(block_solid((1, 1, 1)))], {"Owner": "me"}, "'Owner'"),
+    ],
+)
+def test_what_3mf_cant_say_is_refused(
+    tmp_path: Path, parts: list[Part], metadata: dict[str, str], message: str
+) -> None:
+    with pytest.raises(SolidError, match=message):
+        write_3mf(tmp_path / "a.3mf", parts, metadata)
+
+
+def test_vtp_holds_points_and_triangles(tmp_path: Path) -> None:
+    solid = block_solid((1, 2, 3))
+    write_solid_vtp(tmp_path / "a.vtp", solid)
+    root = ElementTree.parse(tmp_path / "a.vtp").getroot()
+    arrays = root.iter("DataArray")
+    found = {entry.get("Name"): base64.b64decode(entry.text or "") for entry in arrays}
+    assert int.from_bytes(found["Points"][:8], "little") == 12 * 8
+    points = np.frombuffer(found["Points"][8:], "<f4").reshape(-1, 3)
+    assert np.array_equal(points, solid.vertices)
+    corners = np.frombuffer(found["connectivity"][8:], "<i4").reshape(-1, 3)
+    assert np.array_equal(corners, solid.faces)
+    assert np.frombuffer(found["offsets"][8:], "<i4")[-1] == 3 * len(solid.faces)

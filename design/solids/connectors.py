@@ -1,0 +1,199 @@
+"""Fittings for tubing and syringes, turned around an axis.
+
+The Luer cone loses 6 % of its length in diameter (ISO 80369-7, which replaced ISO 594-1:1986). The
+diameters are mid-tolerance values as ISO 594-1, figure 1, is cited for rigid material: female 4.270
+to 4.315 mm at the opening, male 3.925 to 3.990 mm at the tip, each at least 7.5 mm long. They are
+written from memory of that figure, not from the standard's text: hold them against it before a
+mould is cut. A soft gel keeps none of these tolerances; gauge what was printed, and connect it to
+nothing that leads to a patient. A slip fit only: no lock thread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from manifold3d import CrossSection, Manifold
+from numpy.typing import NDArray
+
+from design.errors import SolidError
+from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
+from design.solids.manifolds import solid_manifold, subtract, unite
+from design.solids.snap import solid_from_manifold
+from design.solids.solid import Solid
+
+Kind = Literal["plain", "barb", "luer_female", "luer_male"]
+
+LUER_TAPER: Final = 0.06
+"""Loss of diameter per length."""
+
+FEMALE_OPENING_MM: Final = 4.2925
+MALE_TIP_MM: Final = 3.9575
+LUER_LENGTH_MM: Final = 7.5
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A fitting at a port.
+
+    Attributes
+    ----------
+    kind : "plain", "barb", "luer_female" or "luer_male"
+    bore_mm : float, mm
+        Diameter of the channel through it; a Luer socket narrows to it at its bottom.
+    outer_mm : float, mm
+        Outer diameter of the plain tube, of the barb's shank and of the socket's body. A male
+        cone has its own.
+    length_mm : float, mm
+        From the port outwards. A Luer needs at least its cone's 7.5 mm.
+    barb_mm : float, mm
+        By how much a barb's diameter exceeds its shank's.
+    barbs : int
+    """
+
+    kind: Kind
+    bore_mm: float
+    outer_mm: float = 6.5
+    length_mm: float = 10.0
+    barb_mm: float = 0.8
+    barbs: int = 2
+
+
+def connector_parts(connector: Connector) -> tuple[Solid, Solid]:
+    """Outside and bore of a fitting that leaves the origin along +z.
+
+    Returns
+    -------
+    outside, bore : Solid
+        Add the first to the body, then take away the second; the bore begins 1 mm within the
+        body and ends 1 mm beyond the fitting.
+
+    Raises
+    ------
+    SolidError
+        When the lengths don't make a fitting with a wall.
+    """
+    outside, bore = _profiles(connector)
+    return _turned(outside, "the fitting"), _turned(bore, "the fitting's bore")
+
+
+def with_connector(
+    body: Solid,
+    connector: Connector,
+    at: NDArray[np.float64],
+    outward: NDArray[np.float64],
+    lead_in_mm: float = 1.0,
+) -> Solid:
+    """``body`` with a fitting at a port, and its bore taken out of both.
+
+    Parameters
+    ----------
+    body : Solid
+    connector : Connector
+    at : (3,) float64, mm
+        Where the port's axis meets the body's face.
+    outward : (3,) float64
+        Out of the body; any length.
+    lead_in_mm : float, mm
+        By how much the outside begins within the body, so that a curved face leaves no gap.
+
+    Raises
+    ------
+    SolidError
+        When the fitting can't be made, or ``outward`` has no length.
+    """
+    length = float(np.linalg.norm(outward))
+    if not length > 0.0:
+        raise SolidError("outward has no length; give the direction out of the body")
+    outside, bore = connector_parts(connector)
+    frame = _frame(np.asarray(outward, dtype=np.float64) / length)
+    sunk = Manifold.cylinder(
+        lead_in_mm, 0.5 * _widest(connector), circular_segments=_facets(connector.outer_mm)
+    ).translate([0.0, 0.0, -lead_in_mm])
+    placed = [
+        part.transform(np.column_stack([frame, at]))
+        for part in (
+            solid_manifold(outside, "the fitting"),
+            sunk,
+            solid_manifold(bore, "the fitting's bore"),
+        )
+    ]
+    whole = unite([solid_manifold(body, "the body"), placed[0], placed[1]])
+    return solid_from_manifold(subtract(whole, [placed[2]]), "the body with its fitting")
+
+
+def _widest(connector: Connector) -> float:
+    if connector.kind == "luer_male":
+        return MALE_TIP_MM + LUER_TAPER * connector.length_mm
+    return connector.outer_mm
+
+
+def _profiles(connector: Connector) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Radius and height along the outside and along the bore, mm."""
+    bore, outer, length = 0.5 * connector.bore_mm, 0.5 * connector.outer_mm, connector.length_mm
+    outside = [(outer, 0.0), (outer, length)]
+    channel = [(bore, -1.0), (bore, length + 1.0)]
+    narrowest = outer
+    if connector.kind == "barb":
+        step, tall = 0.5 * connector.barb_mm, length / max(connector.barbs, 1)
+        outside = []
+        for k in range(connector.barbs):
+            # Sloped towards the tip, square towards the port, so that tubing stays on.
+            low, edge, high = k * tall, (k + 0.5) * tall, (k + 1) * tall
+            outside += [(outer, low), (outer, edge), (outer + step, edge), (outer, high)]
+    elif connector.kind == "luer_female":
+        mouth = 0.5 * FEMALE_OPENING_MM
+        bottom = mouth - 0.5 * LUER_TAPER * LUER_LENGTH_MM
+        beyond = mouth + 0.5 * LUER_TAPER
+        deep = length - LUER_LENGTH_MM
+        channel = [(bore, -1.0), (bore, deep), (bottom, deep), (beyond, length + 1.0)]
+        narrowest = outer - mouth + bore
+    elif connector.kind == "luer_male":
+        tip = 0.5 * MALE_TIP_MM
+        outside = [(tip + 0.5 * LUER_TAPER * length, 0.0), (tip, length)]
+        narrowest = tip
+    _check(connector, narrowest)
+    return outside, channel
+
+
+def _check(connector: Connector, narrowest: float) -> None:
+    if not (connector.bore_mm > 0.0 and connector.length_mm > 0.0 and connector.barb_mm >= 0.0):
+        raise SolidError(f"{connector}: give lengths above 0")
+    if connector.kind == "barb" and connector.barbs < 1:
+        raise SolidError(f"barbs {connector.barbs}; give at least one")
+    if connector.kind.startswith("luer") and connector.length_mm < LUER_LENGTH_MM:
+        raise SolidError(
+            f"length_mm {connector.length_mm:g} of a Luer fitting is below {LUER_LENGTH_MM} mm "
+            "(ISO 594-1, figure 1); make it longer"
+        )
+    if connector.kind == "luer_female" and connector.bore_mm > FEMALE_OPENING_MM * 0.85:
+        raise SolidError(
+            f"bore_mm {connector.bore_mm:g} leaves a Luer socket no bottom; at most "
+            f"{FEMALE_OPENING_MM * 0.85:.2f} mm"
+        )
+    if 0.5 * connector.bore_mm >= narrowest:
+        raise SolidError(
+            f"bore_mm {connector.bore_mm:g} leaves no wall in a {connector.kind} fitting; make "
+            "the bore smaller or outer_mm larger"
+        )
+
+
+def _facets(diameter_mm: float) -> int:
+    return facet_count(0.5 * diameter_mm, FACET_TOLERANCE_MM)
+
+
+def _turned(profile: list[tuple[float, float]], what: str) -> Solid:
+    """A solid of revolution around z, of the circle's area at each height."""
+    facets = _facets(2.0 * max(radius for radius, _ in profile))
+    wide = area_factor(facets)
+    outline = [(0.0, profile[0][1]), *((wide * r, z) for r, z in profile), (0.0, profile[-1][1])]
+    return solid_from_manifold(Manifold.revolve(CrossSection([outline]), facets), what)
+
+
+def _frame(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Right-handed unit vectors as columns, the third of them ``axis``."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    first = np.cross(helper, axis)
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(axis, first), axis])

@@ -1,0 +1,26 @@
+"""Write Wavefront OBJ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from design.files import write_text
+from design.solids.solid import Solid
+
+
+def write_obj(path: Path, solid: Solid) -> None:
+    """Write ``solid`` as OBJ in mm (the format has no unit; a comment says it).
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    # Nine digits give back every float32; OBJ counts vertices from 1.
+    vertices = "v %.9g %.9g %.9g\n" * len(solid.vertices)
+    faces = "f %d %d %d\n" * len(solid.faces)
+    text = vertices % tuple(solid.vertices.astype(np.float32).ravel().tolist())
+    text += faces % tuple((solid.faces + 1).ravel().tolist())
+    write_text(path, "# printctl; mm\n" + text)

@@ -1,0 +1,1 @@
+"""Junctions of vessels as closed surfaces: alone, or in a crowd."""

@@ -1,0 +1,303 @@
+"""Plain tubes, lone junctions and crowds sewn together at the rings they share."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from manifold3d import Manifold
+from numpy.typing import NDArray
+
+from design.network import FloatArray
+from design.solids.chains import Chain
+from design.solids.facets import area_factor
+from design.solids.manifolds import to_manifold
+from design.solids.smooth.conflicts import overlapping_runs
+from design.solids.smooth.crowd import LostRingError, ball, stub, united
+from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
+from design.solids.smooth.star import star_mesh
+from design.solids.topology import is_closed
+from design.solids.tube import EndShape, tube_mesh
+
+FaceArray = NDArray[np.int64]
+
+_MIDDLES = 1.0
+"""Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""
+
+_LEAST_EDGE = 0.05
+"""Of the thinnest radius: shorter edges of a junction aren't parted."""
+
+_MOST_POINTS = 6000
+
+_TRIES = 3
+"""Of taking more vessels into a crowd, before all are."""
+
+_CRUMB = 0.1
+"""Of the thinnest radius: side of a cube that is no part of a lumen."""
+
+
+@dataclass
+class Sewing:
+    """A surface as it grows.
+
+    Attributes
+    ----------
+    vertices, faces : list of arrays
+    count : int
+        Vertices so far.
+    rings : dict of (run, end) to (n,) int64
+        Vertices of the open end of each plain tube.
+    """
+
+    vertices: list[FloatArray] = field(default_factory=list)
+    faces: list[FaceArray] = field(default_factory=list)
+    count: int = 0
+    rings: dict[End, NDArray[np.int64]] = field(default_factory=dict)
+
+    def add(self, vertices: FloatArray, faces: FaceArray) -> int:
+        """Add a piece whose vertices are all its own; returns the number of its first one."""
+        first = self.count
+        self.vertices.append(vertices)
+        self.faces.append(faces + first)
+        self.count += len(vertices)
+        return first
+
+    def sew(self, vertices: FloatArray, faces: FaceArray, known: NDArray[np.int64]) -> None:
+        """Add a piece with vertices that are here already: ``known`` (n,), -1 for the others."""
+        number = known.copy()
+        fresh = number < 0
+        number[fresh] = self.count + np.arange(int(fresh.sum()))
+        self.vertices.append(vertices[fresh])
+        self.faces.append(number[faces])
+        self.count += int(fresh.sum())
+
+    def place(self, ring: NDArray[np.int64]) -> FloatArray:
+        """Positions of a ring of the tubes, which were added first and as one array."""
+        return self.vertices[0][ring]
+
+
+def sewn(
+    layout: Layout, shapes: list[tuple[EndShape, EndShape]], tolerance_mm: float
+) -> tuple[FloatArray, FaceArray]:
+    """Make all parts and sew them to one closed surface.
+
+    Parameters
+    ----------
+    layout : Layout
+    shapes : list of pairs
+        How each run ends where it isn't joined.
+    tolerance_mm : float, mm
+
+    Returns
+    -------
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int64
+    """
+    overlaps = overlapping_runs(layout)
+    swallow(layout, np.unique(overlaps).tolist())
+    for _ in range(_TRIES):
+        vertices, faces, torn = _sewn(layout, shapes, overlaps, tolerance_mm)
+        if not torn and is_closed(faces):
+            return vertices, faces
+        # Vessels lie in one another's end planes there: take in those around as well.
+        swallow(layout, torn or range(len(layout.runs)))
+    swallow(layout, range(len(layout.runs)))
+    return _sewn(layout, shapes, overlaps, tolerance_mm)[:2]
+
+
+def _sewn(
+    layout: Layout,
+    shapes: list[tuple[EndShape, EndShape]],
+    overlaps: NDArray[np.int64],
+    tolerance_mm: float,
+) -> tuple[FloatArray, FaceArray, list[int]]:
+    """As `sewn`, and the runs around crowds that couldn't be parted from the rest."""
+    keep_clear_of_balls(layout)
+    sewing = Sewing()
+    torn: list[int] = []
+    _plain_tubes(layout, shapes, sewing)
+    failed = [
+        joint
+        for joint in range(len(layout.ends))
+        if not layout.crowded(joint) and not _lone(layout, joint, sewing, tolerance_mm)
+    ]
+    if failed:
+        layout.forced.update(failed)
+        return _sewn(layout, shapes, overlaps, tolerance_mm)
+    for joints, runs in _crowds(layout, overlaps):
+        try:
+            _crowd(layout, joints, runs, overlaps, shapes, sewing, tolerance_mm)
+        except LostRingError:
+            torn += [run for joint in joints for run, _ in layout.ends[joint]]
+    return np.concatenate(sewing.vertices), np.concatenate(sewing.faces), torn
+
+
+def _plain_tubes(layout: Layout, shapes: list[tuple[EndShape, EndShape]], sewing: Sewing) -> None:
+    """Tubes of all runs that have room for one, open where they are joined."""
+    joined = layout.joint_of()
+    meshes, faces, first = [], [], 0
+    for index in range(len(layout.runs)):
+        if layout.swallowed[index]:
+            continue
+        facets = layout.facets[index]
+        part = _trimmed(layout, index)
+        vertices, triangles = tube_mesh(part.points, part.radius, facets, shapes[index])
+        opened = [(index, end) in joined for end in (0, 1)]
+        # The last two fans of faces close the ends; an unused apex is dropped later.
+        sides = len(triangles) - 2 * facets
+        kept = [triangles[:sides]]
+        rings = (len(vertices) - 2) // facets
+        for end in (0, 1):
+            fan = triangles[sides + end * facets : sides + (end + 1) * facets]
+            if opened[end]:
+                ring = first + (0 if end == 0 else (rings - 1) * facets) + np.arange(facets)
+                sewing.rings[index, end] = ring
+            else:
+                kept.append(fan)
+        meshes.append(vertices)
+        faces += [triangle + first for triangle in kept]
+        first += len(vertices)
+    if meshes:
+        sewing.add(np.concatenate(meshes), np.concatenate(faces))
+    else:
+        sewing.add(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+
+
+def _trimmed(layout: Layout, index: int) -> Chain:
+    run = layout.runs[index]
+    points, radius = run.points.copy(), run.radius.copy()
+    for end in (0, 1):
+        reach = layout.reach.get((index, end))
+        if reach is not None:
+            start, axis, _, near, slope = first_piece(run, end)
+            points[-end] = start + reach * axis
+            radius[-end] = near + slope * reach
+    return Chain(points, radius, run.node)
+
+
+def _lone(layout: Layout, joint: int, sewing: Sewing, tolerance_mm: float) -> bool:
+    """Sew in a junction that stands alone; False where it can't be made that way."""
+    ends, walls = layout.ends[joint], layout.walls[joint].copy()
+    wide = np.array([area_factor(layout.facets[run]) for run, _ in ends])
+    walls[:, 7:9] *= wide[:, None]
+    walls[:, 9] = 1.0 / np.sqrt(1.0 + walls[:, 8] ** 2)
+    rings = [sewing.rings[end] for end in ends]
+    known = np.concatenate(rings)
+    ring_of = np.repeat(np.arange(len(ends)), [len(ring) for ring in rings])
+    status, points, faces = star_mesh(
+        walls,
+        layout.fillet[joint],
+        np.array([layout.reach[end] for end in ends]),
+        sewing.place(known),
+        ring_of,
+        _MIDDLES * tolerance_mm,
+        _LEAST_EDGE * float(walls[:, 7].min()),
+        _MOST_POINTS,
+    )
+    if status or not _fits(faces, ring_of, len(known)):
+        return False
+    fresh = np.full(len(points) - len(known), -1)
+    sewing.sew(points, faces, np.concatenate([known, fresh]))
+    return True
+
+
+def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
+    """Whether the rim of ``faces`` is the rings (their vertices come first), and nothing else."""
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    size = int(faces.max(initial=0)) + 1
+    edges, back = tail * size + head, head * size + tail
+    rim = edges[~np.isin(edges, back)]
+    if len(rim) != count:
+        return False
+    begin, end = rim // size, rim % size
+    if begin.max() >= count or end.max() >= count:
+        return False
+    step = np.abs(begin - end)
+    around = np.bincount(ring_of)[ring_of[begin]] - 1
+    return bool(np.all((ring_of[begin] == ring_of[end]) & ((step == 1) | (step == around))))
+
+
+def _crowds(layout: Layout, overlaps: NDArray[np.int64]) -> list[tuple[list[int], list[int]]]:
+    """Junctions and swallowed runs that hang together."""
+    joints = len(layout.ends)
+    parent = list(range(joints + len(layout.runs)))
+
+    def top(item: int) -> int:
+        while parent[item] != item:
+            parent[item] = parent[parent[item]]
+            item = parent[item]
+        return item
+
+    def join(one: int, two: int) -> None:
+        parent[max(top(one), top(two))] = min(top(one), top(two))
+
+    swallowed = [run for run, is_in in enumerate(layout.swallowed) if is_in]
+    joined = layout.joint_of()
+    for run in swallowed:
+        for end in (0, 1):
+            if (run, end) in joined:
+                join(joints + run, joined[run, end])
+    for one, two in overlaps.tolist():
+        join(joints + one, joints + two)
+    members: dict[int, tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
+    for joint in range(joints):
+        if layout.crowded(joint):
+            members[top(joint)][0].append(joint)
+    for run in swallowed:
+        members[top(joints + run)][1].append(run)
+    return [members[key] for key in sorted(members)]
+
+
+def _crowd(
+    layout: Layout,
+    joints: list[int],
+    runs: list[int],
+    overlaps: NDArray[np.int64],
+    shapes: list[tuple[EndShape, EndShape]],
+    sewing: Sewing,
+    tolerance_mm: float,
+) -> None:
+    """Sew in the union of what is in a crowd."""
+    parts: list[Manifold] = []
+    winding = set(overlaps[overlaps[:, 0] == overlaps[:, 1], 0].tolist())
+    for index in runs:
+        parts += _whole_tube(layout, index, shapes[index], index in winding)
+    rings: list[NDArray[np.int64]] = []
+    for joint in joints:
+        centre = layout.walls[joint][0, :3]
+        parts.append(ball(centre, float(layout.ball[joint]), tolerance_mm))
+        for (index, end), wall in zip(layout.ends[joint], layout.walls[joint], strict=True):
+            if not layout.swallowed[index]:
+                ring, reach = sewing.rings[index, end], layout.reach[index, end]
+                near = wall[7] / (wall[7] + wall[8] * reach)
+                parts.append(stub(centre, float(near), sewing.place(ring), reach))
+                rings.append(ring)
+    vertices, faces, where = united(
+        parts, [sewing.place(ring) for ring in rings], _CRUMB * _thinnest(layout, joints, runs)
+    )
+    known = np.full(len(vertices), -1)
+    for ring, index_of in zip(rings, where, strict=True):
+        known[index_of] = ring
+    sewing.sew(vertices, faces, known)
+
+
+def _thinnest(layout: Layout, joints: list[int], runs: list[int]) -> float:
+    radii = [float(layout.runs[run].radius.min()) for run in runs]
+    return min([*radii, *(float(layout.walls[joint][:, 7].min()) for joint in joints)])
+
+
+def _whole_tube(
+    layout: Layout, index: int, shape: tuple[EndShape, EndShape], winding: bool
+) -> list[Manifold]:
+    run, facets = layout.runs[index], layout.facets[index]
+    if not winding:
+        return [to_manifold(*tube_mesh(run.points, run.radius, facets, shape), "a vessel's tube")]
+    pairs = zip(range(len(run.points) - 1), range(1, len(run.points)), strict=True)
+    return [
+        to_manifold(
+            *tube_mesh(run.points[[a, b]], run.radius[[a, b]], facets, ("round", "round")),
+            "a piece of a vessel's tube",
+        )
+        for a, b in pairs
+    ]

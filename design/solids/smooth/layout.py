@@ -1,0 +1,209 @@
+"""Which parts of a network are plain tubes, which junctions stand alone, which are in a crowd."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from design.network import FloatArray, VesselNetwork
+from design.solids.chains import Chain
+from design.solids.facets import facet_count
+from design.solids.runs import split_runs
+from design.solids.smooth.fillet import wall_rows
+from design.solids.smooth.reach import reaches
+
+End = tuple[int, int]
+"""A run, and which of its ends: 0 the first, 1 the last."""
+
+_TUBE_LEFT = 0.1
+"""Radii of plain tube that must stay between two junctions."""
+
+_BALL_REACH = 1.05
+"""Radii of a junction's ball from it to a crowd's ring, which the ball mustn't pass through."""
+
+_FILLETS = (1.0, 0.5, 0.25, 0.1)
+"""Shares of the wanted fillet that are tried where there is little room."""
+
+
+@dataclass
+class Layout:
+    """Runs, the junctions between them, and how each is to be made.
+
+    Attributes
+    ----------
+    runs : list of Chain
+    facets : list of int
+        Sides of each run's polygon.
+    ball : (j,) float64, mm
+        Radius of the widest vessel at each junction.
+    ends : list of list of (run, end)
+        That meet in each junction.
+    walls : list of (n, 10) float64
+        Rows of `wall_rows` for each junction, infinite.
+    fillet : list of float, mm
+    reach : dict of (run, end) to float, mm
+        Where the plain tube begins, from the junction at that end.
+    swallowed : list of bool
+        Runs without room for a plain tube: whole parts of a crowd.
+    forced : set of int
+        Junctions that make a crowd of their own, having failed alone.
+    """
+
+    runs: list[Chain]
+    facets: list[int]
+    ball: FloatArray
+    ends: list[list[End]]
+    walls: list[FloatArray]
+    fillet: list[float]
+    reach: dict[End, float] = field(default_factory=dict)
+    swallowed: list[bool] = field(default_factory=list)
+    forced: set[int] = field(default_factory=set)
+
+    def joint_of(self) -> dict[End, int]:
+        """The junction at each joined end."""
+        return {end: joint for joint, ends in enumerate(self.ends) for end in ends}
+
+    def crowded(self, joint: int) -> bool:
+        """Whether a junction is to be made in a crowd."""
+        return joint in self.forced or any(self.swallowed[run] for run, _ in self.ends[joint])
+
+
+def lay_out(
+    network: VesselNetwork, tolerance_mm: float, fillet_ratio: float, fillet_mm: float | None
+) -> Layout:
+    """Part a network into runs and junctions, and give each its fillet and reach."""
+    runs, balls = split_runs(network, tolerance_mm)
+    facets = [facet_count(float(run.radius.max()), tolerance_mm) for run in runs]
+    meeting: dict[bytes, list[End]] = defaultdict(list)
+    for index, run in enumerate(runs):
+        for end in (0, 1):
+            meeting[_key(run.points[-end])].append((index, end))
+    ends = [meeting[_key(centre)] for centre in balls.centre]
+    walls = [_walls(runs, group) for group in ends]
+    wanted = [
+        fillet_mm if fillet_mm is not None else fillet_ratio * float(rows[:, 7].min())
+        for rows in walls
+    ]
+    layout = Layout(runs, facets, balls.radius, ends, walls, wanted)
+    _give_room(layout)
+    return layout
+
+
+def _key(point: FloatArray) -> bytes:
+    return (point + 0.0).tobytes()
+
+
+def first_piece(run: Chain, end: int) -> tuple[FloatArray, FloatArray, float, float, float]:
+    """Point, unit axis, length, radius and slope of the piece at a run's end, looking inwards."""
+    one, two = (0, 1) if end == 0 else (-1, -2)
+    step = run.points[two] - run.points[one]
+    length = float(np.sqrt(step @ step))
+    slope = float(run.radius[two] - run.radius[one]) / length
+    return run.points[one], step / length, length, float(run.radius[one]), slope
+
+
+def _walls(runs: list[Chain], ends: list[End]) -> FloatArray:
+    pieces = [first_piece(runs[run], end) for run, end in ends]
+    start, axis, _, radius, slope = (np.array(column) for column in zip(*pieces, strict=True))
+    return wall_rows(start, axis, np.full(len(ends), np.inf), radius, slope)
+
+
+def _straight(run: Chain, end: int) -> float:
+    """How much of the first piece is straight tube: less what the next bend's mitre eats."""
+    _, axis, length, _, _ = first_piece(run, end)
+    if len(run.points) == 2:
+        return length
+    inner = 1 if end == 0 else -2
+    after = run.points[2 if end == 0 else -3] - run.points[inner]
+    cosine = float(axis @ after) / float(np.linalg.norm(after))
+    eaten = run.radius[inner] * np.sqrt(max(0.0, (1.0 - cosine) / (1.0 + cosine)))
+    return length - float(eaten)
+
+
+def _give_room(layout: Layout) -> None:
+    """Find which runs are swallowed, then each junction's fillet and reach."""
+    least: dict[End, float] = {}
+    for ends, rows in zip(layout.ends, layout.walls, strict=True):
+        room = np.array([_straight(layout.runs[run], end) for run, end in ends])
+        least.update(zip(ends, reaches(rows, 0.0, room).tolist(), strict=True))
+    layout.swallowed = [
+        _slack(layout, index, least, end) < 0.0 or _slack(layout, index, least, 1 - end) < 0.0
+        for index, end in ((index, 0) for index in range(len(layout.runs)))
+    ]
+    for joint in range(len(layout.ends)):
+        _settle(layout, joint, least)
+
+
+def _slack(layout: Layout, index: int, least: dict[End, float], end: int) -> float:
+    """Room left at an end when it and the other one take their least, mm; negative if too little.
+
+    Ends that aren't joined take nothing.
+    """
+    run = layout.runs[index]
+    own = least.get((index, end), 0.0)
+    gap = _TUBE_LEFT * float(run.radius.max())
+    other = least.get((index, 1 - end), 0.0) if len(run.points) == 2 else 0.0
+    return _straight(run, end) - gap - own - other
+
+
+def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
+    """The largest fillet of the wanted one's shares for which all plain tubes have room.
+
+    What both ends of a run leave over is shared equally.
+    """
+    ends, rows, wanted = layout.ends[joint], layout.walls[joint], layout.fillet[joint]
+    free = [not layout.swallowed[run] for run, _ in ends]
+    room = np.array(
+        [
+            least[end] + (0.5 if len(layout.runs[end[0]].points) == 2 else 1.0) * slack
+            if kept
+            else 0.0
+            for end, kept in zip(ends, free, strict=True)
+            for slack in [_slack(layout, end[0], least, end[1])]
+        ]
+    )
+    for rho in [*(share * wanted for share in _FILLETS), 0.0]:
+        found = reaches(rows, rho, room)
+        if all(np.isfinite(x) for x, kept in zip(found.tolist(), free, strict=True) if kept):
+            break
+    else:
+        found = np.array([least[end] for end in ends])
+    layout.fillet[joint] = rho
+    for end, x, kept in zip(ends, found.tolist(), free, strict=True):
+        if kept:
+            layout.reach[end] = x
+
+
+def swallow(layout: Layout, more: Iterable[int]) -> None:
+    """Make ``more`` runs whole parts of a crowd."""
+    for run in more:
+        layout.swallowed[run] = True
+        for end in (0, 1):
+            layout.reach.pop((run, end), None)
+
+
+def keep_clear_of_balls(layout: Layout) -> None:
+    """Move the rings of crowds out of the balls in their junctions; swallow runs without room."""
+    joints = range(len(layout.ends))
+    while True:
+        tight = []
+        for joint in joints:
+            if not layout.crowded(joint):
+                continue
+            for run, end in layout.ends[joint]:
+                wanted = _BALL_REACH * float(layout.ball[joint])
+                if layout.swallowed[run] or layout.reach[run, end] >= wanted:
+                    continue
+                chain = layout.runs[run]
+                other = layout.reach.get((run, 1 - end), 0.0) if len(chain.points) == 2 else 0.0
+                gap = _TUBE_LEFT * float(chain.radius.max())
+                if wanted + other + gap <= _straight(chain, end):
+                    layout.reach[run, end] = wanted
+                else:
+                    tight.append(run)
+        if not tight:
+            return
+        swallow(layout, tight)

@@ -1,0 +1,88 @@
+"""The lumen report as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+Numbers = dict[str, Any]
+
+ROWS: Final = 20
+"""Lumens that are shown without ``--all``: those that lose most."""
+
+
+def lumen_lines(found: Numbers, every: bool) -> list[str]:
+    """`printctl.lumens.LumenCheck.as_dict` for a terminal, worst lumens first."""
+    rows = found["lumens"] if every else found["lumens"][:ROWS]
+    left = len(found["lumens"]) - len(rows)
+    return [
+        *_head(found),
+        "",
+        *(_row(row) for row in (None, *rows)),
+        *([f"  … and {left} lumens that lose less (--all shows them)"] if left else []),
+        *_closed(found["lumens"]),
+        *_leaks(found["leaks"]),
+    ]
+
+
+def _head(found: Numbers) -> Iterator[str]:
+    summary = found["summary"]
+    place = ", ".join(f"{value:.3f}" for value in found["place_mm"])
+    yield (
+        f"{summary['lumens']} lumens among lines of {found['line_um']:.0f} µm in layers of "
+        f"{found['layer_um']:.0f} µm; part's origin at {place} mm"
+    )
+    yield (
+        f"median diameter {summary['diameter_error_median_um']:+.1f} µm from the design, "
+        f"{summary['stepped_diameter_error_median_um']:+.1f} after motor steps"
+    )
+    yield (
+        f"conductance against the design: median {100 * summary['conductance_median']:.1f} %, "
+        f"least {100 * summary['conductance_least']:.1f} %; after motor steps "
+        f"{100 * summary['stepped_conductance_median']:.1f} %, "
+        f"{100 * summary['stepped_conductance_least']:.1f} %"
+    )
+    yield f"{summary['closed']} closed, {summary['leaks']} leaking"
+
+
+def _row(row: Numbers | None) -> str:
+    """One lumen's; None for the heading."""
+    if row is None:
+        return (
+            f"  {'lumen':>6}{'designed':>10}{'narrowest':>11}{'stepped':>9}{'median':>9}"
+            f"{'conduct.':>10}{'stepped':>9}{'least':>7}{'layer':>7}  narrowest at / mm\n"
+            f"  {'':>6}{'mm':>10}{'mm':>11}{'mm':>9}{'µm off':>9}{'%':>10}{'%':>9}{'%':>7}"
+        )
+    stepped = row["stepped"]
+    at = ", ".join(f"{value:.2f}" for value in row["at_mm"])
+    return (
+        f"  {row['lumen']:>6}{row['designed_mm']:>10.3f}{row['narrowest_mm']:>11.3f}"
+        f"{stepped['narrowest_mm']:>9.3f}{row['diameter_error_median_um']:>+9.1f}"
+        f"{100 * row['conductance']:>10.1f}{100 * stepped['conductance']:>9.1f}"
+        f"{100 * stepped['conductance_least']:>7.1f}{row['layer']:>7}  {at}"
+    )
+
+
+def _closed(rows: list[Numbers]) -> Iterator[str]:
+    for row in rows:
+        layers = sorted({*row["closed_layers"], *row["stepped"]["closed_layers"]})
+        if layers:
+            yield f"CLOSED lumen {row['lumen']} in layer {_spans(layers)}"
+
+
+def _spans(numbers: list[int]) -> str:
+    """``3, 7 to 12``."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and spans[-1][1] == number - 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in spans)
+
+
+def _leaks(leaks: list[Numbers]) -> Iterator[str]:
+    for leak in leaks:
+        into = leak["into"] if leak["into"] == "outside" else f"tree {leak['into']}"
+        at = ", ".join(f"{value:.2f}" for value in leak["at_mm"])
+        yield f"LEAK from tree {leak['tree']} into {into} in layer {leak['layer']} at {at} mm"

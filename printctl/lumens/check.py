@@ -1,0 +1,162 @@
+"""The whole question: whether the lumens are open, as wide as designed, and tight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from design.network import VesselNetwork
+from design.solids import Solid
+from printctl.lumens.leaks import Leak, Lumens, find_leaks
+from printctl.lumens.lines import WrittenLines, rounded_to_steps
+from printctl.lumens.measure import measure
+from printctl.lumens.model import model_lumens
+from printctl.lumens.network import network_lumens
+from printctl.lumens.report import LumenReport, report_dict, report_lumens
+from printctl.lumens.stations import FloatArray, Stations
+from printctl.lumens.trees import network_trees
+
+NAMED: Final = 5
+"""Lumens named in a refusal; the others are counted."""
+
+
+@dataclass(frozen=True)
+class LumenCheck:
+    """What was found.
+
+    Attributes
+    ----------
+    ideal, stepped : LumenReport
+        On the lines as written, and between the motors' whole steps.
+    leaks : tuple of Leak
+        Places are in the part's frame.
+    line_mm, layer_mm : float, mm
+        Median width of a line, and thickness of a layer.
+    """
+
+    ideal: LumenReport
+    stepped: LumenReport
+    leaks: tuple[Leak, ...]
+    line_mm: float
+    layer_mm: float
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this mustn't be printed; None where all is well."""
+        closed = np.flatnonzero(self.ideal.closed | self.stepped.closed)
+        parts = []
+        if len(closed):
+            names = [self.ideal.names[k] for k in closed]
+            parts.append(
+                f"closed: lumen {_listed(names)} ({len(names)} of {len(self.ideal.names)})"
+            )
+        if self.leaks:
+            ways = [
+                f"tree {leak.tree} into {_into(leak)} in layer {leak.layer}" for leak in self.leaks
+            ]
+            parts.append(f"leaking: {_listed(ways)}")
+        if not parts:
+            return None
+        return f"{'; '.join(parts)}; slice again with finer lines or wider lumens, or mend the part"
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should look at."""
+        if 2 * int(self.ideal.closed.sum()) > len(self.ideal.names):
+            return [
+                "most lumens are closed: does the part stand where --place says, and is this its "
+                "G-code?"
+            ]
+        return []
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "passed": self.refusal is None,
+            "line_um": 1e3 * self.line_mm,
+            "layer_um": 1e3 * self.layer_mm,
+            **report_dict(self.ideal, self.stepped, self.leaks),
+            "notes": self.notes,
+        }
+
+
+def check_network(
+    lines: WrittenLines,
+    network: VesselNetwork,
+    place_mm: FloatArray,
+    steps_per_mm: tuple[float, float],
+    leak_mm: float,
+) -> LumenCheck:
+    """Hold G-code against the network that it should leave open.
+
+    Parameters
+    ----------
+    lines : WrittenLines
+    network : VesselNetwork
+        In the part's frame.
+    place_mm : (3,) float64, mm
+        The part's origin in the printer's frame.
+    steps_per_mm : tuple
+        Of x and y.
+    leak_mm : float, mm
+        Narrower ways are no leaks.
+    """
+    stations = network_lumens(network, place_mm, _layer(lines), _line(lines))
+    trees = network_trees(network, lines, place_mm)
+    return _check(lines, stations, trees, place_mm, steps_per_mm, leak_mm)
+
+
+def check_model(
+    lines: WrittenLines,
+    part: Solid,
+    place_mm: FloatArray,
+    steps_per_mm: tuple[float, float],
+    leak_mm: float,
+) -> LumenCheck:
+    """Hold G-code against the holes of the part's own sections; see `check_network`.
+
+    Raises
+    ------
+    UsageError
+        When the part has no hole.
+    """
+    stations, trees = model_lumens(part, lines, place_mm)
+    return _check(lines, stations, trees, place_mm, steps_per_mm, leak_mm)
+
+
+def _check(
+    lines: WrittenLines,
+    stations: Stations,
+    trees: Lumens,
+    place: FloatArray,
+    steps_per_mm: tuple[float, float],
+    leak_mm: float,
+) -> LumenCheck:
+    stepped = rounded_to_steps(lines, steps_per_mm)
+    leaks = find_leaks(lines, trees, leak_mm)
+    return LumenCheck(
+        report_lumens(stations, measure(lines, stations), lines, place),
+        report_lumens(stations, measure(stepped, stations), lines, place),
+        tuple(replace(leak, at_mm=leak.at_mm - place) for leak in leaks),
+        _line(lines),
+        _layer(lines),
+    )
+
+
+def _line(lines: WrittenLines) -> float:
+    return float(np.median(lines.width))
+
+
+def _layer(lines: WrittenLines) -> float:
+    return float(np.median(lines.high - lines.low))
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _into(leak: Leak) -> str:
+    return leak.into if leak.into == "outside" else f"tree {leak.into}"

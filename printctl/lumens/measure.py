@@ -1,0 +1,84 @@
+"""Measure stations among written lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from printctl.lumens.lines import WrittenLines
+from printctl.lumens.stations import FloatArray, IntArray, Stations
+from sim.lumen_kernels import sections
+from sim.lumen_ray_kernels import Slabs, list_cells, mark_needed
+
+CELL_MM: Final = 0.25
+MOST_CELLS: Final = 60_000_000
+RAY_SPACING_MM: Final = 0.025
+"""Where rays meet the wall; a line's round end is several times as wide."""
+LEAST_RAYS: Final = 96
+MOST_RAYS: Final = 480
+
+
+@dataclass(frozen=True)
+class Openings:
+    """What is open at each station.
+
+    Attributes
+    ----------
+    diameter : (n,) float64, mm
+        Of the widest circle in the plane across the lumen; 0 where ink covers it.
+    centre : (n, 3) float64, mm
+        Its centre.
+    area : (n,) float64, mm²
+        Open, as seen from there.
+    """
+
+    diameter: FloatArray
+    centre: FloatArray
+    area: FloatArray
+
+
+def measure(lines: WrittenLines, stations: Stations) -> Openings:
+    """Widest circle and open area of each station's section."""
+    slabs = slabs_near(lines, stations)
+    diameter, centre, area = sections(
+        slabs,
+        stations.axis,
+        stations.along,
+        stations.radius,
+        stations.window,
+        stations.limit,
+        _rays(stations),
+    )
+    return Openings(diameter, centre, area)
+
+
+def _rays(stations: Stations) -> IntArray:
+    wanted = np.ceil(2 * np.pi * stations.radius / RAY_SPACING_MM)
+    return np.clip(wanted, LEAST_RAYS, MOST_RAYS).astype(np.int64)
+
+
+def slabs_near(lines: WrittenLines, stations: Stations) -> Slabs:
+    """Sort the lines near the lumens into cells."""
+    reach = (stations.limit + stations.window)[:, None] * np.sqrt(
+        np.clip(1.0 - stations.along**2, 0.0, 1.0)
+    )
+    low = (stations.axis - reach).min(axis=0)[:2]
+    high = (stations.axis + reach).max(axis=0)[:2]
+    layers = len(lines.low)
+    area = float(np.prod(high - low))
+    cell = max(CELL_MM, float(np.median(lines.width)), (area * layers / MOST_CELLS) ** 0.5)
+    nx, ny = (int(n) + 1 for n in np.ceil((high - low) / cell))
+    needed = np.zeros((layers, ny, nx), dtype=np.bool_)
+    corner = (float(low[0]), float(low[1]), cell)
+    mark_needed(stations.axis, reach, lines.low, lines.high, *corner, needed)
+    line = np.column_stack([lines.start, lines.end, lines.width / 2])
+    first = np.zeros(needed.size + 1, dtype=np.int64)
+    nothing = np.empty(0, dtype=np.int32)
+    list_cells(line, lines.layer, needed, *corner, first, nothing, False)
+    np.cumsum(first, out=first)
+    item = np.empty(int(first[-1]), dtype=np.int32)
+    cursor = first.copy()
+    list_cells(line, lines.layer, needed, *corner, cursor, item, True)
+    return Slabs(lines.low, lines.high, line, first, item, *corner, nx, ny)

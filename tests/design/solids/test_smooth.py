@@ -1,0 +1,254 @@
+"""Rounded junctions: the fillet against a rolled ball, and unions that stay closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from design.errors import SolidError
+from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
+from design.solids.smooth.assemble import sewn
+from design.solids.smooth.fillet import errors, rounded_distance, shoot, wall_rows
+from design.solids.smooth.layout import lay_out
+from design.solids.smooth.reach import reaches
+from design.solids.smooth.sphere import insert, start
+from design.solids.topology import edge_faults, is_closed
+from design.solids.tube import EndShape
+from tests.design.solids.networks import channels, ladder, lattice, vessel
+
+TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+TURN *= np.sign(np.linalg.det(TURN))
+FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)
+
+
+def _walls(axes: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    count = len(axes)
+    return wall_rows(np.zeros((count, 3)), axes, np.full(count, np.inf), radius, np.zeros(count))
+
+
+def _distances(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of points (m, 3) from each half-infinite tube, (m, n): plain NumPy."""
+    along = np.maximum(points @ walls[:, 3:6].T, 0.0)
+    gap = points[:, None] - along[..., None] * walls[None, :, 3:6]
+    return np.linalg.norm(gap, axis=2) - walls[:, 7]
+
+
+def _assert_solid(solid: Solid) -> None:
+    assert not edge_faults(solid.faces)
+    assert solid.volume_mm3 > 0
+    assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
+
+
+def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
+    rng = np.random.default_rng(3)
+    walls = _walls(
+        np.array([[1.0, 0, 0], [-0.6, 0.8, 0.1], [-0.7, -0.7, 0.3]]), np.array([1, 0.8, 0.6])
+    )
+    rho = 0.4
+    points = rng.uniform(-2.0, 2.0, (4000, 3))
+    near = np.abs(_distances(walls, points).min(axis=1)) < rho
+    balls = rng.normal(size=(4000, 3))
+    balls *= rho * rng.random((4000, 1)) ** (1 / 3) / np.linalg.norm(balls, axis=1)[:, None]
+    tried = 0
+    for point in points[near][:250]:
+        off = rounded_distance(walls, rho, *point)
+        if abs(off) < 0.1 * rho:
+            continue
+        tried += 1
+        reached = np.any(_distances(walls, point + balls).min(axis=1) >= rho)
+        assert reached == (off > 0.0)
+    assert tried > 100
+
+
+def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
+    """Two tubes so wide that their walls are planes at a right angle, ball in the corner."""
+    wide, rho = 1e4, 0.5
+    walls = wall_rows(
+        np.array([[0, -wide, 0], [-wide, 0, 0]]), np.array([[0, 0, 1.0], [0, 0, 1.0]]),
+        np.full(2, np.inf), np.full(2, wide), np.zeros(2),
+    )  # fmt: skip
+    angle = np.linspace(0.1, 1.4, 7)
+    arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
+    found = np.empty(len(arc))
+    errors(walls, rho, arc, found)
+    assert found == pytest.approx(0.0, abs=2e-5)
+
+
+def test_vessels_in_one_line_dont_bulge() -> None:
+    walls = _walls(np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([0.5, 0.5]))
+    directions = np.stack([np.zeros(9), np.cos(np.arange(9)), np.sin(np.arange(9))], axis=1)
+    away = np.empty(9)
+    shoot(walls, 0.25, directions, away)
+    assert away == pytest.approx(0.5, rel=1e-6)
+
+
+def test_triangles_of_directions_are_the_convex_hull() -> None:
+    points = np.random.default_rng(5).normal(size=(300, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    tri, beside = np.zeros((700, 3), np.int64), np.zeros((700, 3), np.int64)
+    chosen = np.zeros(4, np.int64)
+    assert start(points, 20, tri, beside, chosen)
+    used = 4
+    for p in np.setdiff1d(np.arange(300), chosen).tolist():
+        used = insert(points, p, tri, beside, used, np.zeros(4000, np.int64))
+    hull = {tuple(sorted(face)) for face in ConvexHull(points).simplices.tolist()}
+    assert {tuple(sorted(face)) for face in tri[:used].tolist()} == hull
+
+
+def test_a_thin_branch_at_a_small_angle_is_clear_only_where_it_has_left_the_wide_wall() -> None:
+    walls = _walls(np.array([[1.0, 0, 0], [-1, 0, 0], [1.0, 0.2, 0]]), np.array([1, 1, 0.1]))
+    found = reaches(walls, 0.0, np.full(3, 50.0))
+    assert found[0] > (1.0 - 0.1) / 0.2
+    assert found[1] < 1.0
+    assert np.isinf(reaches(walls, 0.0, np.full(3, 3.0))[0])
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN])
+@pytest.mark.parametrize("ratio", [0.0, 0.25, 0.5, 1.0])
+def test_a_cross_of_six_is_closed_and_grows_with_its_fillet(turn: np.ndarray, ratio: float) -> None:
+    arms = np.concatenate([3.0 * np.eye(3), -3.0 * np.eye(3)]) @ turn.T
+    network = channels([[0, 0, 0], *arms], [(0, k) for k in range(1, 7)], 0.4)
+    solid = lumen_solid(network, fillet_ratio=ratio)
+    _assert_solid(solid)
+    assert surface_genus(solid.faces) == (0, 1)
+    sharp = lumen_solid(network)
+    if ratio:
+        assert solid.volume_mm3 > sharp.volume_mm3 * (1.0 + 0.015 * ratio**2)
+
+
+def _sharpest(solid: Solid, middle: np.ndarray, reach: float) -> float:
+    """Least cosine between neighbouring faces with all corners within ``reach``."""
+    faces = solid.faces
+    a, b, c = (solid.vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    normal /= area[:, None]
+    tail, head = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel()
+    size = len(solid.vertices)
+    one, two = np.argsort(tail * size + head), np.argsort(head * size + tail)
+    near = np.linalg.norm(solid.vertices - middle, axis=1) < reach
+    inner = near[faces].all(axis=1) & (area > 1e-6)
+    pair = inner[one // 3] & inner[two // 3]
+    return float(np.sum(normal[one // 3] * normal[two // 3], axis=1)[pair].min())
+
+
+def test_seams_are_sharp_without_and_gone_with_a_fillet() -> None:
+    middle = np.array([5.0, 0, 0])
+    assert _sharpest(lumen_solid(FORK), middle, 1.5) < 0.7
+    assert _sharpest(lumen_solid(FORK, fillet_mm=0.2), middle, 1.5) > 0.85
+
+
+def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
+    solid = lumen_solid(FORK, fillet_mm=0.2)
+    layout = lay_out(FORK, 0.001, 0.0, 0.2)
+    near = np.linalg.norm(solid.vertices - [5, 0, 0], axis=1) < 0.8
+    found = np.empty(int(near.sum()))
+    errors(layout.walls[0], 0.2, solid.vertices[near], found)
+    # Polygons of the circle's area stand a little over it.
+    assert np.abs(found).max() < 2.5e-3
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_loops_keep_their_genus(ratio: float) -> None:
+    for network in (ladder(), lattice(3, 2.0, 0.3), lattice(3, 2.0, 0.3, TURN)):
+        solid = lumen_solid(network, fillet_ratio=ratio)
+        _assert_solid(solid)
+        assert surface_genus(solid.faces) == (network_genus(network), 1)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -> None:
+    nodes = np.array([[0, 0, 0], [3, 0, 0], [3.3, 0, 0], [6, 0, 0], [3, 3, 0], [3.3, -3, 0]])
+    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
+    network = channels(nodes @ TURN.T, ends, [0.5, 0.5, 0.5, 0.3, 0.3])
+    layout = lay_out(network, 0.001, ratio, None)
+    assert layout.swallowed == [False, True, False, False, False]
+    solid = lumen_solid(network, fillet_ratio=ratio)
+    _assert_solid(solid)
+    assert surface_genus(solid.faces) == (0, 1)
+
+
+@pytest.mark.parametrize("length", [0.95, 1.05, 1.3])
+def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
+    nodes = [[-4, 0, 0], [0, 0, 0], [length, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
+    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
+    network = channels(nodes, ends, [0.5, 0.5, 0.5, 0.1, 0.1])
+    layout = lay_out(network, 0.001, 0.0, None)
+    joined = layout.joint_of()
+    shapes: list[tuple[EndShape, EndShape]] = [
+        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
+        for run in range(5)
+    ]
+    _, faces = sewn(layout, shapes, 0.001)
+    assert sum(layout.swallowed) < 5
+    assert is_closed(faces)
+    assert surface_genus(lumen_solid(network).faces) == (0, 1)
+
+
+def test_curved_and_tapered_vessels_meet() -> None:
+    turn = np.linspace(0, np.pi, 40)
+    arc = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0.1 * turn], axis=1)
+    one = vessel(arc, np.linspace(0.6, 0.3, 40))
+    _assert_solid(lumen_solid(one, fillet_ratio=0.5))
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_far_from_the_origin_the_solid_is_the_same_up_to_float32(ratio: float) -> None:
+    here = lumen_solid(FORK, fillet_ratio=ratio)
+    for offset in (1e3, 1e5):
+        far = lumen_solid(FORK.moved(np.array([offset, -offset, 0.0])), fillet_ratio=ratio)
+        _assert_solid(far)
+        assert surface_genus(far.faces) == (0, 1)
+        assert far.volume_mm3 == pytest.approx(here.volume_mm3, rel=2e-3)
+
+
+def test_the_same_network_gives_the_same_bytes() -> None:
+    one, two = lumen_solid(FORK, fillet_ratio=0.5), lumen_solid(FORK, fillet_ratio=0.5)
+    assert one.vertices.tobytes() == two.vertices.tobytes()
+    assert one.faces.tobytes() == two.faces.tobytes()
+
+
+def test_a_negative_fillet_is_refused() -> None:
+    with pytest.raises(SolidError, match="fillet -1"):
+        lumen_solid(FORK, fillet_ratio=-1.0)
+    with pytest.raises(SolidError, match="fillet nan"):
+        lumen_solid(FORK, fillet_mm=float("nan"))
+
+
+def _crossings(solid: Solid) -> int:
+    """Pairs of an edge and a triangle without a common vertex that cross: every pair is tried."""
+    corners, faces = solid.vertices[solid.faces], solid.faces
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    found = 0
+    for index, (a, b, c) in enumerate(corners):
+        near = np.all((low <= high[index]) & (high >= low[index]), axis=1)
+        near &= ~np.isin(faces, faces[index]).any(axis=1)
+        normal = np.cross(b - a, c - a)
+        for k in range(3):
+            p, q = corners[near, k], corners[near, (k + 1) % 3]
+            over, under = (p - a) @ normal, (q - a) @ normal
+            crosses = over * under < 0.0
+            at = p + (over / np.where(crosses, over - under, 1.0))[:, None] * (q - p)
+            for tail, head in ((a, b), (b, c), (c, a)):
+                crosses &= np.cross(head - tail, at - tail) @ normal > 1e-9 * normal @ normal
+            found += int(crosses.sum())
+    return found
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_no_triangle_crosses_another(ratio: float) -> None:
+    short = [[-4, 0, 0], [0, 0, 0], [1.3, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
+    crowd = channels(short, [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)], [0.5, 0.5, 0.5, 0.1, 0.1])
+    arms = np.concatenate([3.0 * np.eye(3), -3.0 * np.eye(3)]) @ TURN.T
+    cross = channels([[0, 0, 0], *arms], [(0, k) for k in range(1, 7)], 0.4)
+    for network in (FORK, crowd, cross):
+        assert _crossings(lumen_solid(network, fillet_ratio=ratio, tolerance_mm=0.01)) == 0
+
+
+def test_the_search_for_crossings_finds_them() -> None:
+    cube = block_solid((1, 1, 1)).vertices
+    faces = block_solid((1, 1, 1)).faces
+    both = np.concatenate([cube, cube @ TURN.T + 0.5])
+    assert _crossings(Solid(both, np.concatenate([faces, faces + 8]))) > 0

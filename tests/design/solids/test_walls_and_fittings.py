@@ -1,0 +1,168 @@
+"""Tubes with walls, fittings at ports, text and fiducials."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from design.errors import SolidError
+from design.solids import (
+    Chamber,
+    Connector,
+    block_solid,
+    chamber_solid,
+    connector_parts,
+    cylinder_solid,
+    fiducial_places,
+    surface_genus,
+    text_solid,
+    tube_solid,
+    with_connector,
+    with_text,
+)
+from design.solids.connectors import Kind
+from tests.design.solids.networks import channels, ladder
+
+BODY = block_solid((12, 12, 6))
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def test_a_straight_tubes_wall_is_a_ring_over_its_length() -> None:
+    network = channels([[0, 0, 0], [0, 6, 8]], [(0, 1)], 0.5)
+    solid = tube_solid(network, 0.2)
+    assert solid.volume_mm3 == pytest.approx(np.pi * (0.49 - 0.25) * 10.0, rel=2e-3)
+    assert surface_genus(solid.faces) == (1, 1)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5])
+def test_a_forks_wall_has_a_hole_less_than_ends(ratio: float) -> None:
+    nodes = [[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]]
+    network = channels(nodes, [(0, 1), (1, 2), (1, 3)], 0.4)
+    solid = tube_solid(network, 0.15, fillet_ratio=ratio)
+    assert surface_genus(solid.faces) == (2, 1)
+
+
+def test_ends_that_arent_opened_stay_walled() -> None:
+    network = channels([[0, 0, 0], [10, 0, 0]], [(0, 1)], 0.5)
+    assert surface_genus(tube_solid(network, 0.2, open_nodes=np.array([0])).faces) == (0, 1)
+    closed = tube_solid(network, 0.2, open_nodes=np.array([], dtype=np.int64))
+    assert surface_genus(closed.faces) == (0, 2)
+    ball = 4 / 3 * np.pi * (0.7**3 - 0.5**3)
+    assert closed.volume_mm3 == pytest.approx(np.pi * 0.24 * 10 + ball, rel=2e-3)
+
+
+def test_loops_count_twice_in_a_wall() -> None:
+    assert surface_genus(tube_solid(ladder(), 0.1).faces) == (3 + 3 + 2 - 1, 1)
+
+
+@pytest.mark.parametrize("kind", ["plain", "barb", "luer_female", "luer_male"])
+def test_a_fitting_has_one_channel_through_it(kind: Kind) -> None:
+    body = with_connector(BODY, Connector(kind, 1.5), np.array([6.0, 6.0, 6.0]), UP)
+    # The bore ends 1 mm within: a blind hole, which a lumen opens.
+    assert surface_genus(body.faces) == (0, 1)
+    assert body.bounds[1, 2] == pytest.approx(16.0, abs=1e-5)
+    assert body.volume_mm3 > BODY.volume_mm3
+
+
+def _radius_at(solid_radius: np.ndarray, z: np.ndarray, height: float) -> float:
+    return float(solid_radius[np.abs(z - height) < 1e-5].max())
+
+
+def test_luer_cones_lose_six_percent() -> None:
+    for kind, ends in (("luer_male", 0), ("luer_female", 1)):
+        parts = connector_parts(Connector(kind, 1.5))  # type: ignore[arg-type]
+        solid = parts[ends]
+        radius, z = np.hypot(*solid.vertices[:, :2].T), solid.vertices[:, 2]
+        if kind == "luer_male":
+            wide, narrow = _radius_at(radius, z, 0.0), _radius_at(radius, z, 10.0)
+            assert 2 * (wide - narrow) / 10.0 == pytest.approx(0.06, rel=2e-3)
+            assert 2 * narrow == pytest.approx(3.9575, abs=0.01)
+        else:
+            wide, narrow = _radius_at(radius, z, 11.0), _radius_at(radius, z, 2.5)
+            assert 2 * (wide - narrow) / 8.5 == pytest.approx(0.06, rel=2e-3)
+            opening = 2 * (narrow + (wide - narrow) * 7.5 / 8.5)
+            assert 4.270 <= opening <= 4.315
+
+
+def test_a_barb_stands_over_its_shank() -> None:
+    outside, _ = connector_parts(Connector("barb", 1.5, outer_mm=3.0, barb_mm=0.6, barbs=3))
+    radius = np.hypot(*outside.vertices[:, :2].T)
+    assert 2 * radius.max() == pytest.approx(3.6, rel=3e-3)
+
+
+def test_a_fitting_stands_along_any_direction() -> None:
+    outward = np.array([3.0, 0.0, 0.0])
+    body = with_connector(BODY, Connector("plain", 2.0, 4.0, 5.0), np.array([12.0, 6, 3]), outward)
+    assert body.bounds[1, 0] == pytest.approx(17.0, abs=1e-5)
+    ring = np.pi * (2.0**2 - 1.0**2) * 5.0
+    assert body.volume_mm3 == pytest.approx(BODY.volume_mm3 + ring - np.pi * 1.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("connector", "message"),
+    [
+        (Connector("plain", 7.0), "leaves no wall"),
+        (Connector("luer_male", 1.0, length_mm=5.0), "below 7.5 mm"),
+        (Connector("luer_female", 4.0), "no bottom"),
+        (Connector("barb", 1.0, barbs=0), "at least one"),
+        (Connector("plain", 0.0), "above 0"),
+    ],
+)
+def test_impossible_fittings_are_refused(connector: Connector, message: str) -> None:
+    with pytest.raises(SolidError, match=message):
+        connector_parts(connector)
+
+
+def test_text_is_raised_or_engraved_by_its_area() -> None:
+    text = text_solid("A1", 2.0, 0.4)
+    place = (np.array([2.0, 4.0, 6.0]), np.array([1.0, 0, 0]), UP)
+    raised = with_text(BODY, text, *place)
+    cut = with_text(BODY, text, *place, engraved=True)
+    assert raised.volume_mm3 == pytest.approx(BODY.volume_mm3 + 0.95 * text.volume_mm3, rel=1e-5)
+    assert cut.volume_mm3 == pytest.approx(BODY.volume_mm3 - 0.95 * text.volume_mm3, rel=1e-5)
+    # "A" has a counter, which goes through the letter and not through the block.
+    assert surface_genus(text.faces) == (1, 2)
+
+
+def test_only_one_pose_fits_the_fiducials() -> None:
+    places = fiducial_places(np.zeros(3), np.array([1.0, 0, 0]), UP, 5.0)
+    sides = sorted(np.linalg.norm(a - b) for a, b in itertools.combinations(places, 2))
+    assert min(np.diff(sides)) > 0.1 * sides[0]
+    turned = fiducial_places(np.zeros(3), np.array([1.0, 0, 0]), -UP, 5.0)
+    assert not np.allclose(places, turned)
+
+
+def test_bad_marks_are_refused() -> None:
+    with pytest.raises(SolidError, match="nothing to be seen"):
+        text_solid("  ", 1.0, 1.0)
+    with pytest.raises(SolidError, match="along has no length"):
+        fiducial_places(np.zeros(3), UP, UP, 5.0)
+    with pytest.raises(SolidError, match="wall_mm 0"):
+        tube_solid(channels([[0, 0, 0], [1, 0, 0]], [(0, 1)], 0.1), 0.0)
+
+
+def test_a_cylinder_and_chambers_have_their_volumes() -> None:
+    assert cylinder_solid(4.0, 5.0).volume_mm3 == pytest.approx(20.0 * np.pi, rel=1e-6)
+    box = chamber_solid(Chamber("block", (10.0, 8.0, 5.0), ledge_mm=1.0, ledge_depth_mm=0.5))
+    cut = 10 * 8 * 5 + (12 * 10 - 10 * 8) * 0.5
+    assert box.volume_mm3 == pytest.approx(14 * 12 * 7 - cut, rel=1e-6)
+    assert box.bounds.tolist() == [[-7, -6, -2], [7, 6, 5]]
+    dish = chamber_solid(Chamber("cylinder", (10.0, 1.0, 5.0)))
+    assert dish.volume_mm3 == pytest.approx(np.pi * (49 * 7 - 25 * 5), rel=1e-5)
+    assert surface_genus(dish.faces) == (0, 1)
+
+
+def test_a_port_opens_a_chamber() -> None:
+    box = chamber_solid(Chamber("block", (10.0, 8.0, 5.0), wall_mm=0.9))
+    at, outward = np.array([5.9, 0.0, 2.5]), np.array([1.0, 0, 0])
+    ported = with_connector(box, Connector("plain", 1.0, 2.0, 4.0), at, outward, lead_in_mm=0.5)
+    assert surface_genus(ported.faces) == (1, 1)
+
+
+def test_impossible_bodies_are_refused() -> None:
+    with pytest.raises(SolidError, match="ledge_mm 2 must be below"):
+        chamber_solid(Chamber("block", (1.0, 1.0, 1.0), wall_mm=2.0, ledge_mm=2.0))
+    with pytest.raises(SolidError, match="above 0"):
+        cylinder_solid(0.0, 1.0)
