@@ -15,7 +15,7 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
-from printctl.recipe.parts import FlowPart, Part, Seed
+from printctl.recipe.parts import FlowPart, Part, Seed, SolidPart
 from printctl.recipe.tissue import Block, TissuePart
 
 
@@ -28,6 +28,7 @@ class Recipe(Part):
     tissue: TissuePart
     vasculature: NetworkPart
     flow: FlowPart = FlowPart()
+    solid: SolidPart = SolidPart()
     toolpath: ToolpathPart = Fresh(method="fresh")
     printer: PrinterPart = PrinterPart()
     scan: ScanPart | None = None

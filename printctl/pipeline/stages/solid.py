@@ -39,13 +39,18 @@ def make_construct(context: RunContext) -> tuple[Solid, IntArray]:
     marks = [(mark.centre_mm, mark.diameter_mm) for mark in PLANAR_DIMPLES] if named else []
     beyond = 2.0 * float(network.radius.max())
     ports = open_ends(network, body, beyond)
-    tool = lumen_solid(network, extend_ends_mm=beyond, extend_nodes=ports)
+    tool = lumen_solid(
+        network,
+        extend_ends_mm=beyond,
+        extend_nodes=ports,
+        fillet_ratio=context.recipe.solid.fillet_ratio,
+    )
     return construct_solid(body, tool, dimples=marks), ports
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Build, write, read back, check."""
-    lumen = lumen_solid(context.network)
+    lumen = lumen_solid(context.network, fillet_ratio=context.recipe.solid.fillet_ratio)
     report(0.3, "body minus lumens")
     construct, ports = make_construct(context)
     report(0.6, "writing")
@@ -74,9 +79,15 @@ def body_genus(context: RunContext) -> int:
     return validate_file(context.folder / SURFACE).genus or 0
 
 
+def depends(context: RunContext) -> Any:
+    """The section, and whether the design has dimples."""
+    named = isinstance(context.recipe.vasculature, NamedNetwork)
+    return [context.recipe.solid.model_dump(mode="json"), named]
+
+
 STAGE = Stage(
     "solid",
-    lambda context: isinstance(context.recipe.vasculature, NamedNetwork),
+    depends,
     (SURFACE, NETWORK),
     ("kernels", "design"),
     work,
