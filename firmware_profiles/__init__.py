@@ -7,6 +7,7 @@ from firmware_profiles.errors import ProfileError
 from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
+from firmware_profiles.watching import Watched
 
 __all__ = [
     "Axes",
@@ -24,6 +25,7 @@ __all__ = [
     "Span",
     "SteadyFlow",
     "Syringe",
+    "Watched",
     "doubts",
     "flow_ul_s",
     "held_pa",

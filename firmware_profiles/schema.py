@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
+from firmware_profiles.watching import Watched
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -154,6 +155,11 @@ class Printer(Facts):
         default=(),
         description="Commands that switch off what else is dangerous after a stop (pressure, UV, a "
         "pump); sent when the needle has left, before the heaters go off. Nothing that moves.",
+    )
+    watch: tuple[Watched, ...] = Field(
+        default=(),
+        description="Forces or pressures that the machine tells when asked, and their limits; "
+        "asked for while it prints.",
     )
     safe_state_on: tuple[str, ...] = Field(
         default=(), description="What must stay on after a stop (cooling of ink and bath)."

@@ -14,6 +14,7 @@ from sim.bad_line import BadLine
 from sim.dialects import simulated_printer
 from sim.errors import ServeError, SimError
 from sim.faults import Fault, FaultFile, load_faults, parse_fault
+from sim.job_lines import JobLines
 from sim.marlin_board import Board
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving
@@ -40,6 +41,12 @@ def parser() -> argparse.ArgumentParser:
         "--speed", type=float, default=0.0, help="times real time; 0 (default): as fast as it can"
     )
     options.add_argument("--record", type=Path, help="write the executed motion here (.npz)")
+    options.add_argument(
+        "--job",
+        type=Path,
+        metavar="FILE",
+        help="the G-code that will be sent: the record then tells its commands from a host's own",
+    )
     options.add_argument(
         "--start",
         type=_start,
@@ -88,6 +95,13 @@ def _faults(given: argparse.Namespace) -> tuple[FaultFile, tuple[Fault, ...]]:
     return file, faults
 
 
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as exc:
+        raise ServeError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
     given = parser().parse_args(arguments)
@@ -101,6 +115,8 @@ def main(arguments: list[str] | None = None) -> int:
             faults,
         )
         printer.bad_line = BadLine(file, np.random.default_rng(file.seed))
+        printer.gauges = {gauge.command: gauge for gauge in file.gauges}
+        printer.job = JobLines(_read(given.job)) if given.job else None
         port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)

@@ -6,7 +6,8 @@ command``, ``!! ...`` before the ok of a command that fails; ``// Klipper state:
 Shutdown; few commands (no M85, M92, M113, M302); no busy messages. Axes move only once they are
 homed or SET_KINEMATIC_POSITION has said where they are; after the idle timeout (600 s) heaters and
 motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE
-answer as theirs do, and change nothing but the timeout.
+answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and G92 shift the places
+that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is.
 
 Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that G-code
 commands wait for room in seconds of motion, not in blocks. After a shutdown a real one still
@@ -20,9 +21,11 @@ import re
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
+import numpy as np
+
 from sim.dialect_duet import DuetPrinter, g92_silent
-from sim.gcode import Command, split_line
-from sim.gcode_extended import PLACES, plain_command
+from sim.gcode import Command
+from sim.gcode_extended import OFFSETS, PLACES
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
 from sim.marlin_loop import MainLoop
@@ -32,10 +35,15 @@ IDLE_S: Final = 600.0
 """Klipper's default; its timer counts motion, not words."""
 _NAMED: Final = re.compile(rb"([A-Za-z]+_\w+)\s*(.*)")
 _TIMEOUT: Final = re.compile(rb"TIMEOUT=([\d.]+)")
+_VALUE: Final = re.compile(rb"\b([A-Z_]+)=([+-]?\d*\.?\d+)")
 _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
 _G: Final = (4, 20, 21, 28, 90, 91)
 _M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
 _KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 400)])
+
+
+def _values(words: bytes) -> dict[str, float]:
+    return {name.decode(): float(value) for name, value in _VALUE.findall(words.upper())}
 
 
 class KlipperLines(LineReader):
@@ -93,10 +101,12 @@ class KlipperPrinter(DuetPrinter):
         self.lines = KlipperLines(self.machine.printer.max_line_bytes)
         self.machine.cold_allowed = True
         self.machine.idle_limit_s = IDLE_S
+        self._no_offsets()
 
     def reset(self) -> None:
         """FIRMWARE_RESTART, or power."""
         super().reset()
+        self._no_offsets()
         self.machine.cold_allowed = True
         self.machine.idle_limit_s = IDLE_S
 
@@ -120,12 +130,11 @@ class KlipperPrinter(DuetPrinter):
             return super()._work(command)
         name = named[1].decode().upper()
         if name == PLACES:
-            line = plain_command(named[1], named[2])
-            split_line(line, self.words)
-            g92_silent(self, command)
-            self.homed |= set("XYZ")
+            self._stand_at(_values(named[2]))
         elif name == "SET_IDLE_TIMEOUT":
             self._set_idle_timeout(named[2].upper())
+        elif name == OFFSETS:
+            self._set_offset(_values(named[2]))
         elif name == "SET_VELOCITY_LIMIT":
             self.machine.say(_limits(self))
         elif name == "SET_PRESSURE_ADVANCE":
@@ -135,6 +144,31 @@ class KlipperPrinter(DuetPrinter):
         else:
             self.machine.say(f'// Unknown command:"{name}"')
         return None
+
+    # What a job calls a place is the head's own place less all shifts; ``shift`` of the modal state
+    # leads from the planner's count to the job's, ``_own`` from that count to the head's.
+
+    def _no_offsets(self) -> None:
+        self._own = self.machine.modal["shift"][0].copy()
+        self._offset = np.zeros(3)
+
+    def _stand_at(self, values: dict[str, float]) -> None:
+        """SET_KINEMATIC_POSITION: the head is there; what G92 and offsets shift stays shifted."""
+        modal = self.machine.modal[0]
+        for axis, name in enumerate("XYZ"):
+            if name in values:
+                own = values[name] - modal["position"][axis]
+                modal["shift"][axis] += own - self._own[axis]
+                self._own[axis] = own
+        self.homed |= set("XYZ")
+
+    def _set_offset(self, values: dict[str, float]) -> None:
+        """SET_GCODE_OFFSET without MOVE: what is named later lies so much farther."""
+        for axis, name in enumerate("XYZ"):
+            now = self._offset[axis]
+            value = values.get(name, now + values.get(f"{name}_ADJUST", 0.0))
+            self.machine.modal["shift"][0][axis] -= value - now
+            self._offset[axis] = value
 
     def _set_idle_timeout(self, words: bytes) -> None:
         given = _TIMEOUT.search(words)

@@ -12,7 +12,7 @@ from firmware_profiles import Printer, Span
 from sim.cold import REMEDY
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
-from sim.gcode_extended import Named
+from sim.gcode_extended import OFFSETS, Named
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.planner_stepper import LEAST_RATE
 
@@ -74,6 +74,7 @@ def check(
         *_plunger(program, printer),
         *_cold(program, moves & ~extrudes, REMEDY.get(printer.firmware, "")),
         *_strange(program, unknown, printer),
+        *_offset(named),
         *_too_long(program, size, printer),
     ]
     return {
@@ -291,6 +292,23 @@ def _strange(
             line, count = _first(program, where)
             found.append(Finding(line, sort, f"line {line}: {text}", count=count))
     return found
+
+
+def _offset(named: tuple[Named, ...]) -> list[Finding]:
+    """Klipper's offsets: they shift what comes after, and this dry run wouldn't know."""
+    lines = [at.line for at in named if at.name == OFFSETS and _shifts(at.words)]
+    if not lines:
+        return []
+    text = (
+        f"line {lines[0]}: {OFFSETS} shifts every place after it, and no check here follows it; "
+        "write the places themselves"
+    )
+    return [Finding(lines[0], "offset", text, count=len(lines))]
+
+
+def _shifts(words: dict[str, str]) -> bool:
+    """Whether anything but taking offsets back to 0 is asked for."""
+    return any(word not in ("0", "0.0") for word in words.values())
 
 
 def _or_name(sort: str) -> str:

@@ -27,7 +27,9 @@ class ExecutedMotion:
     time_start, time_end : (n,) float64, s
         On the printer's own clock.
     line : (n,) int64
-        Zero-based number of the job's command line that made the block; -1 when unknown.
+        Zero-based number of the job's command line that made the block; -1 when unknown, or a
+        host's own. Of a simulated printer that doesn't know the job (`sim.marlin`) the number of
+        the line that came, which counts a host's own lines; `sim.valve_blocks` finds the job's.
     """
 
     start: FloatArray

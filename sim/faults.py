@@ -14,6 +14,8 @@ A fault file is YAML::
       - {fault: unplug, line: 2000, back_after_s: 2}
       - {fault: endstop_stuck, time_s: 0, axis: x, stuck: open}
       - {fault: runaway, bytes: 50000}
+    gauges:                  # what it tells of a sensor: straight between times, by its clock
+      - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sim.errors import ServeError
+from sim.gauges import Gauge
 
 FaultKind = Literal[
     "unplug", "reset", "kill", "drop_ok", "runaway", "noise", "delay", "endstop_stuck"
@@ -108,6 +111,7 @@ class FaultFile(Troubles):
 
     seed: Annotated[int, Field(ge=0)] = 0
     at: tuple[Fault, ...] = ()
+    gauges: tuple[Gauge, ...] = ()
 
 
 _FAULT: Final = re.compile(r"([a-z_]+)@(\d+)")

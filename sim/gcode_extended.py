@@ -15,6 +15,7 @@ _LINE: Final = re.compile(rb"^[ \t]*([A-Za-z]+_\w+|STATUS)\b([^;\r\n]*)", re.MUL
 _WORD: Final = re.compile(rb"\b([XYZ])=([+-]?[\d.]+)")
 _VALUE: Final = re.compile(rb"(\w+)=(\S+)")
 PLACES: Final = "SET_KINEMATIC_POSITION"
+OFFSETS: Final = "SET_GCODE_OFFSET"
 NOTHING: Final = b"M105"
 
 

@@ -27,8 +27,10 @@ for a command, a full planner, M400, G4, a wait for heat. So a slow host can't s
 simulated planner: between two lines no more time passes than they take on the wire. Where the
 passing of time is itself what is looked at, `MarlinPrinter.advance` lets it pass.
 
-Line numbers. A block's ``line`` in the executed motion is its N word minus one (a job's first
-line is N1), -1 for a line without a number.
+Line numbers. A block's ``line`` in the executed motion is the file's command where the printer was
+given the file to compare with (`job`), -1 for what a host puts in. Without it, it is the line's N
+word minus one (a job's first line is N1), in which a host's own lines count, and -1 for a line
+without a number.
 """
 
 from __future__ import annotations
@@ -39,9 +41,12 @@ from typing import Final
 from firmware_profiles import Printer
 from sim.executed import ExecutedMotion
 from sim.faults import Fault
+from sim.gauges import Gauge
+from sim.gcode import Command
 from sim.marlin_board import Board
 from sim.marlin_fast import NOT_TAKEN, take_numbered_move
 from sim.marlin_loop import MainLoop
+from sim.marlin_waits import Steps
 
 _OK: Final = b"ok\n"
 
@@ -60,6 +65,11 @@ class MarlinPrinter(MainLoop):
         The processor's speed, and whether thermistors are wired.
     faults : tuple of Fault
         What goes wrong, and when.
+
+    Attributes
+    ----------
+    gauges : dict of str to Gauge
+        Sensors that it tells of, by the command that asks; what no real Marlin of ours has.
     """
 
     def __init__(
@@ -70,6 +80,7 @@ class MarlinPrinter(MainLoop):
         faults: tuple[Fault, ...] = (),
     ) -> None:
         super().__init__(printer, start_mm, board, faults)
+        self.gauges: dict[str, Gauge] = {}
 
     # -- the outside
 
@@ -133,6 +144,13 @@ class MarlinPrinter(MainLoop):
         """What really moved so far."""
         return self.machine.executed()
 
+    def _work(self, command: Command) -> Steps:
+        gauge = self.gauges.get(f"{command.letter}{command.number}")
+        if gauge is None:
+            return super()._work(command)
+        self.machine.say(gauge.at(self.machine.now))
+        return None
+
     # -- the short road
 
     def _take_plain_moves(self, data: bytes) -> bytes:
@@ -169,10 +187,13 @@ class MarlinPrinter(MainLoop):
             machine.log,
             arrived,
             min(self._alarm(), arrived + (machine.reports.keepalive_s or math.inf)),
+            expected - 1 if self.job is None else self.job.find(data),
             machine.costs,
         )
         if taken == NOT_TAKEN:
             return False
+        if self.job is not None:
+            self.job.take(data)
         machine.now = taken
         machine.idle_since = taken
         self.lines.last_number = expected

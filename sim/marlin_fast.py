@@ -68,6 +68,7 @@ def take_numbered_move(
     log: Records,
     now: float,
     alarm: float,
+    job_line: int,
     costs: NDArray[np.float64],
 ) -> float:
     r"""Take a line if it is the plain next move.
@@ -88,6 +89,8 @@ def take_numbered_move(
         When the line's last byte arrived.
     alarm : float, s
         Nothing else may happen before this time; a wait beyond it isn't for this road.
+    job_line : int
+        Kept with the block.
     costs : (5,) float64
         Of the processor, see `sim.planner.command_time`.
 
@@ -113,5 +116,5 @@ def take_numbered_move(
     if now > alarm:
         return NOT_TAKEN
     interpret(modal[0], row)
-    add_move(planner, ring, modal[0].position, speed(modal[0]), expected - 1, now)
+    add_move(planner, ring, modal[0].position, speed(modal[0]), job_line, now)
     return now

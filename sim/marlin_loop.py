@@ -22,6 +22,7 @@ from sim.faults import Fault
 from sim.gcode import Command, command_of, split_line
 from sim.gcode_modal import BAD, interpret, speed
 from sim.gcode_words import WORDS
+from sim.job_lines import JobLines
 from sim.marlin_arc import arc_of
 from sim.marlin_board import Board
 from sim.marlin_commands import HANDLERS, Handler
@@ -56,6 +57,8 @@ class MainLoop:
         After how long it is plugged in again; None for never.
     bad_line : BadLine
         The cable, for whoever owns the port.
+    job : JobLines or None
+        The file that is printed, if it is known: it tells its commands from a host's own lines.
     synced : int
         How often the host has had the motors waited for (M400); a good moment to keep a record.
     """
@@ -76,10 +79,11 @@ class MainLoop:
         self.bad_line = BadLine()
         self.synced = 0
         self.plan = FaultPlan(faults)
+        self.job: JobLines | None = None
+        self._job_line = -1
         self._queue: deque[bytes] = deque()
         self._tasks: list[tuple[Task, Wait, bool]] = []
-        self._command = b""
-        self._answered = False
+        self._command, self._answered = b"", False
         self._busy_at = math.inf
         self._hush = False
 
@@ -298,6 +302,7 @@ class MainLoop:
         split_line(line, self.words)
         command = command_of(line, self.words)
         self._hush |= self.plan.is_mute(command.line_number)
+        self._job_line = self.job.take(line) if self.job else (command.line_number or 0) - 1
         keepalive = machine.reports.keepalive_s
         self._busy_at = machine.now + keepalive if keepalive > 0 else math.inf
         if machine.debug & 1:
@@ -322,7 +327,6 @@ class MainLoop:
         if kind == BAD:
             machine.say("Error:G2/G3 bad parameters")
             return
-        line = (command.line_number or 0) - 1
         target = machine.modal["position"][0].copy()
         if target[3] != begin[3] and self._no_extrusion(abs(target[3] - begin[3])):
             machine.set_plunger(float(target[3]))
@@ -332,7 +336,7 @@ class MainLoop:
         feed = float(speed(machine.modal[0]))
         for point in points:
             yield Place()
-            machine.move_to(point, feed, line)
+            machine.move_to(point, feed, self._job_line)
         machine.idle_since = machine.now
 
     def _no_extrusion(self, travel_mm: float) -> bool:

@@ -33,6 +33,7 @@ def told(status: Status) -> list[str]:
             f"dead-man: pauses or stops in {status.deadman_left_s / 60:.1f} min unless "
             "`printctl alive` confirms"
         )
+    lines += [f"reads {reading}" for reading in status.readings]
     if status.line_errors or status.alarms:
         lines.append(f"{status.line_errors} lines sent again, {status.alarms} alarms")
     if not status.position_known:

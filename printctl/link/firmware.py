@@ -43,6 +43,14 @@ def parse_firmware(replies: Sequence[bytes]) -> Firmware:
     return Firmware(name, capabilities)
 
 
+def modes(printer: Printer) -> tuple[bytes, ...]:
+    """What a job takes for granted: mm, absolute places, and an absolute plunger if there is one.
+
+    A Marlin without extruder doesn't know M82.
+    """
+    return (b"G21", b"G90") if printer.pneumatic else (b"G21", b"G90", b"M82")
+
+
 def differences(firmware: Firmware, steps: Sequence[bytes], printer: Printer) -> list[str]:
     """Name what the firmware says otherwise than the profile.
 

@@ -15,8 +15,8 @@ from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError, Refused
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
+from printctl.link.measuring import Measuring
 from printctl.link.modal import Modal, last_of, relieved_mm
-from printctl.link.placing import Placing
 from printctl.link.reloading import plan_reloads
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, Status
@@ -34,7 +34,7 @@ CHANGE: Final = (
 )
 
 
-class Pausing(Placing):
+class Pausing(Measuring):
     """Holds a print and goes on with it.
 
     Parameters
@@ -167,6 +167,7 @@ class Pausing(Placing):
         self._enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
         self._hold_motors()
         self._command(b"M400")
+        self._shut_valve()  # what was taken is written; nothing more
         at = self._where()
         self._verify(at)
         retreat, printer = self.wiring.retreat, self.wiring.printer
@@ -192,6 +193,7 @@ class Pausing(Placing):
         self._changing = False
         self.alive()
         self._enter(LinkState.PRINTING, "printing")
+        self._open_valve()
 
     def _stay_paused(self, at: Modal) -> NewSyringe | None:
         """Wait for the word to go on; give the syringe that was put in, if one was."""
@@ -241,7 +243,7 @@ class Pausing(Placing):
     def _reloads_with(self, change: NewSyringe) -> tuple[int, ...]:
         """Where the syringe must be changed again, after this one."""
         capacity = change.capacity_mm or self.care.capacity_mm
-        if not capacity:
+        if not capacity or self.wiring.printer.pneumatic:  # no plunger tells what is used up
             return self.watch.reload_at
         done = self.protocol.lines_done
         return plan_reloads(self.job, capacity, change.plunger_mm, done)
@@ -282,12 +284,17 @@ class Pausing(Placing):
         return max(self.wiring.retreat.park_mm, self.wiring.retreat.lift_mm)
 
     def _count_new_syringe(self, at: Modal, change: NewSyringe) -> None:
-        """Call the new plunger's place what the job goes on from, relieved like the old one."""
-        if at.e is None:
+        """Call the new plunger's place what the job goes on from, relieved like the old one.
+
+        A pneumatic head has none to count; its valve is shut once more, so that a host that dies
+        now finds by the number of that line that the change was told.
+        """
+        head = self.wiring.printer.pneumatic
+        if at.e is None and head is None:
             return
         relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
-        e = self.wiring.retreat.relieved_e(at.e, relieved)
-        command = count_from(e)
+        e = self.wiring.retreat.relieved_e(at.e or 0.0, relieved)
+        command = count_from(e) if head is None else head.closes.encode("ascii")
         self._record(
             "syringe",
             n=self.protocol.number + 1,
@@ -298,7 +305,8 @@ class Pausing(Placing):
             reload_at=self.watch.reload_at,
         )
         self._command(command)
-        self._verify(Modal(e=e))
+        if head is None:
+            self._verify(Modal(e=e))
 
     def _await_syringe(self, at: Modal) -> None:
         """Go on waiting for a syringe: the host died while it was changed.
@@ -317,6 +325,7 @@ class Pausing(Placing):
     # --- ends ------------------------------------------------------------------------------------
 
     def _retreat_and_end(self, state: LinkState, message: str) -> None:
+        self._shut_valve()
         self._enter(LinkState.STOPPING, message)
         self._fault = ""
         relieved = relieved_mm(self.job.lines, self.protocol.lines_done)

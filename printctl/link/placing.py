@@ -8,13 +8,16 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Final
 
-from printctl.link.channel import Channel, Over, Wiring
+from printctl.link.channel import EARLY, Channel, Over, Wiring
+from printctl.link.errors import PortLost
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, disagreement, parse_position
 from printctl.link.states import LinkState
+from printctl.link.valve import reopen, shut, shut_and_wait
 
 RETRIES: Final = 8
 
@@ -25,6 +28,7 @@ class Placing(Channel):
     def __init__(self, wiring: Wiring, job: Job) -> None:
         super().__init__(wiring, job)
         self._trail = ModalTrail(job.lines)
+        self._shut = False
 
     def _settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
@@ -35,12 +39,13 @@ class Placing(Channel):
     def _where(self) -> Modal:
         """Where the job's text says the printer is; what it doesn't say is asked for."""
         at = self._trail.at(self.protocol.lines_done)
-        if at.z is None or at.e is None:
+        asks_e = at.e is None and not self.wiring.printer.pneumatic
+        if at.z is None or asks_e:
             position = parse_position(self._command(b"M114"))
             at = replace(
                 at,
                 z=position.get("Z") if at.z is None else at.z,
-                e=position.get("E") if at.e is None else at.e,
+                e=position.get("E") if asks_e else at.e,
             )
         return at
 
@@ -62,6 +67,7 @@ class Placing(Channel):
         values = {"mark": mark} if mark else {}
         self._record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
+            self._shut_valve()
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"after line {done}: {wrong}; `printctl recover` tells how to go on",
@@ -75,3 +81,33 @@ class Placing(Channel):
         self._verify(self._trail.at(self.protocol.lines_done))
         self.protocol.held = False
         self.protocol.go(self.wiring.clock.now())
+
+    # --- a pneumatic head's valve --------------------------------------------------------------
+
+    def _shut_valve(self) -> None:
+        """Shut the valve, where there is one: before the needle is lifted, and before questions."""
+        for command in shut_and_wait(self.wiring.printer):
+            self._command(command)
+            self._shut = True
+
+    def _open_valve(self) -> None:
+        """Open it again where the link had shut it within a path, with the tip back in place."""
+        if self._shut:
+            for command in reopen(self.job.lines, self.protocol.lines_done, self.wiring.printer):
+                self._command(command)
+        self._shut = False
+
+    def _shut_valve_anyhow(self, over: Over) -> None:
+        """Shut a pneumatic head's valve where the protocol can't go on but the wire is there.
+
+        Without number and checksum, twice: the last thing that is said, whatever the printer makes
+        of it. A firmware that was killed takes nothing; one that was reset may take it.
+        """
+        begun = self._resumed or self._state not in EARLY
+        lost = over.state not in (LinkState.FAILED, LinkState.POSITION_UNKNOWN)
+        if lost or over.known or over.error == PortLost.__name__ or not begun:
+            return
+        for command in shut(self.wiring.printer):
+            self._record("notice", text="the valve is told to shut, past the protocol")
+            with contextlib.suppress(PortLost):
+                self.wiring.transport.write_urgent(b"\n%b\n%b\n" % (command, command))

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.care import Care
@@ -27,6 +27,7 @@ from printctl.link.history import remember_meanwhile
 from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
+from printctl.link.locking import lock
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -204,15 +205,3 @@ def _only_one(folder: Path) -> Iterator[None]:
                     ) from exc
                 time.sleep(0.01)
         yield
-
-
-def lock(handle: IO[bytes]) -> None:
-    """Lock a file until it is closed; OSError when another process holds it."""
-    if os.name == "nt":
-        import msvcrt  # only there
-
-        msvcrt.locking(handle.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    else:
-        import fcntl  # only there
-
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

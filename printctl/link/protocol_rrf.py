@@ -34,8 +34,8 @@ _SURE: Final = 3
 WITHIN_MM: Final = 0.0016
 """M114 has three decimals, of a 32-bit float."""
 _HARMLESS: Final = frozenset(
-    b"G0 G1 G4 G21 G90 G92 M82 M92 M104 M105 M106 M107 M109 M114 M115 M116 M140 M190 M191 M201 M203"
-    b" M204 M220 M221 M302 M400".split()
+    b"G0 G1 G4 G21 G90 G92 M42 M82 M84 M85 M92 M104 M105 M106 M107 M109 M114 M115 M116 M140 M190"
+    b" M191 M200 M201 M203 M204 M220 M221 M302 M400".split()
 )
 """Done twice is done once, where no position changes (a dwell is only longer)."""
 _WORD: Final = re.compile(rb"([GM])0*(\d+)(?![.\d])")

@@ -10,7 +10,7 @@ from typing import Final
 
 from printctl.link.errors import JournalError
 from printctl.link.journal import History, read_journal
-from printctl.link.process import lock
+from printctl.link.locking import lock
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 

@@ -15,12 +15,14 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.errors import LinkError
+from printctl.link.firmware import modes
 from printctl.link.job import Job
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, modal_state, relieved_mm
 from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat, count_from
+from printctl.link.valve import is_about_valve, reopen, shut
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
@@ -28,7 +30,6 @@ _MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
 _Z: Final = re.compile(rb"Z([+-]?\d*\.?\d+)")
 _PLACED: Final = re.compile(rb"G92\b.*[XYZ]|SET_KINEMATIC_POSITION\b")
 _NO_SETUP: Final = re.compile(rb"(?:G0*[0-4]|G10|G11|G2[89]|G92|M400|M105|M114|M73)(?!\d|\.)")
-_MODES: Final = (b"G21", b"G90", b"M82")
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def plan_recovery(
     """
     begin, why = _beginning(job, history, printer, from_line)
     at = modal_state(job.lines, begin)
-    if None in (at.x, at.y, at.z, at.e):
+    if None in (at.x, at.y, at.z) or (at.e is None and not printer.pneumatic):
         raise LinkError(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
@@ -150,28 +151,40 @@ def _way_in(
     retreat: Retreat,
     start: tuple[float, float, float] | None,
 ) -> bytes:
-    """Settings of the job so far; then up, across, down and prime."""
+    """Settings of the job so far; then up, across, down and prime.
+
+    A pneumatic head's valve is shut first of all, and opened once the tip is in place.
+    """
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
     heights = [float(found[1]) for line in job.lines if (found := _Z.search(line))]
     top = max([z, *heights])
     high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, start[2] if start else top)
     speed = printer.max_speed_mm_s
     level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
-    relieved = retreat.relieved_e(e, relieved_mm(job.lines, begin))
-    commands = [*_settings(job, begin), count_from(relieved)]
+    commands = [*shut(printer), *_settings(job, begin, printer)]
+    if not printer.pneumatic:
+        commands.append(count_from(retreat.relieved_e(e, relieved_mm(job.lines, begin))))
+    opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),
         b"G0 X%.4f Y%.4f F%.0f" % (x, y, level * 60),
         *retreat.rejoin(at, printer, retreat.prime_mm),
+        *([b"M400"] if opens else []),
+        *opens,
     ]
     title = f"; rest of {job.name} (sha256 {job.sha256}) from its line {job.file_lines[begin]}"
     return b"\n".join([title.encode("ascii", "replace"), *commands]) + b"\n"
 
 
-def _settings(job: Job, begin: int) -> list[bytes]:
-    """Modes, temperatures and the like as they stand, each as it was last given."""
-    last: dict[bytes, bytes] = {mode: mode for mode in _MODES}
+def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
+    """Modes, temperatures and the like as they stand, each as it was last given.
+
+    The valve isn't one of them: it would open before the needle is in place.
+    """
+    last: dict[bytes, bytes] = {mode: mode for mode in modes(printer)}
     for line in job.lines[:begin]:
+        if is_about_valve(line, printer):
+            continue
         if _PLACED.match(line):
             last[b"placed"] = re.sub(rb" *E[+-]?[\d.]+", b"", line)
         elif not _NO_SETUP.match(line):
@@ -195,6 +208,11 @@ def _by_hand(
         "would plough through the part."
     )
     plunger = "Leave the plunger as it is; wipe the tip, the file primes at the point."
+    if printer.pneumatic:
+        plunger = (
+            "Take the air's pressure off before that: the valve may stand open. Wipe the tip; set "
+            "the pressure again when the file runs, which shuts the valve first."
+        )
     if start is None:
         place = (
             "This job needs a homed machine. Home X and Y (G28 X Y) once the needle is above the "
@@ -212,6 +230,8 @@ def _by_hand(
         f"Check that the path is free at the height of the file's first move; Z ends at "
         f"{printer.z_mm.high:g} mm."
     )
+    if printer.pneumatic:
+        return plunger, lift, place, limits
     return lift, place, plunger, limits
 
 
@@ -222,9 +242,10 @@ def _what_is_there(job: Job, history: History, begin: int, why: str) -> tuple[st
     if history.done > begin:
         travel = plunger_travel(job.lines)
         again = max(travel[begin : history.done + 1]) - travel[begin]
+        amount = f" ({again:.3f} mm of plunger)" if again > 0 else ""
         steps.append(
             f"Lines {first} to {job.file_line(history.done)}, and up to half a second more, were "
-            f"taken after that and are perhaps written already ({again:.3f} mm of plunger): they "
+            f"taken after that and are perhaps written already{amount}: they "
             "would be written twice. Look at the part; to begin later, give --from-line"
             + _later(job, history.done)
             + "."

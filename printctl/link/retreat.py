@@ -1,4 +1,8 @@
-"""How the needle leaves the bath in a controlled stop or a pause, and how it comes back."""
+"""How the needle leaves the bath in a controlled stop or a pause, and how it comes back.
+
+A plunger is relieved and primed again; a pneumatic head's valve is shut (`printctl.link.valve`),
+and no E is sent to it. Opening it again is left to who comes back: only when the tip is in place.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,16 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.modal import Modal
+from printctl.link.valve import shut
 
 _NOTHING_MM: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Retreat:
-    """Relieve the plunger, then lift straight up: the way by which the needle is free.
+    """Relieve the plunger or shut the valve, then lift straight up, the way that is free.
 
-    A needle under pressure in the bath goes on writing, so the plunger comes first. The shaft
+    A needle under pressure in the bath goes on writing, so that comes first. The shaft
     stands straight above the tip already, so straight up it meets nothing that it hasn't passed.
 
     Attributes
@@ -49,8 +54,9 @@ class Retreat:
         relieved_mm : float, mm
             What the job itself has drawn back already.
         """
-        commands = []
-        if at.e is not None and self.relief_mm - relieved_mm > _NOTHING_MM:
+        commands = shut(printer)
+        relieves = not printer.pneumatic and self.relief_mm - relieved_mm > _NOTHING_MM
+        if at.e is not None and relieves:
             commands.append(
                 _move("E", self.relieved_e(at.e, relieved_mm), self._relief_speed(printer))
             )
@@ -70,6 +76,8 @@ class Retreat:
     def rejoin(self, at: Modal, printer: Printer, prime_mm: float = 0.0) -> list[bytes]:
         """Commands that come back to ``at``: down, prime again, feed rate as it was.
 
+        A pneumatic head's valve stays shut.
+
         Parameters
         ----------
         at : Modal
@@ -80,7 +88,7 @@ class Retreat:
         commands = []
         if at.z is not None:
             commands.append(_move("Z", at.z, self._lift_speed(printer)))
-        if at.e is not None:
+        if at.e is not None and not printer.pneumatic:
             commands.append(_move("E", at.e + prime_mm, self._relief_speed(printer)))
             if prime_mm:
                 commands.append(count_from(at.e))

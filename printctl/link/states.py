@@ -63,6 +63,8 @@ class Status:
     deadman_left_s : float or None, s
         Time in which somebody must confirm (`printctl alive`), all of it while the print doesn't
         go on; None for an attended print.
+    readings : tuple of str
+        Last readings of what the printer's profile has watched, with their limits.
     """
 
     state: LinkState
@@ -76,6 +78,7 @@ class Status:
     error: str = ""
     waits_for: str = ""
     deadman_left_s: float | None = None
+    readings: tuple[str, ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -90,7 +93,8 @@ class Status:
     def from_dict(data: dict[str, Any]) -> Status:
         """Read `to_dict`; keys of later versions are ignored."""
         known = {name: data[name] for name in Status.__dataclass_fields__ if name in data}
-        return Status(**{**known, "state": LinkState(known["state"])})
+        readings = tuple(known.get("readings", ()))
+        return Status(**{**known, "state": LinkState(known["state"]), "readings": readings})
 
 
 @dataclass(frozen=True)

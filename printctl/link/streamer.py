@@ -13,7 +13,7 @@ from printctl.link.care import Care
 from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import HandshakeError, LinkError
 from printctl.link.families import family_of
-from printctl.link.firmware import differences, parse_firmware
+from printctl.link.firmware import differences, modes, parse_firmware
 from printctl.link.job import Job
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
@@ -21,6 +21,7 @@ from printctl.link.modal import astray, named
 from printctl.link.pausing import Pausing
 from printctl.link.placing import RETRIES
 from printctl.link.states import LinkState, Status
+from printctl.link.valve import is_open, shut
 
 __all__ = ["Streamer", "Wiring"]
 
@@ -69,6 +70,7 @@ class Streamer(Pausing):
             except LinkError as exc:
                 raise self._broken(exc) from exc
         except Over as over:
+            self._shut_valve_anyhow(over)
             status = self._record_end(over)
         self._ended.set()
         self.wiring.on_status(status)
@@ -86,6 +88,7 @@ class Streamer(Pausing):
             self._find_again(history)
         self.watch.begin(self.wiring.clock.now())
         self._enter(LinkState.PRINTING, f"printing {self.job.name}")
+        self._open_valve()
         while not self._at_end():
             self._stream()
             self._obey()
@@ -110,6 +113,7 @@ class Streamer(Pausing):
         protocol, transport = self.protocol, self.wiring.transport
         now_s, read, take = self.wiring.clock.now, transport.read, protocol.take_output
         feed, wishes, commands = protocol.feed, self._wishes, self._commands
+        self._measure(now_s())
         self._end_on_fault()
         if self._noisy():
             self._look_for_slips()
@@ -140,6 +144,16 @@ class Streamer(Pausing):
                 self._verify_in_passing()
             if self._killed.is_set():
                 self._await_halt()
+
+    def _measure(self, now: float) -> None:
+        """Ask for what is watched and due; end the print where a reading is above its limit."""
+        if not self._gauge_due(now):
+            return
+        self._settle()
+        high = self._too_high(now)
+        if high and not self._fault:
+            self._alarm(high)
+            self._retreat_and_end(LinkState.FAILED, high)
 
     def _end_on_fault(self) -> None:
         if self._fault:
@@ -179,7 +193,7 @@ class Streamer(Pausing):
         """Command lines after which to look at what is due."""
         protocol, done = self.protocol, self.protocol.lines_done
         stop = self.watch.next_stop(now, done, protocol.idle, len(self.job))
-        if self._noisy():
+        if self._noisy() or self._gauge_due(now):
             return done
         if done >= self._noisy_until:
             return stop
@@ -255,8 +269,10 @@ class Streamer(Pausing):
             self._check_steps()
         else:
             self._record("notice", text="this firmware doesn't tell its steps per mm (M92)")
-        for mode in (b"G21", b"G90", b"M82"):  # what an earlier job may have left otherwise
+        printer = self.wiring.printer  # which an earlier job may have left otherwise
+        for mode in (*shut(printer), *modes(printer)):
             self._command(mode, journalled=False)
+        self._check_at_rest()
         if not self._journal_lost:
             self._fault = ""  # a firmware without M113 says so; that is no fault of the job
 
@@ -311,6 +327,9 @@ class Streamer(Pausing):
             )
         self.protocol.load(self.job.lines, done, number)
         self._record("ack", done=done)
+        self._shut_valve()
+        if is_open(self.job.lines, done, self.wiring.printer):
+            self._alarm(f"the valve stood open after line {done} while no host was there; look")
         self._check_keepalive(journalled=True)
         self._command(b"M400")
         at = self._where()

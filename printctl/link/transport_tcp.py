@@ -9,6 +9,7 @@ import time
 from typing import Final
 
 from printctl.link.errors import PortLost, PortMissing
+from printctl.link.locking import hold_address
 
 CONNECT_LIMIT_S: Final = 5.0
 WRITE_LIMIT_S: Final = 5.0
@@ -18,21 +19,26 @@ _CHUNK: Final = 65536
 class TcpTransport:
     """See `printctl.link.transport.Transport`.
 
-    There is no reset line, and nothing that a firmware could tell a new connection by.
+    There is no reset line, and nothing that a firmware could tell a new connection by. As with a
+    serial port one process of this machine alone may be connected.
 
     Raises
     ------
     PortMissing
         When nobody listens there.
+    PortInUse
+        When another printctl on this machine is connected to that address.
     """
 
     quiet_s: float = 0.25
 
     def __init__(self, host: str, port: int, name: str = "") -> None:
         self.name = name or f"tcp:{host}:{port}"
+        self._held = hold_address(host, port, self.name)
         try:
             self._socket = socket.create_connection((host, port), CONNECT_LIMIT_S)
         except OSError as exc:
+            self._held.close()
             raise PortMissing(
                 f"nobody answers at {self.name} ({exc}); check host and port, and that the "
                 "printer is on"
@@ -85,3 +91,4 @@ class TcpTransport:
     def close(self) -> None:
         """Let go of the connection; closing twice does no harm."""
         self._socket.close()
+        self._held.close()

@@ -10,6 +10,7 @@ by itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -27,32 +28,51 @@ _NAME: Final = "the firmware's own switch-off"
 
 def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
     """The timeout, the safe state, and what no command can set."""
-    return [_timeout(run, printer), *_safe_state(printer), *_configured(run, printer)]
+    return [
+        _timeout(run, printer),
+        *_safe_state(printer),
+        *_watched(printer),
+        *_configured(run, printer),
+    ]
 
 
 def _safe_state(printer: Printer) -> list[Check]:
     """Whether the firmware knows the commands that a stop would send."""
+    return _known(
+        printer,
+        printer.safe_state_off,
+        "commands of the safe state unknown to the firmware",
+        "safe_state_off",
+        "a stop would switch nothing off",
+    )
+
+
+def _watched(printer: Printer) -> list[Check]:
+    """Whether it knows the questions that are asked while it prints."""
+    return _known(
+        printer,
+        [watched.query for watched in printer.watch],
+        "questions to watch by unknown to the firmware",
+        "watch",
+        "nothing would be watched, and the print end at the first of them",
+    )
+
+
+def _known(
+    printer: Printer, commands: Sequence[str], check: str, key: str, else_: str
+) -> list[Check]:
+    if not commands:
+        return []
     named = printer.firmware == "klipper"
     strange = []
-    for command in printer.safe_state_off:
+    for command in commands:
         name = command.partition(" ")[0]
         known = is_known(printer, code(name)) if name[1:].isdigit() else False
         if not known and not (named and is_known_name(printer, name.upper())):
             strange.append(command)
-    if not printer.safe_state_off:
-        return []
-    return [
-        Check(
-            "commands of the safe state unknown to the firmware",
-            len(strange),
-            0,
-            "",
-            not strange,
-            f"{printer.name}: safe_state_off",
-            f"{', '.join(strange)}: a stop would switch nothing off; mend the profile, or name "
-            "them in extra_commands",
-        )
-    ]
+    remedy = f"{', '.join(strange)}: {else_}; mend the profile, or name them in extra_commands"
+    place = f"{printer.name}: {key}"
+    return [Check(check, len(strange), 0, "", not strange, place, remedy)]
 
 
 def _timeout(run: DryRun, printer: Printer) -> Check:
@@ -139,8 +159,7 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
         "klipper": (
             "printer.cfg",
             "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
-            "there with enable_force_move, else it refuses the first move; see that they are, and "
-            "that no SET_GCODE_OFFSET is left, which would shift every move",
+            "there with enable_force_move, else it refuses the first move; see that they are",
         ),
         "reprapfirmware": (
             "config.g",

@@ -88,13 +88,13 @@ def _left_closed(run: DryRun, valve: Valve, head: Pneumatic) -> Check:
 
 
 def _asked_to_watch(head: Pneumatic) -> Check:
-    """What the link doesn't do yet: close the valve first thing in a stop within a path."""
+    """What no link can do: switch a valve at a printer that takes nothing any more."""
     remedy = (
-        "a stop or pause at once, within a written path, lifts the needle with the valve open: the "
-        f"link sends {head.closes!r} (safe_state_off) only afterwards, and a kill sends nothing. "
-        "Pause at marks, and have a hand on the air's cock"
+        f"a stop or pause sends {head.closes!r} before the needle is lifted, but a kill, a "
+        "firmware that halts itself, a dead host and a pulled cable leave the valve as it is: take "
+        "one that is shut without power, and have a hand on the air's cock"
     )
-    return Check("asked of you", 0, 0, "", False, "stop and pause", remedy, "warns")
+    return Check("asked of you", 0, 0, "", False, "kill and dead host", remedy, "warns")
 
 
 def _timing(run: DryRun, valve: Valve, head: Pneumatic) -> list[Check]:

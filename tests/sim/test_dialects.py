@@ -107,6 +107,24 @@ def test_klipper_takes_g92_for_an_offset_and_moves_only_once_placed():
     assert said(printer, b"M84\nG1 X52\n").endswith(b"!! Must home axis first\nok\n")
 
 
+def test_klipper_s_offset_shifts_places_until_it_is_taken_back():
+    printer, _ = printer_of("klipper")
+    assert said(printer, PLACED + b"SET_GCODE_OFFSET Z=0.5 X=-1\n") == b"ok\nok\n"
+    assert said(printer, b"M114\n").startswith(b"X:51.000 Y:50.000 Z:9.500")
+    assert said(printer, b"SET_GCODE_OFFSET Z_ADJUST=0.25\nG1 Z11 F600\nM400\n") == 3 * b"ok\n"
+    assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.75]
+    said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\nG1 X50 Z11\nM400\n")
+    assert printer.executed().end[-1].tolist() == [50.0, 50.0, 11.0]
+
+
+def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
+    printer, _ = printer_of("klipper")
+    said(printer, PLACED + b"SET_GCODE_OFFSET Z=0.5\n" + PLACED)
+    assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:9.500")
+    said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\n" + PLACED)
+    assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
+
+
 def test_klipper_s_timeout_switches_heaters_and_motors_off():
     printer, _ = printer_of("klipper")
     assert said(printer, b"SET_IDLE_TIMEOUT TIMEOUT=20\n") == (

@@ -10,7 +10,7 @@ Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common t
 - Klipper, ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics/extruder.py``:
   SET_IDLE_TIMEOUT; cold extrusion is allowed in printer.cfg alone (``min_extrude_temp``); G92 X Y Z
   moves the origin and homes nothing, where SET_KINEMATIC_POSITION (section ``force_move``) says
-  where the tip is.
+  where the tip is. SET_GCODE_OFFSET adds to every place until it is set to 0.
 - M220 and M221 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an
   earlier job left goes on silently. All families know the first two, all but Klipper M200 D0
   (linear E).
@@ -24,6 +24,8 @@ from typing import Final
 
 from design.errors import ToolpathError
 from firmware_profiles import Printer
+
+_PLUNGER_S: Final = ("M221", "M200")
 
 Place = tuple[str, str, str]
 """X, Y and Z as text, mm."""
@@ -42,7 +44,7 @@ class Dialect:
         Lets the plunger move without a hot end; empty where that is the configuration's.
     clean : tuple of str
         Take back what an earlier job or the panel may have left: factors of feed and flow, E as
-        a volume.
+        a volume, an offset of every place.
     declares : str
         Tells where the tip stands, ``{x} {y} {z}``; empty where G92 does.
     zero_is_off : bool
@@ -74,7 +76,8 @@ class Dialect:
     def _dispenser(self, printer: Printer) -> list[str]:
         """Units, modes, and what makes the dispenser ready: a plunger's E, or a closed valve."""
         if printer.pneumatic:
-            return [printer.pneumatic.closes, "G21", "G90", "M220 S100"]
+            clean = [line for line in self.clean if not line.startswith(_PLUNGER_S)]
+            return [printer.pneumatic.closes, "G21", "G90", *clean]
         cold = [self.cold_extrusion] if self.cold_extrusion else []
         return ["G21", "G90", "M82", *self.clean, *cold]
 
@@ -89,7 +92,7 @@ DIALECTS: Final[dict[str, Dialect]] = {
     "reprapfirmware": Dialect(cold_extrusion="M302 P1"),
     "klipper": Dialect(
         "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
-        clean=("M220 S100", "M221 S100"),
+        clean=("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0"),
         declares="SET_KINEMATIC_POSITION X={x} Y={y} Z={z}",
         zero_is_off=False,
     ),

@@ -22,6 +22,7 @@ HEADERS = {
     "klipper": [
         "SET_IDLE_TIMEOUT TIMEOUT=600",
         *MODES,
+        "SET_GCODE_OFFSET X=0 Y=0 Z=0",
         "SET_KINEMATIC_POSITION X=50.000 Y=60.000 Z=30.0000",
         "G92 E0",
     ],
@@ -59,7 +60,7 @@ def test_between_header_and_footer_all_families_read_the_same(firmware: str) -> 
 def test_an_unknown_start_isn_t_declared_to_klipper() -> None:
     lines = lines_of(of("klipper"), GcodeOptions())
     assert not any(line.startswith("SET_KINEMATIC") for line in lines)
-    assert lines[6] == "G92 E0"
+    assert lines[7] == "G92 E0"
 
 
 def test_klipper_has_no_timeout_of_zero() -> None:

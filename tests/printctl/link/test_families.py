@@ -134,6 +134,24 @@ def test_duet_that_was_reset_without_a_word_is_found_out_by_where_it_stands(tmp_
     assert after_handshake(fake.executed) == [line.decode() for line in JOB[:20]]
 
 
+@pytest.mark.parametrize("line", [b"M200 D0", b"M220 S100", b"M42 P4 S0", b"M85 S600"])
+def test_duet_whose_ok_to_a_setting_was_lost_is_told_it_again(tmp_path, line):
+    fake, lost = FakeDuet(), []
+
+    def answer(data: bytes) -> bytes:
+        said = fake.receive(data)
+        if b" %b*" % line in data and not lost:
+            lost.append(said)
+            return b""
+        return said
+
+    job = [*JOB[:3], line, *JOB[3:]]
+    status = streamer_of("reprapfirmware", fake, tmp_path, job, answer).run()
+    assert status.state is LinkState.DONE, status
+    assert lost
+    assert fake.executed.count(line.decode()) == 2
+
+
 def test_crc_is_that_of_xmodem():
     assert crc16(b"123456789") == 0x31C3 == xmodem(b"123456789")
 

@@ -57,6 +57,26 @@ def test_port_is_held_by_one_program_alone():
     os.close(master)
 
 
+def test_tcp_port_is_held_by_one_program_alone_under_whatever_name():
+    listener = socket.create_server(("127.0.0.1", 0))
+    port = listener.getsockname()[1]
+    wire = open_port(f"tcp:127.0.0.1:{port}", PRINTER)
+    for name in (f"tcp:127.0.0.1:{port}", f"socket://localhost:{port}"):
+        with pytest.raises(PortInUse, match="another printctl on this machine"):
+            open_port(name, PRINTER)
+    listener.accept()[0].close()
+    listener.settimeout(0.05)
+    with pytest.raises(TimeoutError):  # whoever was refused hasn't called
+        listener.accept()
+    wire.close()
+    wire.close()
+    open_port(f"tcp:localhost:{port}", PRINTER).close()
+    listener.close()
+    for _ in range(2):
+        with pytest.raises(PortMissing, match="nobody answers"):
+            open_port(f"tcp:127.0.0.1:{port}", PRINTER)
+
+
 @pytest.mark.parametrize(("dtr", "rts"), [(True, True), (False, True), (False, False)])
 def test_modem_lines_are_as_the_profile_says_before_the_port_opens(monkeypatch, dtr, rts):
     lines = []

@@ -176,6 +176,17 @@ def test_klipper_s_own_placing_is_where_the_tip_stands() -> None:
     assert run.unknown == ()
 
 
+def test_an_offset_that_shifts_places_is_refused_and_one_taken_back_isn_t() -> None:
+    begin = "SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
+    for line in ("SET_GCODE_OFFSET Z=0.2", "set_gcode_offset X=0 MOVE=1",
+                 "SET_GCODE_OFFSET Z_ADJUST=-1"):  # fmt: skip
+        checks = checks_of(f"{begin}{line}\n{body('')}", KLIPPER)
+        assert named(checks, "offset").refuses
+        assert named(checks, "offset").place == "line 2"
+    checks = checks_of(f"{begin}SET_GCODE_OFFSET X=0 Y=0 Z=0\n{body('')}", KLIPPER)
+    assert not [check for check in checks if check.check == "offset"]
+
+
 def test_short_moves_of_a_foreign_file_are_told_with_their_line() -> None:
     text = body() + "G1 X60.02 F600\nG1 X60.04\nG1 X61\n"
     check = named(checks_of(text, MARLIN), "moves below the planner's least")

@@ -38,7 +38,7 @@ GOOD = SetUp(
     load(Bath, "gelatin_support"),
     Standing(load(Dish, "box_80mm"), START[:2], 0.0, 8.0),
 )
-WATCH = "stop and pause"
+WATCH = "kill and dead host"
 """What everybody with such a head is told."""
 BEGIN = ["M85 S600", "M106 P0 S0", "G21", "G90", "G92 X100 Y100 Z20", "G0 Z5 F240"]
 WRITE = ["M400", "M106 P0 S255", "G4 P30", "G1 X105 F600", "M400", "M106 P0 S0", "G4 P30"]

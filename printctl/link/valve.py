@@ -1,0 +1,99 @@
+"""A pneumatic head's valve: how the job's text leaves it, how the link shuts it and opens it again.
+
+What switches it the profile says (`dispenser`: opens, closes). A line of the job is about the valve
+if it has the same command and the words that both have in common (a fan, a pin), in any order.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from functools import cache
+from typing import Final
+
+from firmware_profiles import Printer
+
+Words = frozenset[tuple[str, str]]
+_CODE: Final = re.compile(r"([GMT])0*(\d+)(?![\d_])")
+_WORD: Final = re.compile(r"([A-Z])([+-]?\d*\.?\d*)")
+_NAMED: Final = re.compile(r"(\w+)=(\S+)")
+
+
+def shut(printer: Printer) -> list[bytes]:
+    """What shuts the valve; nothing where there is none. Shutting it twice does no harm."""
+    head = printer.pneumatic
+    return [] if head is None else [head.closes.encode("ascii")]
+
+
+def shut_and_wait(printer: Printer) -> list[bytes]:
+    """Shut it, and wait until no ink flows any more."""
+    head = printer.pneumatic
+    return [] if head is None else [*shut(printer), *_dwell(head.closing_delay_s)]
+
+
+def reopen(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:
+    """Open it again if it stood open after ``done`` lines, and wait until ink flows.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        The job's.
+    done : int
+        How many of them were taken.
+    printer : Printer
+    """
+    head = printer.pneumatic
+    if head is None or not is_open(lines, done, printer):
+        return []
+    return [head.opens.encode("ascii"), *_dwell(head.opening_delay_s)]
+
+
+def is_open(lines: Sequence[bytes], done: int, printer: Printer) -> bool:
+    """Whether the last of ``done`` lines that is about the valve is the profile's ``opens``."""
+    head = printer.pneumatic
+    if head is None:
+        return False
+    opens = _profiles(head.opens)
+    for line in reversed(lines[:done]):
+        if is_about_valve(line, printer):
+            return _words(line.decode("ascii")) == opens
+    return False
+
+
+def is_about_valve(line: bytes, printer: Printer) -> bool:
+    """Whether a line sets the valve, be it to something between open and closed."""
+    head = printer.pneumatic
+    if head is None or line[:1].upper() != head.opens[:1].upper().encode("ascii"):
+        return False
+    opens, closes = _profiles(head.opens), _profiles(head.closes)
+    said = _words(line.decode("ascii"))
+    return said[0] == opens[0] and opens[1] & closes[1] <= said[1]
+
+
+def _words(text: str) -> tuple[str, Words]:
+    """Name and words of a command, whichever way it is written."""
+    text = text.upper()
+    code = _CODE.match(text)
+    if code is None:
+        return text.split(None, 1)[0], frozenset(_NAMED.findall(text))
+    rest = _WORD.findall(text[code.end() :])
+    return code[1] + code[2], frozenset((letter, _number(value)) for letter, value in rest)
+
+
+@cache
+def _profiles(text: str) -> tuple[str, Words]:
+    """A command of the profile."""
+    return _words(text)
+
+
+def _number(text: str) -> str:
+    """One writing for each number: 255, 255.0 and +255 are the same."""
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return text
+
+
+def _dwell(seconds: float) -> list[bytes]:
+    return [b"G4 P%d" % math.ceil(seconds * 1e3)] if seconds > 0 else []
