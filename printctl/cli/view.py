@@ -1,4 +1,4 @@
-"""`printctl view`: a network in its tissue, as a page to turn about or as a picture."""
+"""`printctl view`: a network in its tissue, or G-code, as a page or as a picture."""
 
 from __future__ import annotations
 
@@ -6,26 +6,33 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, Literal
 
 import typer
 
 from design.files import write_bytes
 from design.units import LengthUnit
+from printctl.cli.gcode_options import (
+    FilamentOption,
+    FlowOption,
+    GcodePrinterOption,
+    GcodeSyringeOption,
+    LayerHeightOption,
+    LayerOption,
+)
 from printctl.cli.network_options import (
     InletFlowOption,
-    SourceArg,
     TissueOption,
     TissueUnitOption,
     UnitOption,
     ViscosityOption,
 )
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.view_gcode import SUFFIXES, GcodeWish, is_gcode, view_gcode
 from printctl.errors import UsageError
 from printctl.networks import Drive, Source, load_source, read_surface
 from printctl.pipeline.stages.tissue import SURFACE
 from registration.picture import (
-    Colour,
     PictureOptions,
     Quantity,
     Surface,
@@ -40,10 +47,30 @@ _NEEDS = {
     "deviation": "it takes a run folder with a registered scan",
     "order": "vessels with loops have no orders",
 }
+_NETWORKS: Final = (".csv", ".vtp", ".swc", ".json", ".npz")
+_FOR_NETWORKS: Final = (
+    "seen_from", "unit", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
+    "most_pieces",
+)  # fmt: skip
+_FOR_GCODE: Final = ("layer", "printer", "syringe", "filament_mm", "flow_ul_s", "layer_um")
+
+Shown = Literal[
+    "radius", "flow", "pressure", "shear", "order", "tree", "deviation",
+    "width", "kind", "speed", "height", "vessel",
+]  # fmt: skip
+"""`registration.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for G-code;
+the order is the vessels' in the one, that of writing in the other."""
 
 
 def view(
-    source: SourceArg,
+    context: typer.Context,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A run folder, a network (.csv, .vtp, .swc, .json, .npz), or G-code (.gcode).",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", help="The page; view.html in the run, NAME.view.html beside a file."),
@@ -53,9 +80,14 @@ def view(
         typer.Option("--png", help="Draw a picture for a paper; without --out no page."),
     ] = None,
     colour: Annotated[
-        Colour,
-        typer.Option("--colour", "--color", help="What the vessels are coloured by at first."),
-    ] = "radius",
+        Shown | None,
+        typer.Option(
+            "--colour",
+            "--color",
+            help="What is coloured by at first: radius to deviation a network (radius), width to "
+            "vessel and order G-code (width; height z of a job in passes).",
+        ),
+    ] = None,
     seen_from: Annotated[
         View, typer.Option("--from", help="Where the picture is seen from.")
     ] = "oblique",
@@ -76,28 +108,51 @@ def view(
         int,
         typer.Option("--most-pieces", min=1, help="Beyond it the page leaves out the thinnest."),
     ] = MAX_PIECES,
+    layer: LayerOption = None,
+    printer: GcodePrinterOption = None,
+    syringe: GcodeSyringeOption = None,
+    filament_mm: FilamentOption = None,
+    flow_ul_s: FlowOption = None,
+    layer_um: LayerHeightOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Show a network in its tissue: a page that opens offline, or with --png a picture.
+    """Show a network or G-code: a page that opens offline, or with --png a picture.
 
-    The page turns, cuts away, and colours by any quantity; point at a vessel to read its numbers.
+    A network turns, is cut away, and is coloured by any quantity; point at a vessel to read its
+    numbers. G-code of any slicer goes by layers, lines to scale; point at one to read its text.
     """
     _check_targets(out, png)
+    gcode = is_gcode(source)
+    _check_suffix(source)
+    _check_options(context, source, gcode)
+    page = out if out is not None or png is not None else _default_page(source)
+    if gcode:
+        wish = GcodeWish(
+            colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette
+        )
+        _finish(*view_gcode(source, page, png, wish), open_page, as_json)
+        return
     loaded = load_source(source, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
     surface = _tissue(tissue, tissue_unit, loaded)
     known = quantities(loaded.network, loaded.known)
-    chosen = _chosen(known, colour, source)
+    chosen = _chosen(known, colour or "radius", source)
     written: dict[str, Path] = {}
     if png is not None:
         messages().print("drawing ...")
         options = PictureOptions(seen_from, width, palette)
         write_bytes(png, draw_picture(loaded.network, chosen, surface, options))
         written["picture"] = png
-    if png is None or out is not None:
-        written["page"] = out if out is not None else _default_page(source)
-        page = NetworkPage(loaded.name, chosen.key, loaded.notes, most_pieces)
-        write_network_html(written["page"], loaded.network, known, _shown(surface), page)
-    _tell(written, loaded.notes, as_json)
+    if page is not None:
+        content = NetworkPage(loaded.name, chosen.key, loaded.notes, most_pieces)
+        write_network_html(page, loaded.network, known, _shown(surface), content)
+        written["page"] = page
+    _finish(written, loaded.notes, open_page, as_json)
+
+
+def _finish(
+    written: dict[str, Path], notes: tuple[str, ...], open_page: bool | None, as_json: bool
+) -> None:
+    _tell(written, notes, as_json)
     if "page" in written and (open_page or (open_page is None and not as_json and _on_desktop())):
         webbrowser.open(written["page"].resolve().as_uri())
 
@@ -106,6 +161,24 @@ def _check_targets(out: Path | None, png: Path | None) -> None:
     for option, path, suffixes in (("--out", out, (".html", ".htm")), ("--png", png, (".png",))):
         if path is not None and (path.suffix.lower() not in suffixes or path.is_dir()):
             raise UsageError(f"{option} {path}: give the name of a {suffixes[0]} file")
+
+
+def _check_suffix(source: Path) -> None:
+    if source.is_file() and source.suffix.lower() not in (*_NETWORKS, *SUFFIXES):
+        raise UsageError(
+            f"{source} is neither a network ({', '.join(_NETWORKS)}) nor G-code "
+            f"({', '.join(SUFFIXES)}) by its name; give one of these, or a run folder"
+        )
+
+
+def _check_options(context: typer.Context, source: Path, gcode: bool) -> None:
+    """Refuse an option that does nothing for this source."""
+    for name in _FOR_NETWORKS if gcode else _FOR_GCODE:
+        given = context.get_parameter_source(name)
+        if given is not None and given.name == "COMMANDLINE":
+            (option,) = (p.opts[0] for p in context.command.params if p.name == name)
+            kind = "a network; this is G-code" if gcode else f"G-code ({', '.join(SUFFIXES)})"
+            raise UsageError(f"{option} with {source}: it is for {kind}; drop it")
 
 
 def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:

@@ -1,0 +1,137 @@
+"""`printctl view FILE.gcode`: its layers, as a page to go through or as a picture of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from design.files import write_bytes
+from firmware_profiles import Printer, Syringe, load
+from printctl.cli.options import messages, read_gcode_file
+from printctl.errors import UsageError
+from printctl.gcode_view import Pushing, read_job, read_line_map
+from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gcode_html
+from registration.report.gcode.colouring import Colouring, colourings
+
+SUFFIXES: Final = (".gcode", ".gco", ".g", ".nc", ".ngc", ".gc")
+_SYRINGE: Final = "hamilton_1ml"
+_PRINTER: Final = "generic_marlin"
+_NEEDS: Final = {
+    "kind": "the file has no comments like ;TYPE:",
+    "width": "the flow isn't known; say --flow-ul-s",
+    "height": "only a job in passes is coloured by it",
+    "vessel": "it takes the FILE.map.npz of a job that writes vessel by vessel",
+}
+
+
+@dataclass(frozen=True)
+class GcodeWish:
+    """What the user asks of a G-code file; None is left to the file or to a default."""
+
+    colour: str | None = None
+    layer: int | None = None
+    printer: str | None = None
+    syringe: str | None = None
+    filament_mm: float | None = None
+    flow_ul_s: float | None = None
+    layer_um: float | None = None
+    width: int = 1600
+    palette: bool = False
+
+
+def is_gcode(source: Path) -> bool:
+    """Whether a file's name says that it is G-code."""
+    return source.suffix.lower() in SUFFIXES and not source.is_dir()
+
+
+def view_gcode(
+    source: Path, page: Path | None, png: Path | None, wish: GcodeWish
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Write the page and the picture that are asked for.
+
+    Returns
+    -------
+    written : dict of kind to Path
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    UsageError
+        When the file can't be shown, or not as asked.
+    """
+    job = _read(source, wish)
+    colouring = _chosen(job, wish.colour, source)
+    layer = _layer(job, wish.layer, source)
+    written: dict[str, Path] = {}
+    if png is not None:
+        write_bytes(png, draw_layer(job, layer, colouring, wish.width, wish.palette))
+        written["picture"] = png
+    if page is not None:
+        write_gcode_html(page, job, GcodePage(colouring.key, layer))
+        written["page"] = page
+    return written, job.notes
+
+
+def _read(source: Path, wish: GcodeWish) -> GcodeJob:
+    pushing = _pushing(wish)
+    data = read_gcode_file(source)
+    if not data.strip():
+        raise UsageError(f"{source} is empty; give a G-code file with moves")
+    messages().print(f"reading {source.name} ...", markup=False)
+    line_map, notes = read_line_map(source, data.count(b"\n") + (not data.endswith(b"\n")))
+    for note in notes:
+        messages().print(note, style="dim", markup=False)
+    return read_job(data, source.name, pushing, line_map)
+
+
+def _pushing(wish: GcodeWish) -> Pushing:
+    printer = load(Printer, wish.printer or _PRINTER)
+    if wish.filament_mm is not None and wish.syringe is not None:
+        raise UsageError("--filament-mm and --syringe both say what E is counted in; give one")
+    if printer.pneumatic is not None:
+        for option, value in (("--filament-mm", wish.filament_mm), ("--syringe", wish.syringe)):
+            if value is not None:
+                raise UsageError(f"{option}: {printer.name} has no plunger; give --flow-ul-s")
+    elif wish.flow_ul_s is not None:
+        raise UsageError(
+            f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
+            "with a pneumatic head (--printer)"
+        )
+    syringe = load(Syringe, wish.syringe or _SYRINGE)
+    bore, said = wish.filament_mm, "--filament-mm"
+    if wish.syringe is not None:
+        bore, said = syringe.inner_mm, syringe.name
+    return Pushing(
+        printer=printer,
+        bore_mm=bore,
+        bore_said=said,
+        syringe_mm=syringe.inner_mm,
+        syringe_said=f"{syringe.name}, as neither the file nor --syringe says another",
+        flow_ul_s=wish.flow_ul_s,
+        layer_mm=None if wish.layer_um is None else wish.layer_um * 1e-3,
+    )
+
+
+def _layer(job: GcodeJob, asked: int | None, source: Path) -> int:
+    """Layer from 0: the middle one of layers, the last of passes, unless the user says."""
+    count = len(job.layers)
+    if asked is None:
+        return count - 1 if job.layers.passes else (count - 1) // 2
+    if asked > count:
+        noun = "passes" if job.layers.passes else "layers"
+        raise UsageError(f"--layer {asked}: {source} has {count} {noun}")
+    return asked - 1
+
+
+def _chosen(job: GcodeJob, colour: str | None, source: Path) -> Colouring:
+    known = colourings(job)
+    if colour is None:
+        return known[0]
+    for each in known:
+        if each.key == colour:
+            return each
+    there = ", ".join(each.key for each in known)
+    why = f" ({_NEEDS[colour]})" if colour in _NEEDS else ""
+    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")

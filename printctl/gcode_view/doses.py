@@ -1,0 +1,91 @@
+"""What each row pushes out: from E and a bore, or from an open valve and a flow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from printctl.gcode_view.comments import Comments
+from printctl.gcode_view.rows import Rows
+from printctl.gcode_view.widths import last_digit_mm
+from registration.report.gcode import Act
+from sim.gcode import Program
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pushing:
+    """How E, or an open valve, becomes a volume.
+
+    Attributes
+    ----------
+    printer : Printer
+        Whose firmware reads the file, and whose head writes it.
+    bore_mm : float or None, mm
+        Of the syringe, or the filament's diameter; None takes what the file itself says.
+    bore_said : str
+        Where the bore comes from, in words.
+    syringe_mm : float, mm
+        The bore where neither the user nor the file says one.
+    syringe_said : str
+    flow_ul_s : float or None, µL/s
+        Of a pneumatic head while its valve is open; None takes the profile's measured one.
+    layer_mm : float or None, mm
+        Height of the lines; None takes what the file says, or the spacing of its levels.
+    """
+
+    printer: Printer
+    bore_mm: float | None
+    bore_said: str
+    syringe_mm: float
+    syringe_said: str
+    flow_ul_s: float | None = None
+    layer_mm: float | None = None
+
+
+def plunger_doses(
+    rows: Rows, program: Program, said: Comments, pushing: Pushing
+) -> tuple[FloatArray, float, str]:
+    """Doses of a plunger.
+
+    Returns
+    -------
+    dose : (n,) float64, µL
+        Below 0 where it goes back.
+    digit_ul : float, µL
+        What E's last digit stands for.
+    note : str
+        Where the bore comes from.
+    """
+    bore, whence = pushing.bore_mm, pushing.bore_said
+    if bore is None and said.filament_mm is not None:
+        bore, whence = said.filament_mm, "filament_diameter in the file"
+    if bore is None:
+        bore, whence = pushing.syringe_mm, pushing.syringe_said
+    area = math.pi * bore**2 / 4
+    note = f"1 mm of E is {area:.4g} µL (bore {bore:g} mm: {whence})."
+    return rows.plunger * area, last_digit_mm(program.plunger) * area, note
+
+
+def valve_doses(rows: Rows, program: Program, pushing: Pushing) -> tuple[FloatArray, str]:
+    """Doses of a pneumatic head, (n,), µL, NaN where its flow isn't known; and a note on it."""
+    head = pushing.printer.pneumatic
+    measured = head.measured.flow_ul_s if head and head.measured else None
+    flow = pushing.flow_ul_s or measured
+    open_for = np.where(rows.act == Act.WRITE, rows.way / program.feed[rows.row], 0.0)
+    if flow is None:
+        unknown = np.where(rows.act == Act.WRITE, np.nan, 0.0)
+        return unknown, (
+            f"Nobody measured the flow of {pushing.printer.name}, so widths and volumes aren't "
+            "known; --flow-ul-s says it."
+        )  # fmt: skip
+    whose = "--flow-ul-s" if pushing.flow_ul_s else "measured, printer's profile"
+    return open_for * flow, (
+        f"While the valve is open {flow:.4g} µL/s flow ({whose}), at the speed that is fed: "
+        "lag, corners and delays aren't in it."
+    )  # fmt: skip

@@ -1,0 +1,53 @@
+"""The map beside a file (`FILE.map.npz`): which layer or vessel of the design each line is of."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class LineMap:
+    """What the map says.
+
+    Attributes
+    ----------
+    source : (n,) int64
+        Of each line of the file; -1 for none.
+    of_vessels : bool
+        Whether it counts vessels; else layers.
+    """
+
+    source: IntArray
+    of_vessels: bool
+
+
+def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, ...]]:
+    """Read the map beside a file of so many lines, and what the reader should know of it.
+
+    Returns
+    -------
+    LineMap or None
+        None where there is none, or where it belongs to another file.
+    notes : tuple of str
+    """
+    path = gcode.with_suffix(".map.npz")
+    if not path.is_file():
+        return None, ()
+    try:
+        with np.load(path, allow_pickle=False) as found:
+            source, kind = found["source"].astype(np.int64), str(found["source_kind"])
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None, (f"{path.name} beside the file can't be read and is left out.",)
+    if source.shape != (lines,):
+        return None, (
+            f"{path.name} is of a file of {source.size} lines, not of these {lines}, and is left "
+            "out.",
+        )
+    return LineMap(source, kind == "vessel"), ()

@@ -1,0 +1,187 @@
+"""A G-code file, of printctl or of any slicer, as a job to look at."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.errors import UsageError
+from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
+from printctl.gcode_view.doses import Pushing, plunger_doses, valve_doses
+from printctl.gcode_view.levels import is_flat, make_layers, spread
+from printctl.gcode_view.line_map import LineMap
+from printctl.gcode_view.rows import Rows, written_rows
+from printctl.gcode_view.widths import cross_sections, widths, window_mm
+from registration.report.gcode import Act, GcodeJob, Layers
+from sim.errors import GcodeError
+from sim.gcode import Program, code
+from sim.gcode_modal import BAD, MOVE
+from sim.valve import Valve, read_with_valve
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_LIFT_MM: Final = 1e-3
+_USUAL_RATIO: Final = (1.1, 8.0)
+"""Width of a line over its height: of others the bore is likely to be a wrong one."""
+
+
+def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None) -> GcodeJob:
+    """Read a file.
+
+    Parameters
+    ----------
+    gcode : bytes
+    name : str
+        Of the file, for messages and titles.
+    pushing : Pushing
+    line_map : LineMap or None
+
+    Raises
+    ------
+    UsageError
+        When it isn't G-code, or nothing in it writes.
+    """
+    text = plain_lines(gcode)
+    start = None if b"\0" in text else said_start(text)
+    try:
+        program, valve = read_with_valve(text, pushing.printer, start or (0.0, 0.0, 0.0))
+    except GcodeError as exc:
+        raise UsageError(f"{name}: {exc}") from exc
+    rows = written_rows(program, valve, start is not None)
+    if not (rows.act == Act.WRITE).any():
+        raise UsageError(_nothing(program, name, pushing, valve))
+    said = read_comments(text)
+    layer, layers = _layers(rows, program, said, line_map, pushing.layer_mm)
+    if valve is None:
+        dose, digit_ul, said_dose = plunger_doses(rows, program, said, pushing)
+    else:
+        dose, said_dose = valve_doses(rows, program, pushing)
+        digit_ul = 0.0
+    width, said_width = _widths(rows, layer, layers, dose, digit_ul, said)
+    line = program.line[rows.row]
+    return GcodeJob(
+        name=name,
+        start=rows.start,
+        end=rows.end,
+        act=_with_lifts(rows, layer, layers),
+        dose_ul=dose,
+        width_mm=width,
+        speed_mm_s=program.feed[rows.row],
+        time_s=rows.time,
+        line=line,
+        kind=_kinds(said, line),
+        kinds=said.kinds,
+        vessel=line_map.source[line - 1] if line_map and line_map.of_vessels else None,
+        layer=layer,
+        layers=layers,
+        text=text,
+        notes=(said_dose, *said_width, *_doubts(program, text)),
+    )
+
+
+def _nothing(program: Program, name: str, pushing: Pushing, valve: Valve | None) -> str:
+    """Why there is nothing to be seen."""
+    moves = int((program.kind == MOVE).sum())
+    if not moves:
+        return (
+            f"{name} holds no move (G0 to G3) in {len(program)} commands; is it a G-code file? "
+            "`printctl slice` and `printctl toolpath` write one"
+        )
+    if valve is not None:
+        head = pushing.printer.pneumatic
+        opens = head.opens if head else ""
+        return (
+            f"{name}: none of its {moves} moves writes, since the valve is never opened ({opens}, "
+            f"{pushing.printer.name}); name the printer that it is for with --printer"
+        )
+    return (
+        f"{name}: none of its {moves} moves writes, since E never rises on the way; if a valve "
+        "lets the ink out, name the printer that has it with --printer"
+    )
+
+
+def _layers(
+    rows: Rows,
+    program: Program,
+    said: Comments,
+    line_map: LineMap | None,
+    layer_mm: float | None,
+) -> tuple[IntArray, Layers]:
+    """Layer of each row, and the layers."""
+    at = np.flatnonzero(rows.act == Act.WRITE)
+    flat = is_flat(rows.start[at], rows.end[at])
+    if line_map is not None and line_map.of_vessels:
+        flat = False
+    run = np.cumsum(np.diff(at, prepend=-2) != 1) - 1
+    height = np.maximum(rows.start[at, 2], rows.end[at, 2])
+    layer, layers = make_layers(height, program.line[rows.row[at]], run, flat, said, layer_mm)
+    return spread(layer, at, len(rows.row)), layers
+
+
+def _with_lifts(rows: Rows, layer: IntArray, layers: Layers) -> NDArray[np.uint8]:
+    """Tell travels that leave the height of writing from those that keep to it."""
+    if layers.passes:
+        off = np.abs(rows.end[:, 2] - rows.start[:, 2]) > _LIFT_MM
+        top = float(rows.end[rows.act == Act.WRITE, 2].max())
+        off |= rows.end[:, 2] > top + _LIFT_MM
+    else:
+        z = layers.z_mm[layer]
+        off = np.abs(np.stack([rows.start[:, 2], rows.end[:, 2]]) - z).max(axis=0) > _LIFT_MM
+    return np.where(off & (rows.act == Act.TRAVEL), np.uint8(Act.LIFTED), rows.act)
+
+
+def _widths(
+    rows: Rows, layer: IntArray, layers: Layers, dose: FloatArray, digit_ul: float, said: Comments
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Width of each written row, mm, and how it was found."""
+    at = np.flatnonzero(rows.act == Act.WRITE)
+    way, pushed = rows.way[at], dose[at]
+    result = np.full(len(rows.row), np.nan)
+    if np.isnan(pushed).any():
+        return result, ()
+    window = window_mm(digit_ul, float(pushed.sum() / way.sum()))
+    area = cross_sections(way, pushed, np.diff(at, prepend=-2) != 1, window)
+    height = layers.height_mm[layer[at]]
+    result[at] = widths(area, height, said.stadium)
+    if np.isnan(height).all():
+        how = "Lines are taken as round"
+    elif said.stadium:
+        how = "Lines are as high as the layer, with round sides, as this slicer takes them"
+    else:
+        how = "Lines are as high as the layer, with straight sides"
+    over = f", as means over {window:.2g} mm, since E is rounded" if window > 0.05 else ""
+    notes = [f"{how}; widths follow from volume and way{over}."]
+    ratio = float(np.median(result[at] / height))
+    if not (_USUAL_RATIO[0] <= ratio <= _USUAL_RATIO[1]) and not math.isnan(ratio):
+        notes.append(
+            f"Half of the moves write lines less than {ratio:.2g} times as wide as they are high: "
+            "if that isn't meant, E is counted in another bore (--syringe, --filament-mm)."
+        )
+    return result, tuple(notes)
+
+
+def _kinds(said: Comments, line: IntArray) -> IntArray:
+    """What the last comment before each line calls it; -1 for nothing."""
+    at = np.searchsorted(said.kind_lines, line) - 1
+    if not len(said.kind):
+        return np.full(len(line), -1, np.int64)
+    return np.asarray(np.where(at >= 0, said.kind[np.maximum(at, 0)], -1))
+
+
+def _doubts(program: Program, text: bytes) -> tuple[str, ...]:
+    """What this reading leaves out."""
+    found = []
+    flows = (program.code == code("M221")) & (np.nan_to_num(program.value, nan=100.0) != 100.0)
+    if flows.any():
+        line = int(program.line[flows][0])
+        found.append(f"The flow factor of line {line} (M221) isn't in the volumes.")
+    if any(f"\nM200 D{digit}".encode() in text for digit in range(1, 10)):
+        found.append("M200 makes E a volume; widths here take it as a length.")
+    bad = int((program.kind == BAD).sum())
+    if bad:
+        found.append(f"{bad} arcs can't be made out and aren't shown.")
+    return tuple(found)

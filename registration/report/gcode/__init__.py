@@ -1,0 +1,16 @@
+"""G-code to look at: a page of all layers, and a picture of one."""
+
+from registration.report.gcode.figure import draw_layer
+from registration.report.gcode.job import Act, GcodeColour, GcodeJob, Layers, layer_sums
+from registration.report.gcode.page import GcodePage, write_gcode_html
+
+__all__ = [
+    "Act",
+    "GcodeColour",
+    "GcodeJob",
+    "GcodePage",
+    "Layers",
+    "draw_layer",
+    "layer_sums",
+    "write_gcode_html",
+]

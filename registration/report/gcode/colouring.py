@@ -1,0 +1,86 @@
+"""What the lines of a job can be coloured by, and between which numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Final
+
+import numpy as np
+
+from registration.picture.colours import TREE_COLOURS
+from registration.report.gcode.job import FloatArray, GcodeColour, GcodeJob
+
+_KNOWN: Final = {
+    "external perimeter": "#d55e00", "outer wall": "#d55e00", "wall-outer": "#d55e00",
+    "outer perimeter": "#d55e00", "perimeter": "#e69f00", "inner wall": "#e69f00",
+    "wall-inner": "#e69f00", "inner perimeter": "#e69f00", "overhang perimeter": "#cc79a7",
+    "solid infill": "#0072b2", "internal solid infill": "#0072b2", "skin": "#0072b2",
+    "internal infill": "#56b4e9", "sparse infill": "#56b4e9", "fill": "#56b4e9",
+    "gap fill": "#009e73", "gap infill": "#009e73",
+}  # fmt: skip
+_LEAST_SPAN: Final = 0.1
+"""Of the middle value: narrower limits would show the rounding of the file as differences."""
+
+
+@dataclass(frozen=True)
+class Colouring:
+    """One way to colour.
+
+    Attributes
+    ----------
+    key : GcodeColour
+    name, unit : str
+    limits : tuple of 2 floats
+        Where the scale ends; values beyond take the colour of its end. Of the places of `labels`
+        where there are some; of the share of the layer for the order.
+    labels, colours : tuple of str
+        Of kinds, which have no scale.
+    """
+
+    key: GcodeColour
+    name: str
+    unit: str = ""
+    limits: tuple[float, float] = (0.0, 1.0)
+    labels: tuple[str, ...] = ()
+    colours: tuple[str, ...] = ()
+
+
+def colourings(job: GcodeJob) -> list[Colouring]:
+    """Those that say something of this job."""
+    writes, found = job.writes, []
+    if not np.isnan(job.width_mm[writes]).all():
+        limits = _limits(job.width_mm[writes], job.way_mm[writes])
+        found.append(Colouring("width", "Line width", "mm", limits))
+    named = np.unique(job.kind[writes])
+    if (named >= 0).any():
+        found.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
+    found.append(Colouring("speed", "Speed, as fed", "mm/s", _limits(job.speed_mm_s[writes], None)))
+    found.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
+    z = job.end[writes, 2]
+    if job.layers.passes:
+        found.insert(0, Colouring("height", "Height z", "mm", (float(z.min()), float(z.max()))))
+    if job.vessel is not None:
+        found.append(Colouring("vessel", "Vessel", "", (0.0, 1.0), (), TREE_COLOURS))
+    return found
+
+
+def _limits(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
+    """All but the outermost hundredths of the written way; never a span of mere rounding."""
+    order = np.argsort(values)
+    weight = np.ones(len(values)) if weights is None else weights[order]
+    share = np.cumsum(weight) / weight.sum()
+    at = np.minimum(np.searchsorted(share, (0.01, 0.5, 0.99)), len(order) - 1)
+    low, middle, high = (float(value) for value in values[order[at]])
+    if weights is None:
+        low, high = float(values.min()), float(values.max())
+    least = _LEAST_SPAN * middle / 2
+    return min(low, middle - least), max(high, middle + least)
+
+
+def _kinds(job: GcodeJob) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names, and a colour for each: the usual one, else one that is still free, while there is."""
+    known = [_KNOWN.get(name.lower()) for name in job.kinds]
+    free = [colour for colour in TREE_COLOURS if colour not in known] or list(TREE_COLOURS)
+    spare = cycle(free)
+    return job.kinds, tuple(colour or next(spare) for colour in known)

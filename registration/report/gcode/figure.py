@@ -1,0 +1,170 @@
+"""A picture of one layer for a paper: lines to scale, the way between them, an axis in mm."""
+
+from __future__ import annotations
+
+import io
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from PIL import Image
+
+from registration.picture.colours import NO_DATA, SEQUENTIAL
+from registration.report.drawing import blank, styled
+from registration.report.gcode.bands import band_outlines
+from registration.report.gcode.colouring import Colouring
+from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
+from registration.report.scaled_lines import aspect, set_limits
+from registration.report.svg import MUTED
+from registration.report.wording import number
+
+LIFTED: Final = "#b0578d"
+_WAYS: Final = (
+    (Act.TRAVEL, "travel", MUTED, "solid"),
+    (Act.LIFTED, "lifted travel", LIFTED, (0, (3, 2))),
+)
+_BINS: Final = 48
+_WIDTH_IN: Final = 7.0
+_AXES_SHARE: Final = 0.70
+"""Of the picture's width; what stands above and below the axes takes `_REST_SHARE` of it."""
+_REST_SHARE: Final = 0.1924
+_ALPHA: Final = 0.8
+_HAIR_MM: Final = 0.02
+_LEGEND_AT_MOST: Final = 9
+
+
+def draw_layer(
+    job: GcodeJob, layer: int, colouring: Colouring, width_px: int, palette: bool
+) -> bytes:
+    """Draw one layer, or a pass with those before it, from above; a PNG.
+
+    Parameters
+    ----------
+    job : GcodeJob
+    layer : int
+        From 0.
+    colouring : Colouring
+    width_px : int
+        The picture is as high as the layer needs: of a square one 928 for each 1,040.
+    palette : bool
+        Keep to 256 colours.
+    """
+    here = job.layer <= layer if job.layers.passes else job.layer == layer
+    written = np.flatnonzero(here & job.writes)
+    # Letters keep their share of the picture, whatever its width.
+    dpi = width_px / _WIDTH_IN
+    ends = np.concatenate([job.start[written, :2], job.end[written, :2]])
+    shape = _AXES_SHARE * aspect(np.ptp(ends, axis=0)) + _REST_SHARE
+    with styled():
+        figure, axes = blank(_WIDTH_IN, round(shape * width_px) / dpi)
+        figure.set_dpi(dpi)
+        figure.set_facecolor("white")
+        axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+        axes.set_title(_title(job, layer, written), fontsize=9.2, loc="left", color=MUTED)
+        set_limits(axes, ends, float(np.nanmax(job.width_mm[written], initial=0.0)) / 2)
+        _draw_lines(axes, job, written, colouring)
+        _draw_ways(axes, job, np.flatnonzero(here & ~job.writes))
+        _explain(figure, axes, job, written, colouring)
+        return _png(figure, dpi, palette)
+
+
+def _title(job: GcodeJob, layer: int, written: IntArray) -> str:
+    volume = float(job.dose_ul[written].sum())
+    noun = "Passes 1 to" if job.layers.passes else "Layer"
+    parts = [f"{noun} {layer + 1} of {len(job.layers)}"]
+    if not job.layers.passes:
+        parts.append(f"tip at z = {job.layers.z_mm[layer]:.3f} mm")
+    parts.append(f"{number(float(job.way_mm[written].sum()), 4)} mm written")
+    return ", ".join([*parts, *([f"{number(volume, 4)} µL"] if np.isfinite(volume) else [])])
+
+
+def quantity(job: GcodeJob, rows: IntArray, key: str) -> FloatArray:
+    """Number that each row is coloured by; NaN where there is none."""
+    if key == "order":
+        return np.linspace(0.0, 1.0, max(len(rows), 2))[: len(rows)]
+    if key == "height":
+        return np.asarray((job.start[rows, 2] + job.end[rows, 2]) / 2)
+    if key == "speed":
+        return job.speed_mm_s[rows]
+    if key == "width":
+        return job.width_mm[rows]
+    named = job.kind if key == "kind" or job.vessel is None else job.vessel
+    return np.where(named[rows] >= 0, named[rows], np.nan).astype(np.float64)
+
+
+def _draw_lines(axes: Axes, job: GcodeJob, rows: IntArray, colouring: Colouring) -> None:
+    values = quantity(job, rows, colouring.key)
+    bins, colours = _binned(values, colouring)
+    width = np.nan_to_num(job.width_mm[rows], nan=_HAIR_MM)
+    run = np.cumsum(np.diff(rows, prepend=-2) != 1)
+    start, end = job.start[rows, :2], job.end[rows, :2]
+    outlines, of = band_outlines(start, end, width, run, bins)
+    axes.add_collection(
+        PathCollection(
+            outlines, facecolors=colours[of], alpha=_ALPHA, edgecolors="white", linewidths=0.0
+        ),
+        autolim=False,
+    )
+
+
+def _binned(values: FloatArray, colouring: Colouring) -> tuple[IntArray, NDArray[Any]]:
+    """Number of each value's colour, and the colours, (b, 4); the last is that of no value."""
+    none = to_rgba(NO_DATA)
+    if colouring.colours:
+        count = len(colouring.colours)
+        bins = np.where(np.isnan(values), count, np.nan_to_num(values) % count)
+        return bins.astype(np.int64), np.array([*map(to_rgba, colouring.colours), none])
+    low, high = colouring.limits
+    share = np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)
+    bins = np.where(np.isnan(share), _BINS, np.nan_to_num(share) * (_BINS - 1)).astype(np.int64)
+    return bins, np.vstack([SEQUENTIAL(np.linspace(0.0, 1.0, _BINS)), none])
+
+
+def _draw_ways(axes: Axes, job: GcodeJob, rows: IntArray) -> None:
+    for act, _, colour, dashes in _WAYS:
+        ways = rows[job.act[rows] == act]
+        pieces = np.stack([job.start[ways, :2], job.end[ways, :2]], axis=1)
+        axes.add_collection(
+            LineCollection(list(pieces), colors=colour, linewidths=0.45, linestyles=[dashes]),
+            autolim=False,
+        )
+
+
+def _explain(
+    figure: Figure, axes: Axes, job: GcodeJob, rows: IntArray, colouring: Colouring
+) -> None:
+    handles: list[Artist] = [
+        Line2D([], [], color=colour, linewidth=0.8, linestyle=dashes, label=label)
+        for _, label, colour, dashes in _WAYS
+    ]
+    if colouring.labels:
+        there = np.unique(job.kind[rows][job.kind[rows] >= 0])[:_LEGEND_AT_MOST]
+        handles[:0] = [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
+    elif not colouring.colours:
+        bar = figure.colorbar(
+            ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8
+        )
+        unit = f" / {colouring.unit}" if colouring.unit else ""
+        bar.set_label(colouring.name + (unit or ", first to last"))
+        bar.outline.set_visible(False)
+    figure.legend(handles=handles, loc="outside lower left", ncols=5, frameon=False)
+
+
+def _png(figure: Figure, dpi: float, palette: bool) -> bytes:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    if palette:
+        drawn = drawn.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    stream = io.BytesIO()
+    drawn.save(stream, format="png", optimize=True, dpi=(dpi, dpi))
+    return stream.getvalue()

@@ -1,0 +1,157 @@
+"""A page of a G-code file: its layers, to scale, with the needle's way."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from design.files import write_text
+from registration.picture.colours import NO_DATA, samples
+from registration.report.errors import ReportError
+from registration.report.gcode.chunks import Packed, pack_job
+from registration.report.gcode.colouring import colourings
+from registration.report.gcode.job import Act, GcodeColour, GcodeJob, layer_sums
+from registration.report.page import environment, style
+from registration.report.scripts import as_script_json, content_policy, data_url
+from registration.report.wording import number
+
+MAX_MOVES: Final = 12_000_000
+"""Moves of a page at most: about 200 MB."""
+MAX_TEXT_BYTES: Final = 120_000_000
+"""Of a file whose lines go into the page; of a larger one only their numbers do."""
+
+_HERE: Final = Path(__file__).parent
+_ENTRY: Final = 'import "gcode/main";'
+_SHARED: Final = ("theme", "unpack")
+
+
+@dataclass(frozen=True)
+class GcodePage:
+    """What a page shows first.
+
+    Attributes
+    ----------
+    colour : GcodeColour
+    layer : int
+        From 0.
+    """
+
+    colour: GcodeColour
+    layer: int = 0
+
+
+def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
+    """Write a job as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an old one is replaced only by a whole new one.
+    job : GcodeJob
+    page : GcodePage
+
+    Raises
+    ------
+    ReportError
+        When it has more than `MAX_MOVES` moves.
+    OSError
+        When the file can't be written.
+    """
+    if len(job) > MAX_MOVES:
+        raise ReportError(
+            f"{job.name} has {len(job)} moves, and a page holds {MAX_MOVES} at most; show some "
+            "of its layers (printctl view --layers 1:100)"
+        )
+    with_text = len(job.text) <= MAX_TEXT_BYTES
+    packed = pack_job(job, with_text)
+    modules = _modules()
+    context = {
+        "title": job.name,
+        "facts": _facts(job),
+        "notes": [*job.notes, *_left_out(job, with_text)],
+        "style": style(),
+        "own_style": Markup((_HERE / "static" / "gcode.css").read_text(encoding="utf-8")),
+        "policy": content_policy([modules, _ENTRY]),
+        "modules": modules,
+        "entry": Markup(_ENTRY),
+        "view": _view(job, packed, page),
+        "chunks": packed.chunks,
+        "noun": "Pass" if job.layers.passes else "Layer",
+    }
+    write_text(path, environment().get_template("gcode.html").render(context))
+
+
+@cache
+def _modules() -> str:
+    """Import map of the page's scripts, as JSON."""
+    files = {f"report/{name}": _HERE.parent / "static" / f"{name}.js" for name in _SHARED}
+    files |= {f"gcode/{p.stem}": p for p in sorted((_HERE / "static").glob("*.js"))}
+    return as_script_json({"imports": {name: data_url(p) for name, p in files.items()}})
+
+
+def _view(job: GcodeJob, packed: Packed, page: GcodePage) -> dict[str, Any]:
+    """All but the moves, as JSON values."""
+    sums, writes = layer_sums(job), job.writes
+    half = np.nan_to_num(np.nanmax(job.width_mm[writes], initial=0.0)) / 2
+    ends = np.concatenate([job.start[writes], job.end[writes]])
+    table = {
+        "z": job.layers.z_mm,
+        "height": job.layers.height_mm,
+        "chunk": packed.chunk,
+        "from": packed.first,
+        "to": packed.last,
+        **sums,
+    }
+    return {
+        "passes": job.layers.passes,
+        "layers": {key: _values(column) for key, column in table.items()},
+        "rows": [chunk.rows for chunk in packed.chunks],
+        "low": _values(ends.min(axis=0) - half),
+        "high": _values(ends.max(axis=0) + half),
+        "colourings": [asdict(each) for each in colourings(job)],
+        "scale": samples(False),
+        "none": NO_DATA,
+        "kinds": list(job.kinds),
+        "vessels": job.vessel is not None,
+        "first": {"layer": page.layer, "colour": page.colour},
+    }
+
+
+def _values(column: NDArray[Any]) -> list[Any]:
+    """As JSON: null for what isn't known, nothing finer than a nanometre."""
+    if column.dtype.kind != "f":
+        return column.tolist()
+    return [None if np.isnan(x) else round(x, 6) for x in column.tolist()]
+
+
+def _facts(job: GcodeJob) -> list[str]:
+    """A few numbers for the top of the page."""
+    writes = job.writes
+    written = float(job.dose_ul[writes].sum())
+    minutes = float(job.time_s.sum()) / 60.0
+    time = f"{number(minutes, 3)} min" if minutes < 120 else f"{number(minutes / 60, 3)} h"
+    noun = "passes" if job.layers.passes else "layers"
+    way = float(job.way_mm[writes].sum())
+    moves, lines = int((job.act != Act.JUMP).sum()), job.text.count(b"\n")
+    return [
+        f"{number(len(job.layers))} {noun}",
+        f"{number(moves)} moves in {number(lines)} lines",
+        *([f"{number(written, 4)} µL written"] if np.isfinite(written) else []),
+        f"{number(way / 1e3, 4)} m written",
+        f"{time} as fed",
+    ]
+
+
+def _left_out(job: GcodeJob, with_text: bool) -> list[str]:
+    if with_text:
+        return []
+    return [
+        f"The file has {len(job.text) / 1e6:.0f} MB, and only up to {MAX_TEXT_BYTES / 1e6:.0f} MB "
+        "go into a page with their text: lines are told by number."
+    ]

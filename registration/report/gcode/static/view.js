@@ -1,0 +1,133 @@
+// The stage: which layer and how much of it is shown, and what the pointer is over.
+import { Camera } from "gcode/camera";
+import { Colours } from "gcode/colours";
+import { Painter } from "gcode/draw";
+import { ACT, Chunks } from "gcode/moves";
+import { nearest } from "gcode/pick";
+import { soon } from "gcode/soon";
+
+export class View {
+  constructor(data, holder) {
+    Object.assign(this, { data, holder, layers: data.layers, passes: data.passes });
+    this.chunks = new Chunks(data.rows, data.passes);
+    this.canvas = holder.querySelector("canvas");
+    this.camera = new Camera(data.low, data.high);
+    this.shown = { travels: true, dots: true, below: data.passes, path: false };
+    this.painter = new Painter(this.canvas.getContext("2d"), this.camera, {});
+    this.fitted = true;
+    this.listeners = [];
+    this.hovered = null;
+    this.colour(data.first.colour);
+    new ResizeObserver(() => this.resize()).observe(holder);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+    new MutationObserver(() => this.draw()).observe(
+      document.documentElement, { attributeFilter: ["data-theme"] });
+  }
+
+  get count() { return this.layers.z.length; }
+
+  changed() { for (const tell of this.listeners) tell(); }
+
+  colour(key) {
+    const found = this.data.colourings.find((each) => each.key === key) ?? this.data.colourings[0];
+    this.colours = new Colours(found, this.data.scale, this.data.none);
+    this.draw();
+  }
+
+  // Shows a layer whole, or as far as a move (counted from 1).
+  async show(layer, move = Infinity) {
+    const k = Math.min(Math.max(layer, 0), this.count - 1);
+    this.wanted = k;
+    const parts = await Promise.all(this.partsOf(k).map((each) => this.fetch(each)));
+    // Meanwhile another layer may have been asked for.
+    if (this.wanted !== k) return;
+    const part = parts.pop();
+    Object.assign(this, { layer: k, before: parts, part, hovered: null });
+    this.rows = part.last - part.first;
+    this.to(move);
+    this.changed();
+  }
+
+  // The layer, after what is shown with it: the one below, or all passes before.
+  partsOf(k) {
+    const first = this.passes ? 0 : Math.max(k - 1, 0);
+    return Array.from({ length: k - first + 1 }, (_, i) => first + i);
+  }
+
+  async fetch(k) {
+    const { chunk: of, from, to } = this.layers;
+    const chunk = await this.chunks.get(of[k]);
+    // A row that only says where the first move starts is none of its moves.
+    const first = from[k] + (chunk.act[from[k]] === ACT.JUMP ? 1 : 0);
+    return { chunk, first, last: to[k] };
+  }
+
+  to(move) {
+    this.move = Math.min(Math.max(move, 0), this.rows);
+    this.draw();
+  }
+
+  get whole() { return this.move >= this.rows; }
+
+  // Parts that can be pointed at, as far as they are shown.
+  get drawn() {
+    const now = { ...this.part, last: this.part.first + this.move };
+    return this.passes && this.shown.below ? [...this.before, now] : [now];
+  }
+
+  resize() {
+    const { width, height } = this.holder.getBoundingClientRect();
+    const finer = devicePixelRatio || 1;
+    [this.canvas.width, this.canvas.height] = [width * finer, height * finer];
+    this.camera.size = [width, height];
+    if (this.fitted) this.camera.fit();
+    // A canvas of a new size is blank, and would be seen so until the next frame.
+    if (this.part) this.paint();
+  }
+
+  draw() {
+    if (this.waiting || !this.part) return;
+    this.waiting = true;
+    soon(() => { this.waiting = false; this.paint(); });
+  }
+
+  paint() {
+    const { painter, part, shown, colours } = this;
+    const style = getComputedStyle(document.documentElement);
+    painter.theme = Object.fromEntries(
+      ["paper", "ink", "muted", "way", "lifted", "prime", "retract", "mark", "rim", "ground"].map(
+        (name) => [name, style.getPropertyValue(`--${name === "mark" ? "hot" : name}`).trim()]));
+    const finer = devicePixelRatio || 1;
+    const context = painter.context;
+    context.setTransform(finer, 0, 0, finer, 0, 0);
+    context.clearRect(0, 0, ...this.camera.size);
+    const [first, last] = [part.first, part.first + this.move];
+    const below = this.before.at(-1);
+    if (this.passes) painter.tubes(this.drawn, colours);
+    else {
+      if (shown.below && below) {
+        painter.hairs(below.chunk, below.first, below.last, painter.theme.ground, null, 1);
+      }
+      painter.bands(part.chunk, first, last, colours, [part.first, part.last]);
+    }
+    if (shown.path) painter.hairs(part.chunk, first, last, painter.theme.ink, 1, 0.75);
+    for (const each of this.drawn) {
+      if (shown.travels && (!this.passes || each.first === first)) {
+        painter.travels(each.chunk, each.first, each.last);
+      }
+      if (shown.dots) painter.dots(each.chunk, each.first, each.last);
+    }
+    if (this.hovered) painter.mark(this.hovered.chunk, this.hovered.i);
+    if (!this.whole && this.move > 0) painter.needle(part.chunk, last - 1);
+    this.changed();
+  }
+
+  point(u, v) {
+    const shown = (act) => act === ACT.WRITE
+      || (act === ACT.PRIME || act === ACT.RETRACT ? this.shown.dots : this.shown.travels);
+    const found = this.part && u !== null ? nearest(this.drawn, this.camera, u, v, shown) : null;
+    if (found?.i === this.hovered?.i && found?.chunk === this.hovered?.chunk) return;
+    this.hovered = found;
+    this.draw();
+  }
+}

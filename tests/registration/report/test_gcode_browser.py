@@ -1,0 +1,136 @@
+import re
+from pathlib import Path
+
+from registration.report.gcode import GcodePage, write_gcode_html
+
+from .gcode_sample import layered_job, passes_job
+from .test_browser import opened, pytestmark, state  # noqa: F401
+
+ACT = (
+    "const wait = (ms) => new Promise((done) => setTimeout(done, ms));"
+    "while (document.documentElement.dataset.state !== 'ready') await wait(50);"
+    "await wait(200); const stage = document.getElementById('stage');"
+    "const box = stage.getBoundingClientRect();"
+    "const point = (name, x, y, more = {}) => stage.dispatchEvent(new PointerEvent(name,"
+    " { clientX: box.left + x * box.width, clientY: box.top + y * box.height, bubbles: true,"
+    " pointerId: 1, ...more }));"
+    "const key = (name, more = {}) => stage.dispatchEvent(new KeyboardEvent('keydown',"
+    " { key: name, bubbles: true, ...more }));"
+    "const set = (id, value, name = 'input') => { const e = document.getElementById(id);"
+    " e.value = value; e.dispatchEvent(new Event(name)); };"
+    "const inked = () => { const c = stage.querySelector('canvas');"
+    " const copy = new OffscreenCanvas(c.width, c.height).getContext('2d',"
+    " { willReadFrequently: true }); copy.drawImage(c, 0, 0);"
+    " return copy.getImageData(0, 0, c.width, c.height).data"
+    ".filter((value, i) => i % 4 === 3 && value > 100).length; };"
+    "const say = (text) => { document.title += ` ${text}`; };"
+)
+
+
+def page(folder: Path, job, colour: str, script: str = "", layer: int = 0) -> str:
+    """The DOM of a job's page after ``script`` ran beside its own."""
+    path = folder / "job.html"
+    write_gcode_html(path, job, GcodePage(colour, layer))
+    if script:
+        text = path.read_text(encoding="utf-8")
+        text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+        added = f'<script type="module">{ACT}{script} await wait(300);</script></body>'
+        path.write_text(text.replace("</body>", added), encoding="utf-8")
+    dom, console, urls = opened(path)
+    assert console == []
+    assert urls == []
+    return dom
+
+
+def inner(dom: str, element: str) -> str:
+    found = re.search(rf'<(\w+)[^>]*id="{element}"[^>]*>(.*?)</\1>', dom, re.S)
+    return re.sub(r"<[^>]+>", " ", found.group(2)).strip() if found else ""
+
+
+def title(dom: str) -> list[str]:
+    return re.search(r"<title>(.*?)</title>", dom, re.S).group(1).split()[3:]
+
+
+def test_page_starts_without_errors_and_tells_the_layers_numbers(tmp_path: Path) -> None:
+    dom = page(tmp_path, layered_job(), "width", layer=1)
+    assert state(dom, "html") == "ready"
+    assert state(dom, 'div class="viewer"') == "ready"
+    numbers = re.sub(r"\s+", " ", inner(dom, "numbers"))
+    assert "Tip at z 0.12 mm" in numbers
+    assert "Written 1 µL" in numbers
+    assert "Way written 20 mm" in numbers
+    assert "Time as fed 1.5 s" in numbers
+    assert "Lines of the file 15–20" in numbers
+    assert "Line width / mm" in inner(dom, "legend")
+    assert "A note." in dom
+
+
+def test_keys_go_through_layers_and_moves(tmp_path: Path) -> None:
+    keys = (
+        "key('ArrowUp'); await wait(300); say(document.getElementById('layer-tag').textContent);"
+        "key('ArrowUp'); await wait(300); say(document.getElementById('layer-tag').textContent);"
+        "key('ArrowDown'); await wait(300); say(document.getElementById('layer-tag').textContent);"
+        "const whole = inked(); key('ArrowLeft'); await wait(300); key('ArrowLeft');"
+        "await wait(300); say(document.getElementById('move').value); say(inked() < whole);"
+    )
+    dom = page(tmp_path, layered_job(), "width", keys)
+    assert title(dom) == ["layer", "2", "layer", "2", "layer", "1", "2", "true"]
+
+
+def test_the_needles_move_is_told_while_it_is_on_its_way(tmp_path: Path) -> None:
+    dom = page(tmp_path, layered_job(), "width", "set('move', 3);")
+    assert "3 of 4 moves" in inner(dom, "move-tag")
+    assert "13" in inner(dom, "probe")
+    assert "G1 line 13" in inner(dom, "probe")
+    assert "Travel, line 13" in inner(dom, "line")
+
+
+def test_pointing_at_a_line_tells_its_text_and_its_numbers(tmp_path: Path) -> None:
+    # Written are y = 0.75 to 2.25 and x = -0.25 to 10.25, which the view shows with a margin;
+    # the line y = 1 lies 0.5 mm below the middle.
+    aim = (
+        "const scale = 0.9 * Math.min(box.width / 10.5, box.height / 1.5);"
+        "const y = 0.5 + (0.5 * scale) / box.height; point('pointermove', 0.5, y);"
+    )
+    dom = page(tmp_path, layered_job(), "kind", aim)
+    assert "G1 line 12" in inner(dom, "probe")
+    said = re.sub(r"\s+", " ", inner(dom, "line"))
+    assert "Solid infill, line 12" in said
+    assert "Width 0.5 mm" in said
+    assert "Length 10 mm" in said
+    away = aim + "await wait(300); point('pointermove', 0.02, 0.02);"
+    assert inner(page(tmp_path, layered_job(), "kind", away), "line") == ""
+
+
+def test_wheel_zooms_at_the_pointer_and_zero_shows_all(tmp_path: Path) -> None:
+    wheel = (
+        "const bar = () => document.querySelector('#scalebar span').textContent.replace(' ', '');"
+        "say(bar()); stage.dispatchEvent(new WheelEvent('wheel', { deltaY: -2000, bubbles: true,"
+        " clientX: box.left + 5, clientY: box.top + 5 })); await wait(300); say(bar());"
+        "key('0'); await wait(300); say(bar());"
+    )
+    before, near, after = title(page(tmp_path, layered_job(), "width", wheel))
+    assert before == after != near
+
+
+def test_colour_switch_and_switches_change_the_picture(tmp_path: Path) -> None:
+    change = (
+        "const full = inked(); set('colouring', 'kind', 'change'); await wait(200);"
+        "const box2 = document.getElementById('show-travels'); box2.click(); await wait(200);"
+        "say(inked() < full);"
+    )
+    dom = page(tmp_path, layered_job(), "width", change)
+    assert title(dom) == ["true"]
+    assert "External perimeter" in inner(dom, "legend")
+
+
+def test_passes_turn_and_those_before_can_be_left_out(tmp_path: Path) -> None:
+    turn = (
+        "const top = inked(); document.querySelector('[data-turn=\"0,0\"]').click();"
+        "await wait(200); say(inked() !== top); const all = inked();"
+        "document.getElementById('show-below').click(); await wait(200); say(inked() < all);"
+    )
+    dom = page(tmp_path, passes_job(), "height", turn, layer=2)
+    assert title(dom) == ["true", "true"]
+    assert "Height z / mm" in inner(dom, "legend")
+    assert "pass 3" in inner(dom, "layer-tag")
