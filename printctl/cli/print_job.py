@@ -140,7 +140,7 @@ def _print(
     def open_port() -> str:
         if order.port == SIMULATED:
             return simulated_printer(
-                order.printer, tip, order.folder / "executed.npz", order.folder
+                order.printer, tip, order.job, order.folder / "executed.npz", order.folder
             )
         name = named_port(order.port, printer)
         confirm(name, bars, yes)

@@ -18,7 +18,7 @@ _COMES_UP_S: Final = 120.0
 
 
 def simulated_printer(
-    profile: str, start_mm: tuple[float, float, float], record: Path, folder: Path
+    profile: str, start_mm: tuple[float, float, float], job: Path, record: Path, folder: Path
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -31,6 +31,8 @@ def simulated_printer(
         Printer profile.
     start_mm : (3,) mm
         Where the tip stands at power-up, printer's frame.
+    job : Path
+        The G-code that will be sent, by whose commands the record names what was done.
     record : Path
         ``.npz`` of the executed motion.
     folder : Path
@@ -44,6 +46,7 @@ def simulated_printer(
     address, errors = folder / "sim.address", folder / "sim.log"
     command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", "0"]
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
+    command += ["--job", str(job.resolve())]
     command += ["--record", str(record.resolve()), "--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:

@@ -72,7 +72,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
             confirm(name, context.bars, context.assume_yes)
             return name
         record.unlink(missing_ok=True)
-        return simulated_printer(part.profile, (x, y, z), record, folder)
+        return simulated_printer(part.profile, (x, y, z), gcode, record, folder)
 
     low, high = context.tissue.bounds
     lift = float(high[2] - low[2]) + 5.0
