@@ -39,8 +39,13 @@ def _paint_stadium(
     ny, nx = out.shape
     j0 = max(0, int(np.ceil((min(y0, y1) - half - bottom) / pixel)))
     j1 = min(ny - 1, int(np.floor((max(y0, y1) + half - bottom) / pixel)))
+    y_low, y_high = min(y0, y1), max(y0, y1)
     for j in range(j0, j1 + 1):
-        low, high = stadium_span(0.0, bottom + j * pixel, 1.0, 0.0, x0, y0, x1, y1, half)
+        y = bottom + j * pixel
+        # Most rows by far: those beside an upright line of an infill.
+        low, high = x0 - half, x0 + half
+        if x0 != x1 or y < y_low or y > y_high:
+            low, high = stadium_span(0.0, y, 1.0, 0.0, x0, y0, x1, y1, half)
         if low > high:
             continue
         i0 = max(0, int(np.ceil((low - left) / pixel)))

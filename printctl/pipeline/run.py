@@ -16,6 +16,7 @@ from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import (
     dry_run,
     flow,
+    lumens,
     measures,
     printing,
     registration,
@@ -30,7 +31,7 @@ from printctl.progress import StageBars
 from printctl.recipe import Recipe
 
 DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE, solid.STAGE)
-TOOLPATH: Sequence[Stage] = (*DESIGN, toolpath.STAGE, dry_run.STAGE)
+TOOLPATH: Sequence[Stage] = (*DESIGN, toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
 WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)
 
 

@@ -50,6 +50,17 @@ CHECK_COLUMNS: Final = (
     Column("passed", "Passed", kind="mark"),
     Column("place", "Where", kind="text"),
 )
+LUMEN_COLUMNS: Final = (
+    Column("lumen", "Vessel", kind="text"),
+    Column("designed_mm", "Designed", "mm", digits=3),
+    Column("narrowest_mm", "Narrowest", "mm", digits=3),
+    Column("stepped_mm", "After steps", "mm", digits=3),
+    Column("diameter_error_median_um", "Median off", "µm", "signed"),
+    Column("conductance", "Conductance", "%", factor=100.0, digits=4),
+    Column("stepped_conductance", "After steps", "%", factor=100.0, digits=4),
+    Column("layer", "Layer (from 0)", kind="text"),
+    Column("at", "Narrowest at", kind="text"),
+)
 _SIZES: Final = ("extent", "shape", "voxel")
 FIT_KEYS: Final = ("rms_um", "mean_um", "median_um", "sd_um", "p95_um")
 
@@ -175,6 +186,25 @@ def check_table(dry_run: Mapping[str, Any]) -> Table | None:
     """The dry run's checks, the failed ones first."""
     rows = sorted(records(dry_run, "checks"), key=lambda r: r.get("passed") is not False)
     return make_table("checks", rows, CHECK_COLUMNS, order="failed first") if rows else None
+
+
+def lumen_table(lumens: Mapping[str, Any]) -> Table | None:
+    """What the G-code leaves open of each vessel, those that lose most first."""
+    rows = [_lumen(row) for row in records(lumens, "lumens")]
+    if not rows:
+        return None
+    return make_table("lumens", rows, LUMEN_COLUMNS, order="by conductance lost")
+
+
+def _lumen(row: Record) -> dict[str, Any]:
+    stepped = mapping(row, "stepped")
+    at = row.get("at_mm")
+    return {
+        **row,
+        "stepped_mm": stepped.get("narrowest_mm"),
+        "stepped_conductance": stepped.get("conductance"),
+        "at": ", ".join(f"{v:.2f}" for v in at) if isinstance(at, list) else None,
+    }
 
 
 def timing_rows(timings: Mapping[str, Any]) -> list[dict[str, Any]]:

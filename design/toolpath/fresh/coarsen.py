@@ -19,8 +19,10 @@ from design.toolpath.fresh.paths import Paths, Role
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
-#: How far a path may leave its place, in line widths.
+#: How far a corner may be drawn out, in line widths. The moves beside it stay in their place.
 TOLERANCE = 0.3
+#: How far a point that is left out may stand from the path. Long moves beside it tilt by as much.
+DROPPED = 0.03
 #: How far a corner of a tangent polygon may stand off a ring too small for anything else.
 FURTHEST = 0.5
 #: A ring is small when it is no wider than so many least moves.
@@ -52,6 +54,7 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
         paths.role == Role.WALL,
         least_mm,
         TOLERANCE * width_mm,
+        DROPPED * width_mm,
     )
     total = np.concatenate([[0], np.cumsum(keep)])
     return replace(
@@ -148,6 +151,7 @@ def _coarsened(
     wall: NDArray[np.bool_],
     least: float,
     most: float,
+    dropped: float,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     keep = np.ones(len(points), np.bool_)
     after, before = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -170,9 +174,9 @@ def _coarsened(
                     continue
                 a, d = before[b], after[c]
                 at_b, at_c = _bend(points, a, b, c), _bend(points, b, c, d)
-                if at_b >= 0 and at_b <= most and (at_c < 0 or at_b <= at_c):
+                if at_b >= 0 and at_b <= dropped and (at_c < 0 or at_b <= at_c):
                     gone = b
-                elif at_c >= 0 and at_c <= most:
+                elif at_c >= 0 and at_c <= dropped:
                     gone = c
                 elif at_b < 0 and at_c < 0:
                     met, x, y = _drawn_out(points, a, b, c, d, most)

@@ -28,6 +28,7 @@ _SECTIONS = {
     "solid": "solid",
     "toolpath": "toolpath",
     "dry run": "dry_run",
+    "lumens": "lumens",
     "print": "print",
     "scan": "scan",
     "registration": "registration",

@@ -176,3 +176,12 @@ def test_an_empty_section_has_no_walls():
     walls = build_walls(CrossSection(), W, 2, 0.4)
     assert len(walls.paths) == 0
     assert walls.inside.is_empty()
+
+
+def test_a_jog_in_a_long_wall_doesnt_tilt_it():
+    slot = [(0, 0), (6, 0), (6, 0.8), (0.5, 0.8), (0.44, 0.84), (0, 0.84)]
+    section = CrossSection.square((10, 5)).translate((-2, -2)) - CrossSection([slot])
+    paths = without_short_moves(build_walls(section, W, 1, 0.4).paths, 0.0875, W)
+    band = shape(section).intersection(shapely.Polygon(slot).buffer(0.05))
+    bare = band.difference(inked(paths)).buffer(-0.005)
+    assert bare.is_empty

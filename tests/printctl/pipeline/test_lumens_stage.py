@@ -1,0 +1,70 @@
+"""The stage that holds the G-code against the network."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from design.network import VesselNetwork
+from firmware_profiles import Printer, load
+from printctl.errors import SafetyError
+from printctl.pipeline.stages import lumens
+from printctl.recipe.making import Embedded, Fresh
+from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, Strokes, gcode, tube
+
+LAYERS = 8
+NONE = np.zeros(1, dtype=np.int64)
+
+
+def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
+    (folder / "part.gcode").write_bytes(gcode(layers))
+    ends = np.array([[0, 0, 0], [0, 0, LAYERS * LAYER_MM]], dtype=float)
+    return SimpleNamespace(
+        folder=folder,
+        recipe=SimpleNamespace(toolpath=part),
+        printer=load(Printer, "generic_marlin"),
+        syringe=SimpleNamespace(inner_mm=BORE_MM),
+        ink=SimpleNamespace(flow_factor=1.0),
+        place_mm=np.array([20.0, 30.0, 0.0]),
+        network=VesselNetwork.from_segments(
+            ends, np.array([[0, 1]]), np.array([0.3]), NONE, NONE
+        ),
+        bars=SimpleNamespace(remark=lambda *_: None),
+    )  # fmt: skip
+
+
+def work(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> tuple[dict[str, Any], Any]:
+    return lumens.work(context(folder, layers, part), lambda *_: None)
+
+
+def fresh() -> Fresh:
+    return Fresh(method="fresh", layer_um=1e3 * LAYER_MM)
+
+
+def test_open_lumens_pass_and_are_written_down(tmp_path: Path) -> None:
+    summary, files = work(tmp_path, [tube(0.3, centre=(20, 30))] * LAYERS, fresh())
+    assert summary["checked"]
+    assert summary["passed"]
+    assert files == ["lumens.json"]
+    written = json.loads((tmp_path / "lumens.json").read_text())
+    assert written["lumens"][0]["narrowest_mm"] == pytest.approx(0.6, abs=2e-3)
+
+
+def test_a_closed_lumen_is_refused(tmp_path: Path) -> None:
+    plug = [np.array([[19.6, y], [20.4, y]]) for y in 30 + 0.1 * np.arange(-3, 4)]
+    walls = tube(0.3, centre=(20, 30))
+    layers = [[*walls, *(plug if k == 4 else [])] for k in range(LAYERS)]
+    with pytest.raises(SafetyError, match=r"closed: lumen 0 \(1 of 1\)"):
+        work(tmp_path, layers, fresh())
+    assert json.loads((tmp_path / "lumens.json").read_text())["passed"] is False
+
+
+def test_an_embedded_print_has_no_lumens_to_check(tmp_path: Path) -> None:
+    summary, files = work(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded"))
+    assert summary["checked"] is False
+    assert list(files) == []
