@@ -9,6 +9,7 @@ from typing import Any, Final, TypeGuard
 MISSING: Final = "–"
 
 _UNITS: Final = {
+    "_pa_s_ul": "Pa·s/µL", "_per_mm2": "1/mm²", "_uw": "µW",
     "_ml_min": "mL/min", "_mm_s": "mm/s", "_ul_s": "µL/s", "_pa_s": "Pa·s", "_mmhg": "mmHg",
     "_mm3": "mm³", "_mm2": "mm²", "_percent": "%", "_kpa": "kPa", "_psi": "psi", "_deg": "°",
     "_pa": "Pa", "_um": "µm", "_mm": "mm", "_ul": "µL", "_mb": "MB", "_ml": "mL", "_s": "s",
@@ -17,7 +18,8 @@ _UNITS: Final = {
 _WORDS: Final = {
     "rms": "RMS", "sd": "SD", "p95": "95th percentile", "id": "ID", "min": "min.", "max": "max.",
     "gcode": "G-code", "fresh": "FRESH", "oct": "OCT", "microct": "micro-CT", "x": "x", "y": "y",
-    "z": "z", "mb": "MB", "os": "OS", "cpu": "CPU", "stl": "STL", "sha256": "SHA-256",
+    "z": "z", "mb": "MB", "os": "OS", "cpu": "CPU", "stl": "STL", "sha256": "SHA-256", "um": "µm",
+    "p5": "5th percentile",
 }  # fmt: skip
 
 

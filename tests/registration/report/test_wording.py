@@ -41,6 +41,9 @@ def test_durations(seconds: Any, text: str) -> None:
         ("duration_s", ("Duration", "s")),
         ("volume_mm3", ("Volume", "mm³")),
         ("layers", ("Layers", "")),
+        ("resistance_pa_s_ul", ("Resistance", "Pa·s/µL")),
+        ("vessels_per_mm2", ("Vessels", "1/mm²")),
+        ("within_200_um_of_a_lumen_percent", ("Within 200 µm of a lumen", "%")),
     ],
 )
 def test_labels_and_units_come_from_the_key(key: str, expected: tuple[str, str]) -> None:
