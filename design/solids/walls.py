@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -53,14 +54,16 @@ def tube_solid(
         raise SolidError(f"wall_mm {wall_mm:g}; give a thickness above 0")
     ends = free_ends(network) if open_nodes is None else np.asarray(open_nodes, dtype=np.int64)
     beyond = 4.0 * float(network.radius.max()) if len(ends) else 0.0
-    options = {"tolerance_mm": tolerance_mm, "fillet_ratio": fillet_ratio, "fillet_mm": fillet_mm}
-    # A hundredth of the wall, so that the end's face is flat and no seam lies on the node's plane.
-    inner = lumen_solid(network, extend_ends_mm=beyond, extend_nodes=ends, **options)  # type: ignore[arg-type]
-    outer = lumen_solid(
-        replace(network, radius=network.radius + wall_mm),
-        extend_ends_mm=0.01 * wall_mm if len(ends) else 0.0,
+    union = partial(
+        lumen_solid,
         extend_nodes=ends,
-        **options,  # type: ignore[arg-type]
+        tolerance_mm=tolerance_mm,
+        fillet_ratio=fillet_ratio,
+        fillet_mm=fillet_mm,
     )
+    # A hundredth of the wall, so that the end's face is flat and no seam lies on the node's plane.
+    inner = union(network, extend_ends_mm=beyond)
+    wider = replace(network, radius=network.radius + wall_mm)
+    outer = union(wider, extend_ends_mm=0.01 * wall_mm if len(ends) else 0.0)
     wall = subtract(solid_manifold(outer, "the outside"), [solid_manifold(inner, "the lumens")])
     return solid_from_manifold(wall, "the tubes")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.files import write_bytes
 from design.solids import Solid, read_solid
 from design.toolpath.fresh import FreshOptions, FreshPlan, Infill, plan_fresh
-from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
+from design.toolpath.gcode import Gcode, clear_mm, least_move_mm, write_gcode
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.cli.options import (
@@ -24,7 +24,7 @@ from printctl.cli.options import (
     print_lines,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.stages.toolpath import save_line_map
+from printctl.pipeline.stages.toolpath import gcode_options, save_line_map
 
 #: Height of the tip above the part when the job begins, mm.
 _ABOVE_MM = 5.0
@@ -124,15 +124,9 @@ def _written(
     place: NDArray[np.float64],
     start: tuple[float, float, float],
 ) -> Gcode:
-    head, span = printer.pneumatic, ink.write_speed_mm_s
-    options = GcodeOptions(
-        start_mm=start,
-        relieve_ul=ink.retract_ul,
-        plunger_ul_s=ink.plunger_ul_s,
-        flow_factor=ink.flow_factor,
-        flow_ul_s=None if head is None else steady_flow(head, ink, needle).ul_s,
-        ink_speed_mm_s=None if span is None else (span.low, span.high),
-    )
+    head = printer.pneumatic
+    flow = None if head is None else steady_flow(head, ink, needle).ul_s
+    options = gcode_options(ink, start, FreshOptions.travel_speed_mm_s, flow)
     return write_gcode(plan.toolpath, printer, syringe, place, options)
 
 

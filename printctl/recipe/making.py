@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from design.toolpath.fresh import DENSEST_GYROID, Infill
 from printctl.recipe.care import CarePart
 from printctl.recipe.parts import Part, Point, Seed, given
 
@@ -34,7 +35,7 @@ class Fresh(Part):
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
         default=2, description="Lines along every boundary, counted from the lumen outward."
     )
-    infill: Literal["lines", "concentric", "gyroid"] = "lines"
+    infill: Infill = "lines"
     infill_percent: Annotated[float, Field(ge=0, le=100)] = 100.0
     infill_angles_deg: Annotated[
         tuple[Annotated[float, Field(ge=-360, le=360)], ...], Field(min_length=1, max_length=32)
@@ -42,6 +43,16 @@ class Fresh(Part):
     compensate: CompensationPart = CompensationPart()
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
+
+    @model_validator(mode="after")
+    def _a_gyroid_has_room(self) -> Fresh:
+        most = 100 * DENSEST_GYROID
+        if self.infill == "gyroid" and self.infill_percent > most:
+            raise ValueError(
+                f"a gyroid's lines meet above {most:g} %; lower infill_percent (it is "
+                f"{self.infill_percent:g}) or choose infill: lines"
+            )
+        return self
 
 
 class Embedded(Part):

@@ -39,13 +39,14 @@ _DEPOSIT_PER_SCAN_VOXEL = 0.625
 
 
 def depends(context: RunContext) -> Any:
-    """The section, the seed and the syringe; the user's file where it names one."""
+    """The section, the seed and what the plunger lays; the user's file where it names one."""
     part = context.scan_part
     found = part.model_dump(mode="json")
     if isinstance(part, FileScan):
         path = context.recipe_folder / part.file
         return [found, digest_file(path) if path.is_file() else ""]
-    return [found, context.recipe.seed, context.syringe.inner_mm, context.flow_ul_s]
+    laid = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
+    return [found, context.recipe.seed, *laid]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -64,7 +65,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
     """Lay the ink where the printer's motors went, and scan it."""
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
-    area = math.pi / 4 * context.syringe.inner_mm**2
+    # What comes out for a way of the plunger: the writer pushes more where less comes out.
+    area = math.pi / 4 * context.syringe.inner_mm**2 * context.ink.flow_factor
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
     if context.flow_ul_s is None:

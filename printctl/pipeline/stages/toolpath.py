@@ -14,6 +14,7 @@ from design.toolpath import Toolpath
 from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
 from design.toolpath.fresh import Compensation, FreshOptions, FreshReport, check_lumens, plan_fresh
 from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
+from firmware_profiles import Ink
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -73,6 +74,25 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
             return embedded.toolpath, embedded.report
 
 
+def gcode_options(
+    ink: Ink,
+    start_mm: tuple[float, float, float],
+    travel_speed_mm_s: float,
+    flow_ul_s: float | None,
+) -> GcodeOptions:
+    """The writer's choices for an ink; ``flow_ul_s`` is a pneumatic head's, else None."""
+    span = ink.write_speed_mm_s
+    return GcodeOptions(
+        start_mm=start_mm,
+        travel_speed_mm_s=travel_speed_mm_s,
+        relieve_ul=ink.retract_ul,
+        plunger_ul_s=ink.plunger_ul_s,
+        flow_factor=ink.flow_factor,
+        flow_ul_s=flow_ul_s,
+        ink_speed_mm_s=None if span is None else (span.low, span.high),
+    )
+
+
 def save_line_map(path: Path, gcode: Gcode) -> None:
     """Keep which layer or vessel, and which move, each line of the G-code is for."""
     with replacing(path) as draft, draft.open("wb") as handle:
@@ -89,16 +109,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     toolpath, planned = plan(context)
     report(0.8, "writing G-code")
     x, y, z = context.start_mm.tolist()
-    span = context.ink.write_speed_mm_s
-    options = GcodeOptions(
-        start_mm=(x, y, z),
-        travel_speed_mm_s=context.recipe.toolpath.travel_speed_mm_s,
-        relieve_ul=context.ink.retract_ul,
-        plunger_ul_s=context.ink.plunger_ul_s,
-        flow_factor=context.ink.flow_factor,
-        flow_ul_s=context.flow_ul_s,
-        ink_speed_mm_s=None if span is None else (span.low, span.high),
-    )
+    travel = context.recipe.toolpath.travel_speed_mm_s
+    options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
     gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
     write_bytes(context.folder / GCODE, gcode.data)
     save_line_map(context.folder / LINE_MAP, gcode)

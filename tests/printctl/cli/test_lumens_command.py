@@ -10,29 +10,13 @@ import pytest
 
 import firmware_profiles
 from design.solids import write_stl
-from printctl.cli.main import main
+from tests.printctl.cli.shell import Shell
 from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, gcode, tube
 from tests.printctl.lumens.test_model import LAYERS, pipe
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))
 PLUGGED = 6
-
-
-class Shell:
-    """Runs `printctl lumens` in a folder: exit code, stdout and stderr."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self.monkeypatch, self.capsys = monkeypatch, capsys
-
-    def __call__(self, *command: str) -> tuple[int, str, str]:
-        self.monkeypatch.setattr("sys.argv", ["printctl", "lumens", *command])
-        self.capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = self.capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, out, err
 
 
 @pytest.fixture
@@ -50,7 +34,7 @@ def shell(
     write_stl(tmp_path / "part.stl", pipe())
     top = LAYERS * LAYER_MM
     (tmp_path / "net.csv").write_text(HEADER + f"0,0,1,0,0,0,0,0,{top},0.3,0.3,channel,0\n")
-    return Shell(monkeypatch, capsys)
+    return Shell(monkeypatch, capsys, "lumens")
 
 
 def test_a_good_print_passes_with_a_table(shell: Shell) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from printctl.cli.main import main
+from tests.printctl.cli.shell import Shell
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 FORK = (
@@ -15,22 +15,6 @@ FORK = (
     "1,1,2,7,7,3,10,7,7,0.4,0.4,artery,0\n"
     "2,1,3,7,7,3,4,7,7,0.39,0.39,artery,0\n"
 )
-
-
-class Shell:
-    """Runs commands in one folder: exit code, stdout and stderr of each."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self.monkeypatch, self.capsys = monkeypatch, capsys
-
-    def __call__(self, *command: str) -> tuple[int, str, str]:
-        self.monkeypatch.setattr("sys.argv", ["printctl", *command])
-        self.capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = self.capsys.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, out, err
 
 
 @pytest.fixture

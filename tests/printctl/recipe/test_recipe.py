@@ -83,3 +83,12 @@ def test_file_that_is_no_recipe_is_refused(tmp_path: Path, text: str, message: s
 def test_missing_file_points_to_init(tmp_path: Path) -> None:
     with pytest.raises(RecipeError, match="printctl init"):
         load_recipe(tmp_path / "none.yaml")
+
+
+def test_a_solid_gyroid_is_refused_before_anything_is_made() -> None:
+    recipe = deepcopy(GOOD)
+    recipe["toolpath"]["infill"] = "gyroid"
+    with pytest.raises(RecipeError, match=r"meet above 70 %; lower infill_percent \(it is 100\)"):
+        parse_recipe(recipe, "test.yaml")
+    recipe["toolpath"]["infill_percent"] = 40
+    assert parse_recipe(recipe, "test.yaml").toolpath.model_dump()["infill"] == "gyroid"

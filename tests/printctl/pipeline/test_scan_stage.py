@@ -1,0 +1,37 @@
+"""What the simulated scanner is shown."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from printctl.pipeline.stages import scan
+from printctl.recipe.making import SimulatedScan
+
+
+class LaidError(Exception):
+    """The deposit was asked for; its area in mm² is the argument."""
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.8])
+def test_what_comes_out_is_laid_and_not_what_is_pushed(
+    factor: float, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def deposit(motion: Any, area: float, *rest: Any, **more: Any) -> None:
+        raise LaidError(area)
+
+    monkeypatch.setattr(scan, "deposit", deposit)
+    monkeypatch.setattr(scan.ExecutedMotion, "load", lambda path: None)
+    context: Any = SimpleNamespace(
+        folder=tmp_path,
+        syringe=SimpleNamespace(inner_mm=2.0),
+        ink=SimpleNamespace(flow_factor=factor),
+        flow_ul_s=None,
+        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=6400.0)),
+    )
+    with pytest.raises(LaidError) as laid:
+        scan.simulate(context, SimulatedScan(simulated="oct"), lambda *told: None)
+    assert laid.value.args[0] == pytest.approx(math.pi * factor)
