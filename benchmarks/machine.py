@@ -29,6 +29,20 @@ def machine() -> dict[str, Any]:
     }
 
 
+def peak_mb(process: int | None = None) -> float:
+    """Most memory that a process has held since it began (this one, or by its number), MB; Linux.
+
+    Not ``ru_maxrss``: a child begins with its parent's there.
+    """
+    status = Path(f"/proc/{process or 'self'}/status")
+    try:
+        lines = status.read_text().splitlines()
+    except OSError:  # it has ended meanwhile
+        return 0.0
+    held = [line for line in lines if line.startswith("VmHWM:")]
+    return float(held[0].split()[1]) * 1024 / 1e6 if held else 0.0
+
+
 def commit() -> str:
     """The commit that was measured, marked when the tree has changes of its own."""
 

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ from benchmarks.checkers.read_gcode import (
     written_lines,
 )
 from benchmarks.checkers.round_lumens import crossings, openings, unfilled
-from benchmarks.machine import ROOT, row
+from benchmarks.machine import ROOT, peak_mb, row
 from benchmarks.solids_parts import Part, block, channel, small, tubes
 
 Row = dict[str, Any]
@@ -208,9 +209,13 @@ def timed(command: list[str]) -> tuple[float, float]:
     """Run a command; CPU seconds of the whole process and its greatest memory, MB."""
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
-        _, status, usage = os.wait4(process.pid, 0)
+        ended, held = 0, 0.0
+        while not ended:
+            held = max(held, peak_mb(process.pid))
+            ended, status, usage = os.wait4(process.pid, os.WNOHANG)
+            time.sleep(0 if ended else 0.02)
         process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             said.seek(0)
             raise RuntimeError(f"{command[0]} ended with {process.returncode}: {said.read()!r}")
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3
+    return usage.ru_utime + usage.ru_stime, held

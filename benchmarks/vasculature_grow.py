@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import tempfile
 import time
 from dataclasses import replace
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers.read_stl import box_triangles, write_stl
+from benchmarks.machine import peak_mb
 from design.errors import DesignError
 from design.network import VesselKind
 from design.network_csv import write_network_csv
@@ -33,11 +33,6 @@ def warm_up() -> float:
         write_stl(path, box_triangles(np.zeros(3), np.full(3, 10.0)))
         grow_tree(load_tissue(path, "mm"), GrowthOptions(terminals=300))
     return time.perf_counter() - begin
-
-
-def peak_mb() -> float:
-    """Most memory this process has held so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
 
 
 def timed(stl: Path, options: GrowthOptions, out: Path | None) -> dict[str, Any]:
