@@ -9,7 +9,7 @@ import numpy as np
 
 from design.geometry.bvh import DEPTH
 from design.geometry.segments import segment_segment
-from design.geometry.triangles import point_triangle_squared
+from design.geometry.triangles import SLIVER, point_triangle_squared
 from kernels import jit
 
 
@@ -19,7 +19,8 @@ def pierces(ax: float, ay: float, az: float, bx: float, by: float, bz: float, tr
 
     Signed volumes (Ericson, Real-Time Collision Detection, 5.3.4, of the segment's line and
     both ends). A segment in the triangle's plane doesn't pierce it; it is near an edge or an end
-    of it is in the triangle, which the distances to these tell.
+    of it is in the triangle, which the distances to these tell; so do they for a triangle
+    without an area.
     """
     ux, uy, uz = tri[3] - tri[0], tri[4] - tri[1], tri[5] - tri[2]
     vx, vy, vz = tri[6] - tri[0], tri[7] - tri[1], tri[8] - tri[2]
@@ -37,6 +38,8 @@ def pierces(ax: float, ay: float, az: float, bx: float, by: float, bz: float, tr
         vx * vx + vy * vy + vz * vz,
     )
     pu, pv = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
+    if nx * nx + ny * ny + nz * nz <= SLIVER * uu * vv:
+        return False
     area2 = uu * vv - uv * uv
     s, r = vv * pu - uv * pv, uu * pv - uv * pu
     return bool(s >= 0.0 and r >= 0.0 and s + r <= area2)

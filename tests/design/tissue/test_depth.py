@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from benchmarks.checkers.containment import surface_tree, to_surface, winding_numbers
@@ -121,7 +121,17 @@ def sampled_distance(a, b, tri):
     return np.linalg.norm(along[:, None] - on[None], axis=2).min()
 
 
+#: Two corners that are one; three; and three in a line.
+_NO_AREA = [[0.0] * 6 + [0, 1, 1], [0.0] * 9, [0.0, 0, 0, 0.1, 0.3, 0.7, 0.2, 0.6, 1.4]]
+
+
 @given(st.lists(st.floats(-1, 1, width=32), min_size=15, max_size=15))
+@example([0, 0, 1, 0, 0, 0, *_NO_AREA[0]])
+@example([1, 0, 1, 1, 0, 0, *_NO_AREA[0][3:], 0, 0, 0])
+@example([1, 0, 1, 1, 0, 0.5, 0, 1, 1, *_NO_AREA[0][:6]])
+@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[1]])
+@example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[2]])
+@example([1, 0, 0, 0, 1 / 3, -1, -1, 0, 0, 1e-8, 0, 0, 0, 1e-8, 0])
 def test_segment_triangle_distance_is_the_least_over_their_points(numbers):
     a, b, tri = np.array(numbers[:3]), np.array(numbers[3:6]), np.array(numbers[6:])
     found = segment_triangle(*a, *b, tri)
