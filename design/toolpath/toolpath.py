@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,3 +80,23 @@ class Toolpath:
     def written_ul(self) -> float:
         """Ink written into the part, µL (retractions and their primes cancel)."""
         return float(self.volume_ul.sum())
+
+
+def joined(parts: Sequence[Toolpath]) -> Toolpath:
+    """One toolpath of its parts (at least one), each of which begins where the last one ended."""
+
+    def along(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Toolpath(
+        start=along("start"),
+        end=along("end"),
+        volume_ul=along("volume_ul"),
+        speed_mm_s=along("speed_mm_s"),
+        duration_s=along("duration_s"),
+        tool=along("tool"),
+        kind=along("kind"),
+        source=along("source"),
+        source_kind=parts[0].source_kind,
+        layer_height_mm=parts[0].layer_height_mm,
+    )

@@ -9,10 +9,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from design.files import write_bytes
 from design.solids import Solid, read_solid
-from design.toolpath.fresh import FreshOptions, FreshPlan, Infill, plan_fresh
-from design.toolpath.gcode import Gcode, clear_mm, least_move_mm, write_gcode
+from design.toolpath.fresh import FreshLayers, FreshOptions, FreshReport, Infill
+from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.cli.options import (
@@ -24,7 +23,7 @@ from printctl.cli.options import (
     print_lines,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.stages.toolpath import gcode_options, save_line_map
+from printctl.pipeline.stages.toolpath import gcode_options
 
 #: Height of the tip above the part when the job begins, mm.
 _ABOVE_MM = 5.0
@@ -63,7 +62,7 @@ def slice_mesh(
     profile, dose, barrel = load(Printer, printer), load(Ink, ink), load(Syringe, syringe)
     solid = read_solid(model, unit)
     _check_size(solid, profile, model)
-    plan = plan_fresh(
+    layers = FreshLayers(
         solid,
         FreshOptions(
             layer_height_mm=layer_um * 1e-3,
@@ -79,16 +78,18 @@ def slice_mesh(
         ),
     )
     place, start = _placed(solid, profile)
-    gcode = _written(plan, profile, barrel, dose, load(Needle, needle), place, start)
-    write_bytes(out, gcode.data)
-    save_line_map(out.with_suffix(".map.npz"), gcode)
-    if plan.report.written_ul > barrel.volume_ul:
+    machine = (profile, barrel, place, _options(profile, dose, load(Needle, needle), start))
+    lines = save_gcode(
+        out, out.with_suffix(".map.npz"), stream_gcode(layers, *machine, layers.top_mm)
+    )
+    report = layers.report()
+    if report.written_ul > barrel.volume_ul:
         messages().print(
-            f"note: {plan.report.written_ul:.4g} µL is more than {barrel.name} holds "
+            f"note: {report.written_ul:.4g} µL is more than {barrel.name} holds "
             f"({barrel.volume_ul:g} µL): it will be changed on the way (printctl reload)",
             markup=False,
         )
-    _tell(_facts(plan, gcode, out, place), as_json)
+    _tell(_facts(report, lines, out, place), as_json)
 
 
 def _check_size(solid: Solid, printer: Printer, model: Path) -> None:
@@ -115,27 +116,21 @@ def _placed(
     return place, (x, y, round(top, 3))
 
 
-def _written(
-    plan: FreshPlan,
-    printer: Printer,
-    syringe: Syringe,
-    ink: Ink,
-    needle: Needle,
-    place: NDArray[np.float64],
-    start: tuple[float, float, float],
-) -> Gcode:
+def _options(
+    printer: Printer, ink: Ink, needle: Needle, start: tuple[float, float, float]
+) -> GcodeOptions:
     head = printer.pneumatic
     flow = None if head is None else steady_flow(head, ink, needle).ul_s
-    options = gcode_options(ink, start, FreshOptions.travel_speed_mm_s, flow)
-    return write_gcode(plan.toolpath, printer, syringe, place, options)
+    return gcode_options(ink, start, FreshOptions.travel_speed_mm_s, flow)
 
 
-def _facts(plan: FreshPlan, gcode: Gcode, out: Path, place: NDArray[np.float64]) -> dict[str, Any]:
-    report = plan.report
+def _facts(
+    report: FreshReport, lines: int, out: Path, place: NDArray[np.float64]
+) -> dict[str, Any]:
     return {
         "gcode": str(out),
         "layers": report.layers,
-        "lines": gcode.line_count,
+        "lines": lines,
         "written_ul": report.written_ul,
         "material_ul": report.material_ul,
         "unfilled_percent": 100 * report.unfilled_fraction,

@@ -3,12 +3,13 @@
 from design.toolpath.fresh.compensate import Compensation
 from design.toolpath.fresh.lumens import check_lumens
 from design.toolpath.fresh.options import DENSEST_GYROID, FreshOptions, Infill
-from design.toolpath.fresh.plan import FreshPlan, fresh_toolpath, plan_fresh
+from design.toolpath.fresh.plan import FreshLayers, FreshPlan, fresh_toolpath, plan_fresh
 from design.toolpath.fresh.report import FreshReport
 
 __all__ = [
     "DENSEST_GYROID",
     "Compensation",
+    "FreshLayers",
     "FreshOptions",
     "FreshPlan",
     "FreshReport",

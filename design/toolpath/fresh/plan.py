@@ -19,10 +19,10 @@ from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
-from design.toolpath.fresh.report import FreshReport, make_report
-from design.toolpath.fresh.section import Layer, layers, rings
+from design.toolpath.fresh.report import FreshReport, Tally
+from design.toolpath.fresh.section import Layer, layer_count, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
 
 #: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
 MEASURED = 100
@@ -36,73 +36,100 @@ class FreshPlan:
     report: FreshReport
 
 
-@dataclass(frozen=True)
-class Written:
-    """One layer's moves, and where its needle came from."""
-
-    index: int
-    start: FloatArray
-    rows: Rows
-    paths: int
-    coverage: Coverage | None
-
-
 def fresh_toolpath(solid: Solid, options: FreshOptions) -> Toolpath:
     """Slice ``solid`` into FRESH layers; see `plan_fresh`."""
     return plan_fresh(solid, options).toolpath
 
 
 def plan_fresh(solid: Solid, options: FreshOptions) -> FreshPlan:
-    """Slice ``solid`` into FRESH layers and say how well they fill it.
-
-    Every line's volume is exactly width · layer height · length. Layer k lies in
-    [z0 + k h, z0 + (k + 1) h] and is written with the tip at its top.
+    """Slice ``solid`` into FRESH layers and say how well they fill it; see `FreshLayers`.
 
     Raises
     ------
     ToolpathError
-        When the solid isn't a closed manifold, lower than half a layer, or nowhere as wide as
-        the narrowest line.
+        As `FreshLayers`.
     """
-    written = list(_layers(options.compensation.enlarged(solid), options))
-    found = [layer for layer in written if layer.paths]
-    if not found:
-        raise ToolpathError(
-            f"no place of the solid is as wide as {options.least_line:g} of a line of "
-            f"{options.line_width_mm:g} mm (line_width_mm); check the part's unit or use a "
-            "finer needle"
+    layers = FreshLayers(solid, options)
+    return FreshPlan(joined(list(layers)), layers.report())
+
+
+class FreshLayers:
+    """The layers of a part, made one by one as they are asked for, from the lowest up.
+
+    Every line's volume is exactly width · layer height · length. Layer k lies in
+    [z0 + k h, z0 + (k + 1) h] and is written with the tip at its top. Each begins where the one
+    before it ended; one in which nothing is written is left out.
+
+    Parameters
+    ----------
+    solid : Solid
+    options : FreshOptions
+
+    Raises
+    ------
+    ToolpathError
+        While it is gone through, when the solid isn't a closed manifold, lower than half a layer,
+        or nowhere as wide as the narrowest line.
+    """
+
+    def __init__(self, solid: Solid, options: FreshOptions) -> None:
+        self._solid = options.compensation.enlarged(solid)
+        self._options = options
+        self._tally = Tally()
+
+    @property
+    def top_mm(self) -> float:
+        """Highest that the tip goes, mm."""
+        low, high = self._solid.bounds[:, 2].tolist()
+        height = self._options.layer_height_mm
+        count = layer_count(low, high, height)
+        return low + count * height + max(self._options.lift_mm, self._options.hop_mm)
+
+    @property
+    def moves(self) -> int:
+        """Moves of the layers so far."""
+        return self._tally.moves
+
+    def report(self) -> FreshReport:
+        """What was planned so far, in numbers."""
+        return self._tally.report()
+
+    def __iter__(self) -> Iterator[Toolpath]:
+        self._tally = Tally()
+        options, low = self._options, self._solid.bounds[0]
+        every = self._measured_every()
+        below, tip = None, None
+        for layer in layers(self._solid, options.layer_height_mm):
+            paths = _layer_paths(layer, options, low[:2])
+            here = obstacles(contours_of(layer.material), options.line_width_mm)
+            at = low[:2] if tip is None else tip[:2]
+            sequence = order_paths(paths, at, options.link_mm)
+            if len(paths) and tip is None:
+                tip = np.append(paths.points[sequence.first[0]], layer.tip_mm)
+            start = np.append(at, layer.tip_mm) if tip is None else tip
+            rows = lay_out(paths, sequence, start, layer.tip_mm, (here, below or here), options)
+            measured = layer.index % every == 0
+            self._tally.add_layer(_coverage(layer, start, rows, options) if measured else None)
+            below, tip = here, rows.end[-1] if len(rows.end) else tip
+            if len(paths):
+                yield self._counted(layer.index, start, rows, len(paths))
+        if not self._tally.moves:
+            raise ToolpathError(
+                f"no place of the solid is as wide as {options.least_line:g} of a line of "
+                f"{options.line_width_mm:g} mm (line_width_mm); check the part's unit or use a "
+                "finer needle"
+            )
+
+    def _measured_every(self) -> int:
+        low, high = self._solid.bounds[:, 2].tolist()
+        return max(1, int(np.ceil((high - low) / self._options.layer_height_mm / MEASURED)))
+
+    def _counted(self, index: int, start: FloatArray, rows: Rows, lines: int) -> Toolpath:
+        toolpath = _toolpath(index, start, rows, self._options.layer_height_mm)
+        self._tally.add(
+            toolpath, lines=lines, travels=rows.travels, lifted=rows.lifted, links=rows.links
         )
-    toolpath = _assembled(found, options)
-    coverage = [layer.coverage for layer in written if layer.coverage is not None]
-    report = make_report(
-        toolpath,
-        coverage,
-        layers=len(written),
-        lines=sum(layer.paths for layer in found),
-        travels=sum(layer.rows.travels for layer in found),
-        lifted=sum(layer.rows.lifted for layer in found),
-        links=sum(layer.rows.links for layer in found),
-    )
-    return FreshPlan(toolpath, report)
-
-
-def _layers(solid: Solid, options: FreshOptions) -> Iterator[Written]:
-    low, high = solid.bounds
-    every = max(1, int(np.ceil((high[2] - low[2]) / options.layer_height_mm / MEASURED)))
-    below, tip = None, None
-    for layer in layers(solid, options.layer_height_mm):
-        paths = _layer_paths(layer, options, low[:2])
-        here = obstacles(contours_of(layer.material), options.line_width_mm)
-        at = low[:2] if tip is None else tip[:2]
-        sequence = order_paths(paths, at, options.link_mm)
-        if len(paths) and tip is None:
-            tip = np.append(paths.points[sequence.first[0]], layer.tip_mm)
-        start = np.append(at, layer.tip_mm) if tip is None else tip
-        around = (here, below or here)
-        rows = lay_out(paths, sequence, start, layer.tip_mm, around, options)
-        cover = _coverage(layer, start, rows, options) if layer.index % every == 0 else None
-        yield Written(layer.index, start, rows, len(paths), cover)
-        below, tip = here, rows.end[-1] if len(rows.end) else tip
+        return toolpath
 
 
 def _layer_paths(layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
@@ -136,19 +163,18 @@ def _coverage(layer: Layer, start: FloatArray, rows: Rows, options: FreshOptions
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
-def _assembled(found: list[Written], options: FreshOptions) -> Toolpath:
-    """One toolpath of the rows of all layers."""
-    end = np.concatenate([layer.rows.end for layer in found])
-    count = [len(layer.rows.kind) for layer in found]
+def _toolpath(index: int, start: FloatArray, rows: Rows, height_mm: float) -> Toolpath:
+    """Moves of one layer."""
+    count = len(rows.kind)
     return Toolpath(
-        start=np.concatenate([found[0].start[None], end[:-1]]),
-        end=end,
-        volume_ul=np.concatenate([layer.rows.volume_ul for layer in found]),
-        speed_mm_s=np.concatenate([layer.rows.speed_mm_s for layer in found]),
-        duration_s=np.concatenate([layer.rows.duration_s for layer in found]),
-        tool=np.zeros(len(end), dtype=np.int64),
-        kind=np.concatenate([layer.rows.kind for layer in found]),
-        source=np.repeat(np.array([layer.index for layer in found], dtype=np.int64), count),
+        start=np.concatenate([start[None], rows.end[:-1]]),
+        end=rows.end,
+        volume_ul=rows.volume_ul,
+        speed_mm_s=rows.speed_mm_s,
+        duration_s=rows.duration_s,
+        tool=np.zeros(count, dtype=np.int64),
+        kind=rows.kind,
+        source=np.full(count, index, dtype=np.int64),
         source_kind="layer",
-        layer_height_mm=options.layer_height_mm,
+        layer_height_mm=height_mm,
     )

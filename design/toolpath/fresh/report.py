@@ -52,29 +52,47 @@ class FreshReport:
         return float(self.unfilled.mean())
 
 
-def make_report(
-    toolpath: Toolpath,
-    coverage: list[Coverage],
-    *,
-    layers: int,
-    lines: int,
-    travels: int,
-    lifted: int,
-    links: int,
-) -> FreshReport:
-    """Gather the numbers of a planned part."""
-    length = toolpath.lengths
-    material = np.array([layer.material for layer in coverage])
-    return FreshReport(
-        layers=layers,
-        lines=lines,
-        written_mm=float(length[toolpath.kind == MoveKind.WRITE].sum()),
-        travel_mm=float(length[toolpath.kind == MoveKind.TRAVEL].sum()),
-        written_ul=toolpath.written_ul,
-        material_ul=float(material.mean()) * layers * toolpath.layer_height_mm,
-        unfilled=np.array([layer.unfilled for layer in coverage]) / material,
-        outside=np.array([layer.outside for layer in coverage]) / material,
-        travels=travels,
-        lifted=lifted,
-        links=links,
-    )
+class Tally:
+    """Adds up a part's numbers, layer by layer."""
+
+    def __init__(self) -> None:
+        self.moves = 0
+        self._layers = self._lines = self._travels = self._lifted = self._links = 0
+        self._written_mm = self._travel_mm = self._written_ul = self._height_mm = 0.0
+        self._coverage: list[Coverage] = []
+
+    def add(self, toolpath: Toolpath, *, lines: int, travels: int, lifted: int, links: int) -> None:
+        """Count the moves of one layer."""
+        length = toolpath.lengths
+        self.moves += len(toolpath)
+        self._lines += lines
+        self._travels += travels
+        self._lifted += lifted
+        self._links += links
+        self._written_mm += float(length[toolpath.kind == MoveKind.WRITE].sum())
+        self._travel_mm += float(length[toolpath.kind == MoveKind.TRAVEL].sum())
+        self._written_ul += toolpath.written_ul
+        self._height_mm = toolpath.layer_height_mm
+
+    def add_layer(self, coverage: Coverage | None) -> None:
+        """Count a layer with material, and how well its lines cover it where that was measured."""
+        self._layers += 1
+        if coverage is not None:
+            self._coverage.append(coverage)
+
+    def report(self) -> FreshReport:
+        """The numbers of the layers so far."""
+        material = np.array([layer.material for layer in self._coverage])
+        return FreshReport(
+            layers=self._layers,
+            lines=self._lines,
+            written_mm=self._written_mm,
+            travel_mm=self._travel_mm,
+            written_ul=self._written_ul,
+            material_ul=float(material.mean()) * self._layers * self._height_mm,
+            unfilled=np.array([layer.unfilled for layer in self._coverage]) / material,
+            outside=np.array([layer.outside for layer in self._coverage]) / material,
+            travels=self._travels,
+            lifted=self._lifted,
+            links=self._links,
+        )

@@ -50,7 +50,7 @@ def layers(solid: Solid, layer_height_mm: float) -> Iterator[Layer]:
     """
     body = _manifold(solid)
     low, high = float(solid.bounds[0, 2]), float(solid.bounds[1, 2])
-    count = int(np.floor((high - low) / layer_height_mm + 0.5 - 1e-6))
+    count = layer_count(low, high, layer_height_mm)
     if count == 0:
         raise ToolpathError(
             f"solid is {high - low:g} mm high, less than half a layer of {layer_height_mm:g} mm "
@@ -60,6 +60,11 @@ def layers(solid: Solid, layer_height_mm: float) -> Iterator[Layer]:
         material = body.slice(low + (index + 0.5) * layer_height_mm).simplify(COLLINEAR_MM)
         if not material.is_empty():
             yield Layer(index, low + (index + 1) * layer_height_mm, material)
+
+
+def layer_count(low_mm: float, high_mm: float, layer_height_mm: float) -> int:
+    """How many layers come nearest to the part's height."""
+    return int(np.floor((high_mm - low_mm) / layer_height_mm + 0.5 - 1e-6))
 
 
 def rings(section: CrossSection) -> list[FloatArray]:

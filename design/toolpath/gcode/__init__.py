@@ -2,6 +2,15 @@
 
 from design.toolpath.gcode.grain import clear_mm, least_move_mm
 from design.toolpath.gcode.job import Gcode, GcodeOptions
-from design.toolpath.gcode.write import write_gcode
+from design.toolpath.gcode.save import save_gcode
+from design.toolpath.gcode.write import stream_gcode, write_gcode
 
-__all__ = ["Gcode", "GcodeOptions", "clear_mm", "least_move_mm", "write_gcode"]
+__all__ = [
+    "Gcode",
+    "GcodeOptions",
+    "clear_mm",
+    "least_move_mm",
+    "save_gcode",
+    "stream_gcode",
+    "write_gcode",
+]

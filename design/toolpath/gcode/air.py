@@ -29,7 +29,7 @@ _TOLERANCE = 1e-9
 
 
 def at_flow(
-    stops: Stops, toolpath: Toolpath, printer: Printer, first: FloatArray, options: GcodeOptions
+    stops: Stops, toolpath: Toolpath, printer: Printer, place_mm: FloatArray, options: GcodeOptions
 ) -> Stops:
     """Give each writing command the speed at which the flow lays its volume.
 
@@ -39,22 +39,22 @@ def at_flow(
         Of the toolpath alone.
     toolpath : Toolpath
     printer : Printer
-    first : (3,) float64, mm
-        Where the tip stands before them.
+    place_mm : (3,) float64, mm
+        From the part's frame to the printer's.
     options : GcodeOptions
         The flow, the ink's speeds, and whether primes are doses.
 
     Raises
     ------
     ToolpathError
-        Where a speed is beyond what an axis or the ink bears; names layer or vessel, and move.
+        Where a speed is beyond what an axis or the ink bears; names layer or vessel, and place.
     """
     flow = _flow(printer, options)
     kind = toolpath.kind[stops.move]
     writes = kind == MoveKind.WRITE
     laid = np.where(toolpath.kind == MoveKind.WRITE, toolpath.volume_ul, 0.0).cumsum()
     volume = np.diff(laid[stops.move], prepend=0.0)
-    way = _written_way(stops, printer, first)
+    way = _written_way(stops, printer, toolpath.start[0] + place_mm)
     length = np.linalg.norm(way, axis=1)
     _refuse_dry(toolpath, stops, writes & (length > 0) & (volume <= 0))
     speed = stops.speed_mm_s.copy()
@@ -88,7 +88,9 @@ def _written_way(stops: Stops, printer: Printer, first: FloatArray) -> FloatArra
 
 
 def _of(toolpath: Toolpath, move: int) -> str:
-    return f"{toolpath.source_kind} {int(toolpath.source[move])} (move {move})"
+    x, y, z = toolpath.end[move].tolist()
+    number = int(toolpath.source[move])
+    return f"{toolpath.source_kind} {number}, to ({x:.3f}, {y:.3f}, {z:.3f}) mm of the part"
 
 
 def _refuse_dry(toolpath: Toolpath, stops: Stops, dry: NDArray[np.bool_]) -> None:

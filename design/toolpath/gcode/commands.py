@@ -64,12 +64,16 @@ def stops(
     syringe: Syringe,
     place_mm: FloatArray,
     flow_factor: float = 1.0,
+    before_ul: float = 0.0,
 ) -> Stops:
-    """Commands of a toolpath, with the moves merged that the firmware would drop."""
+    """Commands of a toolpath, with the moves merged that the firmware would drop.
+
+    ``before_ul`` is what the job has pushed before it, µL.
+    """
     per_ul = plunger_mm_per_ul(printer, syringe) / flow_factor
-    plunger = np.cumsum(toolpath.volume_ul) * per_ul
-    position = np.column_stack([toolpath.end + place_mm, plunger])
-    begin = np.append(toolpath.start[0] + place_mm, 0.0)
+    pushed = np.cumsum(np.append(before_ul, toolpath.volume_ul))
+    position = np.column_stack([toolpath.end + place_mm, pushed[1:] * per_ul])
+    begin = np.append(toolpath.start[0] + place_mm, before_ul * per_ul)
     keep = long_enough(
         np.vstack([begin, position]) * per_axis(printer.steps_per_mm),
         _runs(toolpath),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
 
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.toolpath import IntArray
@@ -21,6 +24,8 @@ class Gcode:
         Layer or vessel of each line; -1 for none, as for a mark.
     line_move : (lines,) int64
         The toolpath's move that each line ends; -1 for none. A line may end several moves.
+    line_kind : (lines,) int64
+        Why the line is there, a `MoveKind`: that move's; -1 for none.
     source_kind : "layer" or "vessel"
         What `line_source` counts.
     """
@@ -28,12 +33,24 @@ class Gcode:
     data: bytes
     line_source: IntArray
     line_move: IntArray
+    line_kind: IntArray
     source_kind: Literal["layer", "vessel"]
 
     @property
     def line_count(self) -> int:
         """Number of commands; marks aren't counted."""
         return len(self.line_move) - self.data.count(b";")
+
+    @staticmethod
+    def joined(parts: Sequence[Gcode]) -> Gcode:
+        """One job of its parts, in their order."""
+        return Gcode(
+            b"".join(part.data for part in parts),
+            np.concatenate([part.line_source for part in parts]),
+            np.concatenate([part.line_move for part in parts]),
+            np.concatenate([part.line_kind for part in parts]),
+            parts[0].source_kind,
+        )
 
 
 @dataclass(frozen=True)

@@ -48,37 +48,57 @@ class Marks:
         return b"".join([*parts, lines[at:]])
 
 
-def marks_of(toolpath: Toolpath, table: Table) -> Marks:
+@dataclass(frozen=True)
+class Context:
+    """What marks need to know of the job around a part of its toolpath.
+
+    Attributes
+    ----------
+    before : int or None
+        Layer or vessel written last before the part; None where nothing was.
+    last : bool
+        Whether the job ends with it.
+    """
+
+    before: int | None = None
+    last: bool = True
+
+
+def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -> Marks:
     """Find where the needle stands free between two layers or passes."""
-    found = [*_ends(toolpath), *_asked_reloads(toolpath)]
+    context = context or Context()
+    found = [*_ends(toolpath, context), *_asked_reloads(toolpath)]
     found.sort(key=lambda mark: mark[0])
     body = np.flatnonzero(table.move >= 0)
     moves = np.array([move for move, _ in found], dtype=np.int64)
     before = np.searchsorted(table.move[body], moves, side="right")
-    first = body[0] if len(body) else 0
+    first = body[0] if len(body) and context.before is None else 0
     row = np.where(before > 0, body[np.maximum(before - 1, 0)] + 1, first)
     return Marks(row, [text for _, text in found])
 
 
-def _ends(toolpath: Toolpath) -> list[tuple[int, str]]:
+def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
     """Ends of layers or passes: the last move before each, and its text."""
     writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
     if not len(writes):  # a calibration may write nothing
         return []
+    source = toolpath.source[writes]
+    if context.before is not None:
+        writes, source = np.append(-1, writes), np.append(context.before, source)
     layers = toolpath.source_kind == "layer"
     breaks = np.diff(writes) > 1
     if layers:
-        breaks &= np.diff(toolpath.source[writes]) != 0
+        breaks &= np.diff(source) != 0
     name = "LAYER_END" if layers else "PASS_END"
     found: list[tuple[int, str]] = []
     for at in np.flatnonzero(breaks).tolist():
-        last, after = int(writes[at]), int(writes[at + 1])
-        free, relieved = _lifted(toolpath, last, after)
-        found.append((free, f";{name}:{toolpath.source[last]}"))
+        free, relieved = _lifted(toolpath, int(writes[at]), int(writes[at + 1]))
+        found.append((free, f";{name}:{source[at]}"))
         if relieved:
             found.append((free, ";RELOAD"))
-    last = int(writes[-1])
-    return [*found, (last, f";{name}:{toolpath.source[last]}")]
+    if context.last:
+        found.append((int(writes[-1]), f";{name}:{source[-1]}"))
+    return found
 
 
 def _lifted(toolpath: Toolpath, last: int, after: int) -> tuple[int, bool]:

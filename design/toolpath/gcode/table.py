@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import Stops, per_axis
 from design.toolpath.gcode.numbers import FEED_DECIMALS, Decimals, decimals_for
 from design.toolpath.gcode.render import Table
-from design.toolpath.gcode.trip import Trip
 from design.toolpath.toolpath import FloatArray, IntArray
 from firmware_profiles import Printer
 
@@ -16,12 +17,38 @@ _X, _Y, _Z, _E, _F, _P = range(6)
 _DWELL, _SET = 4, 92
 
 
-def tabulate(trip: Trip, printer: Printer, *, declares: bool = True) -> Table:
-    """Words of each command of a job.
+@dataclass(frozen=True)
+class Reached:
+    """Where a job stands between two parts of its toolpath.
 
-    ``declares`` says whether G92 tells the firmware where the tip stands, where that is known.
+    Attributes
+    ----------
+    quanta : (4,) int64
+        X, Y, Z and the plunger's travel since the job's begin, each in its last digit.
+    feed : int
+        F of the last move, in its last digit; -1 before the first.
+    base : int
+        What E's counting anew has taken off the plunger's travel, in its last digit.
+    """
+
+    quanta: IntArray
+    feed: int = -1
+    base: int = 0
+
+    @staticmethod
+    def at(position: FloatArray, printer: Printer) -> Reached:
+        """The begin of a job, ``position`` (4,) in mm."""
+        return Reached(_quanta(position[None], decimals_for(printer))[0])
+
+
+def tabulate(
+    stops: Stops, reached: Reached, printer: Printer, *, blind: bool = False
+) -> tuple[Table, Reached]:
+    """Words of a part of a job's commands, and where the job stands after them.
+
     A command that changes nothing in the last digit is left out; positions are absolute, so the
-    next one makes up for it.
+    next one makes up for it. ``blind`` says that nobody knows where the tip stands: then the first
+    command gives Z alone and the second X and Y.
 
     Raises
     ------
@@ -29,38 +56,44 @@ def tabulate(trip: Trip, printer: Printer, *, declares: bool = True) -> Table:
         When one move pushes more than E can hold.
     """
     digits = decimals_for(printer)
-    begin = _quanta(trip.begin[None], digits)
-    changed = np.diff(_quanta(trip.stops.position, digits), axis=0, prepend=begin) != 0
-    if not trip.known:
+    quanta = _quanta(stops.position, digits)
+    changed = np.diff(quanta, axis=0, prepend=reached.quanta[None]) != 0
+    if blind:
         changed[0] = [False, False, True, False]
         changed[1] = [True, True, False, False]
-    dwells = (trip.stops.code == _DWELL) & (np.rint(trip.stops.pause_s * 1e3) > 0)
+    dwells = (stops.code == _DWELL) & (np.rint(stops.pause_s * 1e3) > 0)
     kept = changed.any(axis=1) | dwells
-    stops, changed = trip.stops.where(kept), changed[kept]
+    stops, changed = stops.where(kept), changed[kept]
     value = np.zeros((len(stops.code), 6), dtype=np.int64)
     given = np.zeros((len(stops.code), 6), dtype=np.bool_)
-    value[:, :4], given[:, :4] = _quanta(stops.position, digits), changed
-    value[:, _F] = _feeds(stops, trip.begin, printer, digits)
+    value[:, :4], given[:, :4] = quanta[kept], changed
+    value[:, _F] = _feeds(stops, reached, printer, digits)
     moves = np.flatnonzero(stops.code != _DWELL)
-    given[moves, _F] = np.diff(value[moves, _F], prepend=-1) != 0
+    given[moves, _F] = np.diff(value[moves, _F], prepend=reached.feed) != 0
     value[:, _P] = np.rint(stops.pause_s * 1e3).astype(np.int64)
     given[:, _P] = stops.code == _DWELL
-    table = Table(stops.code, value, given, stops.source, stops.move)
-    placed = trip.known and declares
-    if printer.pneumatic:
-        return _declared(table, begin[0], placed, plunger=False) if placed else table
-    return _counted_anew(_declared(table, begin[0], placed), digits)
+    feed = int(value[moves[-1], _F]) if len(moves) else reached.feed
+    table, base = Table(stops.code, value, given, stops.source, stops.move), 0
+    if not printer.pneumatic:
+        table, base = _counted_anew(table, reached, digits)
+    return table, Reached(quanta[-1] if len(quanta) else reached.quanta, feed, base)
 
 
-def place_text(trip: Trip, printer: Printer) -> tuple[str, str, str]:
+def declared(table: Table, begin: Reached, *, position: bool, plunger: bool) -> Table:
+    """Put the G92 in front that says where the tip stands, and that E is 0."""
+    if not (position or plunger):
+        return table
+    first = np.zeros(1, dtype=np.int64)
+    return _with_sets(table, first, begin.quanta[None], position=position, plunger=plunger)
+
+
+def place_text(begin: Reached, printer: Printer) -> tuple[str, str, str]:
     """Where the tip stands at the begin, as the moves round it: X, Y, Z."""
     digits = decimals_for(printer)
     places = (digits.x, digits.y, digits.z)
     x, y, z = (
         f"{quanta / 10**place:.{place}f}"
-        for quanta, place in zip(
-            _quanta(trip.begin[None], digits)[0, :3].tolist(), places, strict=True
-        )
+        for quanta, place in zip(begin.quanta[:3].tolist(), places, strict=True)
     )
     return x, y, z
 
@@ -71,7 +104,7 @@ def _quanta(position: FloatArray, digits: Decimals) -> IntArray:
     return np.rint(position * scale).astype(np.int64)
 
 
-def _feeds(stops: Stops, begin: FloatArray, printer: Printer, digits: Decimals) -> IntArray:
+def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -> IntArray:
     """F of each command, mm/min in its last digit, never above an axis' limit.
 
     A move steep in Z or rich in ink goes slower as a whole, so its path and its ink per length
@@ -79,7 +112,7 @@ def _feeds(stops: Stops, begin: FloatArray, printer: Printer, digits: Decimals) 
     down, but never to nothing.
     """
     scale = 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
-    written = np.diff(_quanta(stops.position, digits), axis=0, prepend=_quanta(begin[None], digits))
+    written = np.diff(_quanta(stops.position, digits), axis=0, prepend=reached.quanta[None])
     change = np.abs(written) / scale
     length = np.linalg.norm(change[:, :3], axis=1)
     # Where only the plunger moves, F is the plunger's.
@@ -92,40 +125,41 @@ def _feeds(stops: Stops, begin: FloatArray, printer: Printer, digits: Decimals) 
     return np.maximum(quanta, 1).astype(np.int64)
 
 
-def _declared(table: Table, begin: IntArray, known: bool, *, plunger: bool = True) -> Table:
-    """Put the G92 in front that sets E to 0, and the position where it is known."""
-    return _with_sets(table, np.array([0]), begin[None], position=known, plunger=plunger)
-
-
-def _counted_anew(table: Table, digits: Decimals) -> Table:
-    """Count E anew (G92) before float32 loses a quarter of its last digit.
+def _counted_anew(table: Table, reached: Reached, digits: Decimals) -> tuple[Table, int]:
+    """Count E anew (G92) before float32 loses a quarter of its last digit; and the last base.
 
     Only whole millimetres are taken away: whole motor steps on a printer with whole steps per
     mm, so that the firmware's own rounding loses nothing either.
     """
-    plunger = table.value[:, _E]
-    rows, bases = _rebase(plunger, digits.e_limit_quanta, 10**digits.e)
+    travel = np.append(reached.quanta[_E], table.value[:, _E])
+    rows, bases = _rebase(travel, reached.base, digits.e_limit_quanta, 10**digits.e)
     value = table.value.copy()
-    base = np.zeros(len(plunger), dtype=np.int64)
-    base[rows] = np.diff(bases, prepend=0)
-    value[:, _E] -= np.cumsum(base)
+    taken = np.zeros(len(value), dtype=np.int64)
+    taken[:1] = reached.base
+    taken[rows] += np.diff(bases, prepend=reached.base)
+    value[:, _E] -= np.cumsum(taken)
     shifted = Table(table.code, value, table.given, table.source, table.move)
-    words = table.value[np.maximum(rows - 1, 0), :4].copy()
-    words[:, _E] -= bases
-    return _with_sets(shifted, rows, words, position=False)
+    words = np.zeros((len(rows), 4), dtype=np.int64)
+    words[:, _E] = travel[rows] - bases
+    counted = _with_sets(shifted, rows, words, position=False, plunger=True)
+    return counted, int(bases[-1]) if len(bases) else reached.base
 
 
-def _rebase(plunger: IntArray, limit: int, whole: int) -> tuple[IntArray, IntArray]:
-    """Rows before which E is counted anew, and what is taken away from there on."""
+def _rebase(travel: IntArray, base: int, limit: int, whole: int) -> tuple[IntArray, IntArray]:
+    """Rows before which E is counted anew, and what is taken away from there on.
+
+    ``travel`` (n + 1,) is the plunger's before the first row and after each.
+    """
     rows: list[int] = []
     bases: list[int] = []
-    base, row = 0, 0
-    while len(over := np.flatnonzero(np.abs(plunger[row:] - base) > limit)):
+    row = 0
+    while len(over := np.flatnonzero(np.abs(travel[row + 1 :] - base) > limit)):
         row += int(over[0])
-        base = int(plunger[max(row - 1, 0)]) // whole * whole
-        if abs(int(plunger[row]) - base) > limit:
+        before, after = int(travel[row]), int(travel[row + 1])
+        base = before // whole * whole
+        if abs(after - base) > limit:
             raise ToolpathError(
-                f"one move pushes the plunger by {(plunger[row] - plunger[row - 1]) / whole:.3f} "
+                f"one move pushes the plunger by {(after - before) / whole:.3f} "
                 f"mm; E holds at most {limit / whole:.3f} mm at a time in the firmware's float32; "
                 "write it in several moves"
             )
@@ -135,7 +169,7 @@ def _rebase(plunger: IntArray, limit: int, whole: int) -> tuple[IntArray, IntArr
 
 
 def _with_sets(
-    table: Table, rows: IntArray, words: IntArray, *, position: bool, plunger: bool = True
+    table: Table, rows: IntArray, words: IntArray, *, position: bool, plunger: bool
 ) -> Table:
     """Insert G92 lines before ``rows`` with X, Y, Z, E of ``words`` (r, 4)."""
     value = np.pad(words, ((0, 0), (0, 2)))

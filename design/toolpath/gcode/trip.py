@@ -1,70 +1,54 @@
-"""The whole trip of the needle: to the first point, along the toolpath, and away."""
+"""The needle's way to a toolpath's first point, and away from its last."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from design.toolpath.gcode.air import at_flow
-from design.toolpath.gcode.commands import Stops, joined, plunger_mm_per_ul, stops
+from design.toolpath.gcode.commands import Stops, joined, plunger_mm_per_ul
 from design.toolpath.gcode.job import GcodeOptions
-from design.toolpath.toolpath import FloatArray, Toolpath
+from design.toolpath.toolpath import FloatArray
 from firmware_profiles import Printer, Syringe
 
 
-@dataclass(frozen=True)
-class Trip:
-    """Commands of a job.
+def begin_of(first: FloatArray, options: GcodeOptions) -> FloatArray:
+    """X, Y, Z and plunger before the first command, (4,) mm.
 
-    Attributes
-    ----------
-    begin : (4,) float64, mm
-        X, Y, Z and plunger before the first command; made up where `known` is False.
-    known : bool
-        Whether the job declares its begin to the firmware.
-    stops : Stops
-        The first three go to the toolpath's begin: up or down, across, down.
+    Made up where nobody knows: any other place than ``first`` (3,) does, it only gives the moves a
+    direction.
     """
-
-    begin: FloatArray
-    known: bool
-    stops: Stops
+    return np.append(first - 1.0 if options.start_mm is None else options.start_mm, 0.0)
 
 
-def round_trip(
-    toolpath: Toolpath,
-    printer: Printer,
-    syringe: Syringe,
-    place_mm: FloatArray,
-    options: GcodeOptions,
-) -> Trip:
-    """Put the way in and the way out around a toolpath's commands."""
-    body = stops(toolpath, printer, syringe, place_mm, options.flow_factor)
-    first = np.append(toolpath.start[0] + place_mm, 0.0)
-    if printer.pneumatic:
-        body = at_flow(body, toolpath, printer, first[:3], options)
-    path_top = max(float(body.position[:, 2].max()), float(first[2]))
-    top = max(min(path_top + options.clearance_mm, printer.z_mm.high), path_top)
-    known = options.start_mm is not None
-    # Any other place does where the begin isn't known: it only gives the moves a direction.
-    begin = np.append(first[:3] - 1.0 if options.start_mm is None else options.start_mm, 0.0)
-    high = max(top, float(begin[2])) if known else top
+def way_in(
+    begin: FloatArray, first: FloatArray, top: float, printer: Printer, options: GcodeOptions
+) -> Stops:
+    """Straight up or down to ``top``, across, and down to ``first`` (3,): three commands."""
+    high = top if options.start_mm is None else max(top, float(begin[2]))
     limits = printer.max_speed_mm_s
     level = min(options.travel_speed_mm_s, limits.x, limits.y)
-    rise = min(options.travel_speed_mm_s, limits.z)
+    rise, to = min(options.travel_speed_mm_s, limits.z), np.append(first, 0.0)
+    return joined(
+        [
+            Stops.to(_at_height(begin, high), rise, 0),
+            Stops.to(_at_height(to, high), level, 0),
+            Stops.to(to, rise, 0),
+        ]
+    )
+
+
+def way_out(
+    last: FloatArray, top: float, printer: Printer, syringe: Syringe, options: GcodeOptions
+) -> Stops:
+    """Relieve the plunger at ``last`` (4,) and go straight up to ``top``: two commands."""
     per_ul = plunger_mm_per_ul(printer, syringe)
-    relieved = body.position[-1] - [0.0, 0.0, 0.0, options.relieve_ul * per_ul]
-    way_in = [
-        Stops.to(_at_height(begin, high), rise, 0),
-        Stops.to(_at_height(first, high), level, 0),
-        Stops.to(first, rise, 0),
-    ]
-    way_out = [
-        Stops.to(relieved, options.plunger_ul_s * per_ul, 1),
-        Stops.to(_at_height(relieved, top), rise, 0),
-    ]
-    return Trip(begin, known, joined([*way_in, body, *way_out]))
+    relieved = last - [0.0, 0.0, 0.0, options.relieve_ul * per_ul]
+    rise = min(options.travel_speed_mm_s, printer.max_speed_mm_s.z)
+    return joined(
+        [
+            Stops.to(relieved, options.plunger_ul_s * per_ul, 1),
+            Stops.to(_at_height(relieved, top), rise, 0),
+        ]
+    )
 
 
 def _at_height(position: FloatArray, z_mm: float) -> FloatArray:

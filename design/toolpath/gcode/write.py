@@ -1,24 +1,17 @@
-"""Write a toolpath as G-code for one printer and syringe."""
+"""Write a toolpath as G-code for one printer and syringe, as a whole or part by part."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.air import valve_lines
-from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
-from design.toolpath.gcode.marks import marks_of
-from design.toolpath.gcode.numbers import FEED_DECIMALS, decimals_for
-from design.toolpath.gcode.render import render
-from design.toolpath.gcode.table import place_text, tabulate
-from design.toolpath.gcode.trip import round_trip
+from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, Toolpath
 from firmware_profiles import Printer, Syringe
-
-#: Room that the link needs on each line: a number, ``N1234567 ``, and a checksum, ``*255``.
-LINK_BYTES = 13
 
 
 def write_gcode(
@@ -57,40 +50,49 @@ def write_gcode(
         that pushes more than E can hold, or a speed that a pneumatic head's flow asks for and
         printer or ink don't bear.
     """
-    options = options or GcodeOptions()
+    top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
+    return Gcode.joined(list(stream_gcode([toolpath], printer, syringe, place_mm, options, top)))
+
+
+def stream_gcode(
+    toolpaths: Iterable[Toolpath],
+    printer: Printer,
+    syringe: Syringe,
+    place_mm: ArrayLike,
+    options: GcodeOptions | None,
+    top_mm: float,
+) -> Iterator[Gcode]:
+    """Write a job whose toolpath comes in parts, as `write_gcode` would write their whole.
+
+    Each part begins where the one before it ended, with a travel or standing, and is given back as
+    soon as the next one is there: so a job of any length needs the memory of two parts.
+
+    Parameters
+    ----------
+    toolpaths : iterable of Toolpath
+        None of them empty: layers, or any number of whole layers each.
+    printer, syringe, place_mm, options
+        As for `write_gcode`.
+    top_mm : float, mm
+        Highest that the tip goes in any part, in the part's frame.
+
+    Raises
+    ------
+    ToolpathError
+        As `write_gcode`; when no part comes, or one goes above ``top_mm``.
+    """
     place = np.asarray(place_mm, dtype=np.float64)
-    _check(toolpath, place)
-    dialect = dialect_of(printer)
-    trip = round_trip(toolpath, printer, syringe, place, options)
-    digits = decimals_for(printer)
-    table = tabulate(trip, printer, declares=not dialect.declares)
-    text, longest = render(table, (digits.x, digits.y, digits.z, digits.e, FEED_DECIMALS, 0))
-    if longest > printer.max_line_bytes - LINK_BYTES:
-        raise ToolpathError(
-            f"a G-code line of {longest} bytes leaves no room for number and checksum within "
-            f"{printer.max_line_bytes} bytes (profile {printer.name!r}: max_line_bytes); use a "
-            "printer with longer lines"
-        )
-    start = place_text(trip, printer) if trip.known else None
-    header, footer = dialect.header(printer, start), dialect.footer()
-    marks = marks_of(toolpath, table)
-    if printer.pneumatic:
-        doses = options.standing_doses
-        marks = valve_lines(toolpath, table, printer.pneumatic, marks, standing_doses=doses)
-    source, move = (np.insert(of, marks.row, -1) for of in (table.source, table.move))
-    return Gcode(
-        data="".join(f"{line}\n" for line in header).encode()
-        + marks.put_into(text)
-        + "".join(f"{line}\n" for line in footer).encode(),
-        line_source=np.pad(source, (len(header), len(footer)), constant_values=-1),
-        line_move=np.pad(move, (len(header), len(footer)), constant_values=-1),
-        source_kind=toolpath.source_kind,
-    )
+    _check_place(place)
+    parts = iter(toolpaths)
+    ahead = next(parts, None)
+    if ahead is None:
+        raise ToolpathError("the toolpath has no moves; there is nothing to write")
+    writer = Writer(printer, syringe, place, options or GcodeOptions(), top_mm)
+    while ahead is not None:
+        part, ahead = ahead, next(parts, None)
+        yield writer.write(part, last=ahead is None)
 
 
-def _check(toolpath: Toolpath, place: FloatArray) -> None:
+def _check_place(place: FloatArray) -> None:
     if place.shape != (3,) or not np.isfinite(place).all():
         raise ToolpathError(f"place_mm is {place}; give three finite numbers, mm")
-    heads = np.unique(toolpath.tool)
-    if len(heads) > 1:
-        raise ToolpathError(f"toolpath uses heads {heads.tolist()}; only one can be written yet")

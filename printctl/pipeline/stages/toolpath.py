@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from design.files import replacing, write_bytes
 from design.toolpath import Toolpath
 from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
-from design.toolpath.fresh import Compensation, FreshOptions, FreshReport, check_lumens, plan_fresh
-from design.toolpath.gcode import Gcode, GcodeOptions, clear_mm, least_move_mm, write_gcode
+from design.toolpath.fresh import Compensation, FreshLayers, FreshOptions, FreshReport, check_lumens
+from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
 from firmware_profiles import Ink
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
 from printctl.pipeline.stage import Stage
@@ -33,8 +29,26 @@ def depends(context: RunContext) -> Any:
     ]
 
 
-def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
-    """Plan the path in the part's frame, and say how well it went."""
+@dataclass(frozen=True)
+class Planned:
+    """A path in the part's frame, in one part or layer by layer.
+
+    Attributes
+    ----------
+    parts : iterable of Toolpath
+    top_mm : float, mm
+        Highest that the tip goes.
+    report : callable
+        How well it went, once the parts have been gone through.
+    """
+
+    parts: Iterable[Toolpath]
+    top_mm: float
+    report: Callable[[], FreshReport | EmbeddedReport]
+
+
+def plan(context: RunContext) -> Planned:
+    """Plan the path by the recipe's method."""
     part, ink = context.recipe.toolpath, context.ink
     match part:
         case Fresh():
@@ -56,8 +70,8 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
                 plunger_ul_s=ink.plunger_ul_s,
             )
             check_lumens(context.network, options)
-            fresh = plan_fresh(context.solid, options)
-            return fresh.toolpath, fresh.report
+            layers = FreshLayers(context.solid, options)
+            return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
             embedded = plan_embedded(
                 context.network,
@@ -71,7 +85,9 @@ def plan(context: RunContext) -> tuple[Toolpath, FreshReport | EmbeddedReport]:
                     plunger_ul_s=ink.plunger_ul_s,
                 ),
             )
-            return embedded.toolpath, embedded.report
+            toolpath = embedded.toolpath
+            top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
+            return Planned([toolpath], top, lambda: embedded.report)
 
 
 def gcode_options(
@@ -93,34 +109,41 @@ def gcode_options(
     )
 
 
-def save_line_map(path: Path, gcode: Gcode) -> None:
-    """Keep which layer or vessel, and which move, each line of the G-code is for."""
-    with replacing(path) as draft, draft.open("wb") as handle:
-        np.savez(
-            handle,
-            source=gcode.line_source,
-            move=gcode.line_move,
-            source_kind=np.array(gcode.source_kind),
-        )
+@dataclass
+class Count:
+    """What the parts of a path add up to."""
+
+    moves: int = 0
+    length_mm: float = 0.0
+    written_ul: float = 0.0
+
+    def along(self, parts: Iterable[Toolpath]) -> Iterator[Toolpath]:
+        """Hand the parts on, counted."""
+        for part in parts:
+            self.moves += len(part)
+            self.length_mm += float(part.lengths.sum())
+            self.written_ul += part.written_ul
+            yield part
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
-    """Plan, write, map."""
-    toolpath, planned = plan(context)
-    report(0.8, "writing G-code")
+    """Plan, write, map: FRESH layer by layer."""
+    planned, count = plan(context), Count()
+    report(0.2, "writing G-code")
     x, y, z = context.start_mm.tolist()
     travel = context.recipe.toolpath.travel_speed_mm_s
     options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
-    gcode = write_gcode(toolpath, context.printer, context.syringe, context.place_mm, options)
-    write_bytes(context.folder / GCODE, gcode.data)
-    save_line_map(context.folder / LINE_MAP, gcode)
+    machine = (context.printer, context.syringe, context.place_mm, options)
+    lines = save_gcode(
+        context.folder / GCODE,
+        context.folder / LINE_MAP,
+        stream_gcode(count.along(planned.parts), *machine, planned.top_mm),
+    )
     summary = {
         "method": context.recipe.toolpath.method,
-        "moves": len(toolpath),
-        "lines": gcode.line_count,
-        "length_mm": float(toolpath.lengths.sum()),
-        "written_ul": toolpath.written_ul,
-        "plan": plan_facts(planned),
+        **asdict(count),
+        "lines": lines,
+        "plan": plan_facts(planned.report()),
     }
     return summary, [GCODE, LINE_MAP]
 

@@ -167,7 +167,7 @@ def test_every_family_takes_its_own_valve_s_words(firmware: str) -> None:
 @pytest.mark.parametrize(
     ("flow", "changes", "says"),
     [
-        (3.0, {}, r"layer 0 \(move \d+\): at 3 µL/s .*max_speed_mm_s\.x"),
+        (3.0, {}, r"layer 0, to \(3\.925, .* mm of the part: at 3 µL/s .*max_speed_mm_s\.x"),
         (FLOW, {"ink_speed_mm_s": (1.0, 10.0)}, r"13\.3\d* mm/s are outside 1 to 10"),
         (0.001, {"ink_speed_mm_s": (1.0, 10.0)}, "0.111.* mm/s are outside 1 to 10"),
         (None, {}, "nobody said its flow"),
@@ -183,14 +183,14 @@ def test_a_speed_that_nothing_bears_is_refused(
 def test_a_vessel_too_steep_for_its_flow_is_named() -> None:
     builder = MoveBuilder((0, 0, 0), "vessel")
     builder.write(np.array([[0, 0, 1.0], [5.0, 0, 1.0]]), np.array([0.01, 0.05]), 5.0, 7)
-    with pytest.raises(ToolpathError, match=r"vessel 7 \(move 0\).*max_speed_mm_s\.z"):
+    with pytest.raises(ToolpathError, match=r"vessel 7, to \(0\.000, .*max_speed_mm_s\.z"):
         write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW))
 
 
 def test_writing_without_ink_is_refused() -> None:
     builder = MoveBuilder((0, 0, 0), "vessel")
     builder.write(np.array([[1.0, 0, 0], [5.0, 0, 0]]), np.array([0.01, 0.0]), 5.0, 3)
-    with pytest.raises(ToolpathError, match=r"vessel 3 \(move 1\) writes without ink"):
+    with pytest.raises(ToolpathError, match=r"vessel 3, to \(5\.000, .* writes without ink"):
         write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(flow_ul_s=FLOW))
 
 

@@ -1,0 +1,44 @@
+"""Keep a job as it is written: the G-code, and the map of its lines beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from design.files import replacing
+from design.toolpath.gcode.job import Gcode
+
+
+def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
+    """Write the parts of a job to ``path`` one by one, then their map; return the command count.
+
+    The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`, and
+    ``source_kind``. Neither file takes its name before all parts are written.
+
+    Raises
+    ------
+    OSError
+        When the disk is full or the folder can't be written.
+    """
+    lines = 0
+    source, move, kind, counts = [], [], [], "layer"
+    with replacing(path) as draft, replacing(map_path) as map_draft:
+        with draft.open("wb") as handle:
+            for part in parts:
+                handle.write(part.data)
+                lines += part.line_count
+                source.append(part.line_source.astype(np.int32))
+                move.append(part.line_move.astype(np.int32))
+                kind.append(part.line_kind.astype(np.int8))
+                counts = part.source_kind
+        with map_draft.open("wb") as handle:
+            np.savez(
+                handle,
+                source=np.concatenate(source),
+                move=np.concatenate(move),
+                kind=np.concatenate(kind),
+                source_kind=np.array(counts),
+            )
+    return lines

@@ -1,0 +1,163 @@
+"""A job written part by part: what each part needs to know of those before it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from design.errors import ToolpathError
+from design.toolpath.gcode.air import at_flow, valve_lines
+from design.toolpath.gcode.commands import Stops, joined, stops
+from design.toolpath.gcode.dialect import dialect_of
+from design.toolpath.gcode.job import Gcode, GcodeOptions
+from design.toolpath.gcode.marks import Context, Marks, marks_of
+from design.toolpath.gcode.numbers import FEED_DECIMALS, decimals_for
+from design.toolpath.gcode.render import Table, render
+from design.toolpath.gcode.table import Reached, declared, place_text, tabulate
+from design.toolpath.gcode.trip import begin_of, way_in, way_out
+from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
+from firmware_profiles import Printer, Syringe
+
+#: Room that the link needs on each line: a number, ``N1234567 ``, and a checksum, ``*255``.
+LINK_BYTES = 13
+
+
+class Writer:
+    """Writes the parts of one job in their order; see `stream_gcode`.
+
+    Parameters
+    ----------
+    printer : Printer
+    syringe : Syringe
+    place_mm : (3,) float64, mm
+        From the part's frame to the printer's.
+    options : GcodeOptions
+    top_mm : float, mm
+        Highest that the tip goes, in the part's frame.
+    """
+
+    def __init__(
+        self,
+        printer: Printer,
+        syringe: Syringe,
+        place_mm: FloatArray,
+        options: GcodeOptions,
+        top_mm: float,
+    ) -> None:
+        self._printer, self._syringe = printer, syringe
+        self._place, self._options = place_mm, options
+        self._path_top = top_mm + float(place_mm[2])
+        cleared = min(self._path_top + options.clearance_mm, printer.z_mm.high)
+        self._top = max(cleared, self._path_top)
+        self._dialect = dialect_of(printer)
+        self._begin: Reached | None = None
+        self._reached: Reached | None = None
+        self._pushed_ul = 0.0
+        self._moves = 0
+        self._source: int | None = None
+
+    def write(self, toolpath: Toolpath, *, last: bool) -> Gcode:
+        """Lines of the next part; the ``last`` one ends the job.
+
+        Raises
+        ------
+        ToolpathError
+            As `stream_gcode`.
+        """
+        self._check(toolpath)
+        begin, reached = self._where(toolpath)
+        first = reached is begin
+        commands = self._stops(toolpath, first=first, last=last)
+        blind = first and self._options.start_mm is None
+        table, self._reached = tabulate(commands, reached, self._printer, blind=blind)
+        if first:
+            told = not blind and not self._dialect.declares
+            plunger = self._printer.pneumatic is None
+            table = declared(table, begin, position=told, plunger=plunger)
+        marks = self._marks(toolpath, table, last=last)
+        gcode = self._rendered(toolpath, table, marks)
+        self._remember(toolpath)
+        return self._framed(gcode, begin, first=first, last=last)
+
+    def _check(self, toolpath: Toolpath) -> None:
+        heads = np.unique(toolpath.tool)
+        if len(heads) > 1:
+            raise ToolpathError(
+                f"toolpath uses heads {heads.tolist()}; only one can be written yet"
+            )
+        highest = float(toolpath.end[:, 2].max()) + float(self._place[2])
+        if highest > self._path_top + 1e-9:
+            raise ToolpathError(
+                f"{toolpath.source_kind} {int(toolpath.source[-1])} goes up to {highest:g} mm, "
+                f"above the {self._path_top:g} mm that the job was begun for (top_mm)"
+            )
+
+    def _where(self, toolpath: Toolpath) -> tuple[Reached, Reached]:
+        """The job's begin, and where it stands now."""
+        if self._begin is None or self._reached is None:
+            place = begin_of(toolpath.start[0] + self._place, self._options)
+            self._begin = self._reached = Reached.at(place, self._printer)
+        return self._begin, self._reached
+
+    def _stops(self, toolpath: Toolpath, *, first: bool, last: bool) -> Stops:
+        """Commands of a part, with the ways in and out at the job's ends."""
+        printer, syringe, place, options = self._printer, self._syringe, self._place, self._options
+        body = stops(toolpath, printer, syringe, place, options.flow_factor, self._pushed_ul)
+        if printer.pneumatic:
+            body = at_flow(body, toolpath, printer, place, options)
+        parts = [body]
+        if first:
+            start = toolpath.start[0] + place
+            parts.insert(0, way_in(begin_of(start, options), start, self._top, printer, options))
+        if last:
+            parts.append(way_out(body.position[-1], self._top, printer, syringe, options))
+        return joined(parts)
+
+    def _marks(self, toolpath: Toolpath, table: Table, *, last: bool) -> Marks:
+        marks = marks_of(toolpath, table, Context(self._source, last))
+        head, doses = self._printer.pneumatic, self._options.standing_doses
+        if head is None:
+            return marks
+        return valve_lines(toolpath, table, head, marks, standing_doses=doses)
+
+    def _rendered(self, toolpath: Toolpath, table: Table, marks: Marks) -> Gcode:
+        digits = decimals_for(self._printer)
+        text, longest = render(table, (digits.x, digits.y, digits.z, digits.e, FEED_DECIMALS, 0))
+        room = self._printer.max_line_bytes
+        if longest > room - LINK_BYTES:
+            raise ToolpathError(
+                f"a G-code line of {longest} bytes leaves no room for number and checksum within "
+                f"{room} bytes (profile {self._printer.name!r}: max_line_bytes); use a printer "
+                "with longer lines"
+            )
+        source, move = (np.insert(of, marks.row, -1) for of in (table.source, table.move))
+        kind = np.where(move >= 0, toolpath.kind[move], -1)
+        move[move >= 0] += self._moves
+        return Gcode(marks.put_into(text), source, move, kind, toolpath.source_kind)
+
+    def _remember(self, toolpath: Toolpath) -> None:
+        self._pushed_ul = float(np.cumsum(np.append(self._pushed_ul, toolpath.volume_ul))[-1])
+        self._moves += len(toolpath)
+        writes = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
+        if len(writes):
+            self._source = int(toolpath.source[writes[-1]])
+
+    def _framed(self, gcode: Gcode, begin: Reached, *, first: bool, last: bool) -> Gcode:
+        """Put the dialect's header before the first part, its footer behind the last."""
+        known = self._options.start_mm is not None
+        start = place_text(begin, self._printer) if known else None
+        header = self._dialect.header(self._printer, start) if first else []
+        footer = self._dialect.footer() if last else []
+        around = (len(header), len(footer))
+        return replace(
+            gcode,
+            data=_lines(header) + gcode.data + _lines(footer),
+            line_source=np.pad(gcode.line_source, around, constant_values=-1),
+            line_move=np.pad(gcode.line_move, around, constant_values=-1),
+            line_kind=np.pad(gcode.line_kind, around, constant_values=-1),
+        )
+
+
+def _lines(texts: list[str]) -> bytes:
+    return "".join(f"{line}\n" for line in texts).encode()
