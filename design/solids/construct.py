@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.solids.facets import FACET_TOLERANCE_MM, facet_count
 from design.solids.manifolds import solid_manifold, subtract, to_manifold
-from design.solids.snap import solid_from_manifold
+from design.solids.merge import merge_equal
+from design.solids.snap import solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 
 Vector = Sequence[float] | NDArray[np.float64]
@@ -46,18 +47,16 @@ def solid_from_surface(vertices: NDArray[np.floating], faces: NDArray[np.integer
     SolidError
         When the surface isn't closed and oriented, or is inside out.
     """
-    merged, index = np.unique(np.asarray(vertices, np.float64), axis=0, return_inverse=True)
-    triangles = index.reshape(-1)[np.asarray(faces)]
+    merged, index = merge_equal(np.asarray(vertices, np.float64))
+    triangles = index[np.asarray(faces)]
     a, b, c = triangles.T
-    manifold = to_manifold(
-        merged, triangles[(a != b) & (b != c) & (c != a)], "the tissue's surface"
-    )
-    if manifold.volume() <= 0:
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    volume = to_manifold(merged, triangles, "the tissue's surface").volume()
+    if volume <= 0:
         raise SolidError(
-            f"the tissue's surface encloses {manifold.volume():g} mm³: it is inside out; "
-            "reverse its faces"
+            f"the tissue's surface encloses {volume:g} mm³: it is inside out; reverse its faces"
         )
-    return solid_from_manifold(manifold, "the tissue's surface")
+    return solid_from_mesh(merged, triangles, "the tissue's surface")
 
 
 def construct_solid(

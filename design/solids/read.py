@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.solids.construct import solid_from_surface
+from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.units import MM_PER, LengthUnit
 
@@ -91,8 +91,7 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
 
 def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Merge vertices that are equal, and those only: trimesh's own merging rounds to 1e-8."""
-    vertices: NDArray[np.float64] = np.asarray(mesh.vertices, dtype=np.float64)
-    unique, index = np.unique(vertices, axis=0, return_inverse=True)
-    merged = trimesh.Trimesh(unique, index.reshape(-1)[np.asarray(mesh.faces)], process=False)
+    unique, index = merge_equal(np.asarray(mesh.vertices, dtype=np.float64))
+    merged = trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)
     merged.units = mesh.units
     return merged
