@@ -20,7 +20,15 @@ from design.tissue.shapes import Surface, annulus, block, cylinder, folded_corte
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue
-from design.tissue.zones import BlockZone, CylinderZone, MeshZone, SphereZone, Zone, carve
+from design.tissue.zones import (
+    BlockZone,
+    CylinderZone,
+    MeshZone,
+    SphereZone,
+    Zone,
+    carve,
+    zone_surface,
+)
 
 __all__ = [
     "BlockZone",
@@ -58,4 +66,5 @@ __all__ = [
     "read_image",
     "repair_surface",
     "tissue_from_surface",
+    "zone_surface",
 ]

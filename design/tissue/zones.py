@@ -118,6 +118,17 @@ def say_zone(key: str, number: int, zone: Zone) -> str:
     return f"{key} {number + 1} ({kind})"
 
 
+def zone_surface(zone: Zone, name: str) -> Surface:
+    """A zone's own closed surface, mm; ``name`` says in errors which zone it is.
+
+    Raises
+    ------
+    TissueError
+        When it has no volume, or its mesh isn't closed.
+    """
+    return surface_of(_solid(zone, name, -1), name)
+
+
 def _missing(key: str, zones: Sequence[Zone], parts: list[Manifold], body: Manifold) -> list[str]:
     least = _MISSES * body.volume()
     return [

@@ -10,7 +10,7 @@ import typer
 from numpy.typing import NDArray
 
 from design.solids import Solid, read_solid
-from design.toolpath.fresh import FreshLayers, FreshOptions, FreshReport, Infill
+from design.toolpath.fresh import Filling, FreshLayers, FreshOptions, FreshReport, Infill
 from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
@@ -68,8 +68,7 @@ def slice_mesh(
             layer_height_mm=layer_um * 1e-3,
             line_width_mm=line_um * 1e-3,
             walls=walls,
-            infill=infill,
-            infill_density=infill_percent * 1e-2,
+            filling=Filling(infill, infill_percent * 1e-2),
             write_speed_mm_s=speed,
             retract_ul=dose.retract_ul,
             plunger_ul_s=dose.plunger_ul_s,

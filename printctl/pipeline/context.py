@@ -6,6 +6,7 @@ run and an uninterrupted one go on from the same bytes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +19,7 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
-from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
@@ -43,6 +44,11 @@ class RunContext:
     bars: StageBars
     assume_yes: bool = False
     reused: set[str] = field(default_factory=set)
+
+    def digests(self, names: Sequence[str]) -> dict[str, str]:
+        """SHA-256 of each of the user's files, named relative to the recipe, that is there."""
+        files = {name: self.recipe_folder / name for name in names}
+        return {name: digest_file(path) for name, path in files.items() if path.is_file()}
 
     @cached_property
     def printer(self) -> Printer:

@@ -8,7 +8,6 @@ from importlib import metadata
 from typing import Any
 
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import digest_file
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
 
@@ -19,10 +18,10 @@ def input_digests(context: RunContext) -> dict[str, str]:
     named = [
         *recipe.tissue.files(),
         *recipe.vasculature.files(),
+        *recipe.toolpath.files(),
         getattr(recipe.scan, "file", None),
     ]
-    files = {name: context.recipe_folder / name for name in named if name}
-    return {name: digest_file(path) for name, path in files.items() if path.is_file()}
+    return context.digests([name for name in named if name])
 
 
 def run_facts(context: RunContext) -> dict[str, Any]:

@@ -56,8 +56,8 @@ ANY_SIZE = SizeLimits(0.0, float("inf"))
 def make_tissue(part: TissuePart, recipe_folder: Path) -> Tissue:
     """Build the tissue that the recipe names; paths are relative to the recipe."""
     surface, notes = _surface(part, recipe_folder)
-    out, out_notes = _zones(part.keep_out, recipe_folder)
-    within, within_notes = _zones(part.keep_within, recipe_folder)
+    out, out_notes = make_zones(part.keep_out, recipe_folder)
+    within, within_notes = make_zones(part.keep_within, recipe_folder)
     carved, cut_notes = carve(surface, out, within)
     notes = (*notes, *out_notes, *within_notes, *cut_notes)
     # A file's size was judged before its zones were cut.
@@ -94,7 +94,7 @@ def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
             return folded_cortex(part.thickness_mm), ()
 
 
-def _zones(parts: Sequence[ZonePart], folder: Path) -> tuple[list[Zone], tuple[str, ...]]:
+def make_zones(parts: Sequence[ZonePart], folder: Path) -> tuple[list[Zone], tuple[str, ...]]:
     """The zones, and what was mended on their meshes."""
     zones: list[Zone] = []
     notes: list[str] = []

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from design.toolpath.fresh import DENSEST_GYROID, Infill
 from printctl.recipe.care import CarePart
 from printctl.recipe.parts import Part, Point, Seed, given
+from printctl.recipe.regions import FillingPart, RegionPart
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
@@ -25,7 +25,7 @@ class CompensationPart(Part):
     )
 
 
-class Fresh(Part):
+class Fresh(FillingPart):
     """Layers of the solid, lumens left open, in a support bath."""
 
     method: Literal["fresh"]
@@ -35,24 +35,16 @@ class Fresh(Part):
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
         default=2, description="Lines along every boundary, counted from the lumen outward."
     )
-    infill: Infill = "lines"
-    infill_percent: Annotated[float, Field(ge=0, le=100)] = 100.0
-    infill_angles_deg: Annotated[
-        tuple[Annotated[float, Field(ge=-360, le=360)], ...], Field(min_length=1, max_length=32)
-    ] = Field(default=(0.0, 90.0), description="Of the infill's lines, layer after layer in turn.")
+    regions: Annotated[tuple[RegionPart, ...], Field(max_length=100)] = Field(
+        default=(), description="Places with an infill of their own."
+    )
     compensate: CompensationPart = CompensationPart()
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
 
-    @model_validator(mode="after")
-    def _a_gyroid_has_room(self) -> Fresh:
-        most = 100 * DENSEST_GYROID
-        if self.infill == "gyroid" and self.infill_percent > most:
-            raise ValueError(
-                f"a gyroid's lines meet above {most:g} %; lower infill_percent (it is "
-                f"{self.infill_percent:g}) or choose infill: lines"
-            )
-        return self
+    def files(self) -> list[str]:
+        """Names of the user's files that it is made from."""
+        return [name for region in self.regions for name in region.files()]
 
 
 class Embedded(Part):
@@ -69,6 +61,10 @@ class Embedded(Part):
         default=0,
         description="How often the needle's shaft may pass through ink that is already written.",
     )
+
+    def files(self) -> list[str]:
+        """Names of the user's files that it is made from: none."""
+        return []
 
 
 ToolpathPart = Annotated[Fresh | Embedded, Field(discriminator="method")]

@@ -17,6 +17,40 @@ DENSEST_GYROID = 0.7
 
 
 @dataclass(frozen=True)
+class Filling:
+    """What fills the inside of the walls.
+
+    Attributes
+    ----------
+    pattern : "lines", "concentric" or "gyroid"
+    density : float
+        Part of the inside that is filled; 1 is solid.
+    angles_deg : tuple of float, °
+        Direction of the lines, layer after layer in turn.
+    """
+
+    pattern: Infill = "lines"
+    density: float = 1.0
+    angles_deg: tuple[float, ...] = (0.0, 90.0)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.density <= 1:
+            raise ToolpathError(
+                f"infill_density is {self.density:g} (FRESH options); it must lie within 0 to 1"
+            )
+        if self.pattern == "gyroid" and self.density > DENSEST_GYROID:
+            raise ToolpathError(
+                f"infill_density is {self.density:g} (FRESH options); a gyroid's lines "
+                f"meet above {DENSEST_GYROID:g}: choose lines, or less"
+            )
+        if not self.angles_deg or not all(map(math.isfinite, self.angles_deg)):
+            raise ToolpathError(
+                f"infill_angles_deg is {self.angles_deg} (FRESH options); give at least "
+                "one finite angle"
+            )
+
+
+@dataclass(frozen=True)
 class FreshOptions:
     """Choices for FRESH layers; the defaults are the paper's 150 µm needle and 60 µm layers.
 
@@ -29,11 +63,8 @@ class FreshOptions:
     least_line : float
         Narrowest line that can be written, in line widths: with less flow, in places that are
         too thin for a whole one.
-    infill : "lines", "concentric" or "gyroid"
-    infill_density : float
-        Part of the inside that the infill fills; 1 is solid.
-    infill_angles_deg : tuple of float, °
-        Direction of the infill lines, layer after layer in turn.
+    filling : Filling
+        Inside the walls, where no region says otherwise.
     lead_mm : float, mm
         How far from a lumen's wall, into the material, the plunger primes before it and relieves
         after it: what weeps there doesn't stand in the lumen.
@@ -64,9 +95,7 @@ class FreshOptions:
     line_width_mm: float = 0.15
     walls: int = 2
     least_line: float = 0.4
-    infill: Infill = "lines"
-    infill_density: float = 1.0
-    infill_angles_deg: tuple[float, ...] = (0.0, 90.0)
+    filling: Filling = field(default_factory=Filling)
     compensation: Compensation = field(default_factory=Compensation)
     write_speed_mm_s: float = 20.0
     travel_speed_mm_s: float = 40.0
@@ -99,29 +128,15 @@ class FreshOptions:
             least_move_mm=self.least_move_mm,
             clear_mm=self.clear_mm,
             retract_ul=self.retract_ul,
-            infill_density=self.infill_density,
         )
-        for name in ("least_line", "infill_density"):
-            value = getattr(self, name)
-            if value > 1 or (name == "least_line" and value < 0.2):
-                raise ToolpathError(
-                    f"{name} is {value:g} (FRESH options); it must lie within "
-                    f"{'0.2' if name == 'least_line' else '0'} to 1"
-                )
-        if self.infill == "gyroid" and self.infill_density > DENSEST_GYROID:
+        if not 0.2 <= self.least_line <= 1:
             raise ToolpathError(
-                f"infill_density is {self.infill_density:g} (FRESH options); a gyroid's lines "
-                f"meet above {DENSEST_GYROID:g}: choose lines, or less"
+                f"least_line is {self.least_line:g} (FRESH options); it must lie within 0.2 to 1"
             )
         if self.walls < 1:
             raise ToolpathError(
                 f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "
                 "would stand in the lumens, so give at least 1"
-            )
-        if not self.infill_angles_deg or not all(map(math.isfinite, self.infill_angles_deg)):
-            raise ToolpathError(
-                f"infill_angles_deg is {self.infill_angles_deg} (FRESH options); give at least "
-                "one finite angle"
             )
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,11 @@ from design.toolpath.fresh.contours import contours_of
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.infill import infill_paths
 from design.toolpath.fresh.layout import Rows, lay_out, obstacles
-from design.toolpath.fresh.options import FreshOptions
+from design.toolpath.fresh.options import Filling, FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
+from design.toolpath.fresh.regions import Region, Regions
 from design.toolpath.fresh.report import FreshReport, Tally
 from design.toolpath.fresh.section import Layer, layer_count, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
@@ -36,12 +37,12 @@ class FreshPlan:
     report: FreshReport
 
 
-def fresh_toolpath(solid: Solid, options: FreshOptions) -> Toolpath:
+def fresh_toolpath(solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> Toolpath:
     """Slice ``solid`` into FRESH layers; see `plan_fresh`."""
-    return plan_fresh(solid, options).toolpath
+    return plan_fresh(solid, options, regions).toolpath
 
 
-def plan_fresh(solid: Solid, options: FreshOptions) -> FreshPlan:
+def plan_fresh(solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> FreshPlan:
     """Slice ``solid`` into FRESH layers and say how well they fill it; see `FreshLayers`.
 
     Raises
@@ -49,7 +50,7 @@ def plan_fresh(solid: Solid, options: FreshOptions) -> FreshPlan:
     ToolpathError
         As `FreshLayers`.
     """
-    layers = FreshLayers(solid, options)
+    layers = FreshLayers(solid, options, regions)
     return FreshPlan(joined(list(layers)), layers.report())
 
 
@@ -64,6 +65,8 @@ class FreshLayers:
     ----------
     solid : Solid
     options : FreshOptions
+    regions : sequence of Region
+        Places with a filling of their own.
 
     Raises
     ------
@@ -72,8 +75,9 @@ class FreshLayers:
         or nowhere as wide as the narrowest line.
     """
 
-    def __init__(self, solid: Solid, options: FreshOptions) -> None:
+    def __init__(self, solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> None:
         self._solid = options.compensation.enlarged(solid)
+        self._regions = regions
         self._options = options
         self._tally = Tally()
 
@@ -98,9 +102,10 @@ class FreshLayers:
         self._tally = Tally()
         options, low = self._options, self._solid.bounds[0]
         every = self._measured_every()
+        regions = Regions(self._regions, options.compensation)
         below, tip = None, None
         for layer in layers(self._solid, options.layer_height_mm):
-            paths = _layer_paths(layer, options, low[:2])
+            paths = _layer_paths(layer, options, regions, low[:2])
             here = obstacles(contours_of(layer.material), options.line_width_mm)
             at = low[:2] if tip is None else tip[:2]
             sequence = order_paths(paths, at, options.link_mm)
@@ -132,24 +137,33 @@ class FreshLayers:
         return toolpath
 
 
-def _layer_paths(layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
+def _layer_paths(
+    layer: Layer, options: FreshOptions, regions: Regions, origin: FloatArray
+) -> Paths:
     width = options.line_width_mm
     clear = options.clear_mm + options.compensation.radial_mm
     material = clear_of_lumens(layer.material, clear)
     walls = build_walls(material, width, options.walls, options.least_line)
     outlines = without_short_moves(walls.paths, options.least_move_mm, width)
-    return join([outlines, _infill(walls.inside, layer, options, origin)])
+    shares = regions.shares(walls.inside, layer.middle_mm, options.filling)
+    return join([outlines, *(_infill(share, layer, way, options, origin) for share, way in shares)])
 
 
-def _infill(inside: CrossSection, layer: Layer, options: FreshOptions, origin: FloatArray) -> Paths:
-    width, density = options.line_width_mm, options.infill_density
-    match options.infill:
+def _infill(
+    inside: CrossSection,
+    layer: Layer,
+    filling: Filling,
+    options: FreshOptions,
+    origin: FloatArray,
+) -> Paths:
+    width, density = options.line_width_mm, filling.density
+    match filling.pattern:
         case "concentric":
             return concentric_paths(inside, width, density, options.least_line, options.walls)
         case "gyroid":
             return gyroid_paths(inside, width, density, layer.tip_mm, origin)
         case "lines":
-            angle = options.infill_angles_deg[layer.index % len(options.infill_angles_deg)]
+            angle = filling.angles_deg[layer.index % len(filling.angles_deg)]
             return infill_paths(rings(inside), width, angle, origin, density)
 
 

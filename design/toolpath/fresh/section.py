@@ -30,11 +30,14 @@ class Layer:
         The needle's tip while the layer is written: the layer's top.
     material : CrossSection
         Section at the middle of the layer.
+    middle_mm : float, mm
+        Height of that section.
     """
 
     index: int
     tip_mm: float
     material: CrossSection
+    middle_mm: float
 
 
 def layers(solid: Solid, layer_height_mm: float) -> Iterator[Layer]:
@@ -48,7 +51,7 @@ def layers(solid: Solid, layer_height_mm: float) -> Iterator[Layer]:
     ToolpathError
         When the mesh isn't a manifold or is lower than half a layer.
     """
-    body = _manifold(solid)
+    body = manifold_of(solid, "solid")
     low, high = float(solid.bounds[0, 2]), float(solid.bounds[1, 2])
     count = layer_count(low, high, layer_height_mm)
     if count == 0:
@@ -57,9 +60,10 @@ def layers(solid: Solid, layer_height_mm: float) -> Iterator[Layer]:
             "(layer_height_mm); check the part's unit or write thinner layers"
         )
     for index in range(count):
-        material = body.slice(low + (index + 0.5) * layer_height_mm).simplify(COLLINEAR_MM)
+        middle = low + (index + 0.5) * layer_height_mm
+        material = body.slice(middle).simplify(COLLINEAR_MM)
         if not material.is_empty():
-            yield Layer(index, low + (index + 1) * layer_height_mm, material)
+            yield Layer(index, low + (index + 1) * layer_height_mm, material, middle)
 
 
 def layer_count(low_mm: float, high_mm: float, layer_height_mm: float) -> int:
@@ -80,11 +84,18 @@ def boundary(section: CrossSection) -> shapely.MultiLineString:
     return lines
 
 
-def _manifold(solid: Solid) -> Manifold:
+def manifold_of(solid: Solid, what: str) -> Manifold:
+    """Hand a solid to manifold3d.
+
+    Raises
+    ------
+    ToolpathError
+        When ``what`` isn't a closed manifold.
+    """
     body = Manifold(Mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32)))
     if body.status() != Error.NoError or body.is_empty():
         raise ToolpathError(
-            f"solid can't be sliced: its mesh isn't a closed manifold ({body.status().name}); "
+            f"{what} can't be sliced: its mesh isn't a closed manifold ({body.status().name}); "
             "mend it before slicing"
         )
     return body

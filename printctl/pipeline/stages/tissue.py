@@ -7,7 +7,6 @@ from typing import Any
 
 from design.solids import Solid, write_stl
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 
@@ -18,8 +17,7 @@ def depends(context: RunContext) -> Any:
     """The section, and the user's files where it names some."""
     part = context.recipe.tissue
     found = part.model_dump(mode="json")
-    files = {name: context.recipe_folder / name for name in part.files()}
-    found["digests"] = {name: digest_file(path) for name, path in files.items() if path.is_file()}
+    found["digests"] = context.digests(part.files())
     return found
 
 

@@ -12,6 +12,7 @@ from design.toolpath.fresh import Compensation, FreshLayers, FreshOptions, Fresh
 from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
 from firmware_profiles import Ink
 from printctl.pipeline.context import NETWORK, SOLID, RunContext
+from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
@@ -26,6 +27,7 @@ def depends(context: RunContext) -> Any:
         context.recipe.toolpath.model_dump(mode="json"),
         [profile.model_dump(mode="json") for profile in profiles],
         context.place_mm.tolist(),
+        context.digests(context.recipe.toolpath.files()),
     ]
 
 
@@ -56,9 +58,7 @@ def plan(context: RunContext) -> Planned:
                 layer_height_mm=part.layer_um * 1e-3,
                 line_width_mm=part.line_um * 1e-3,
                 walls=part.walls,
-                infill=part.infill,
-                infill_density=part.infill_percent * 1e-2,
-                infill_angles_deg=part.infill_angles_deg,
+                filling=make_filling(part),
                 least_move_mm=least_move_mm(context.printer),
                 clear_mm=clear_mm(context.printer),
                 compensation=Compensation(
@@ -70,7 +70,11 @@ def plan(context: RunContext) -> Planned:
                 plunger_ul_s=ink.plunger_ul_s,
             )
             check_lumens(context.network, options)
-            layers = FreshLayers(context.solid, options)
+            regions = [
+                make_region(region, number, context.recipe_folder, context.network)
+                for number, region in enumerate(part.regions)
+            ]
+            layers = FreshLayers(context.solid, options, regions)
             return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
             embedded = plan_embedded(

@@ -17,7 +17,6 @@ from design.vasculature import (
 )
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.growing import closed_loop, grown_tree, said_of
-from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
@@ -35,8 +34,7 @@ def depends(context: RunContext) -> Any:
     """The section, the seed, the user's files where it names some, and what can be printed."""
     part = context.recipe.vasculature
     found = part.model_dump(mode="json")
-    files = {name: context.recipe_folder / name for name in part.files()}
-    found["digests"] = {name: digest_file(path) for name, path in files.items() if path.is_file()}
+    found["digests"] = context.digests(part.files())
     if isinstance(part, GrownNetwork) and part.printable:
         # What can be printed is said by the toolpath's section and its needle.
         limits = printability(context, part.smallest_diameter_mm)

@@ -11,7 +11,7 @@ import shapely
 from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath import MoveKind
-from design.toolpath.fresh import FreshOptions, check_lumens, fresh_toolpath, plan_fresh
+from design.toolpath.fresh import Filling, FreshOptions, check_lumens, fresh_toolpath, plan_fresh
 from tests.design.toolpath.shapes import (
     as_solid,
     block,
@@ -158,12 +158,18 @@ def test_open_mesh_is_refused():
         ({"line_width_mm": float("nan")}, "line_width_mm is nan"),
         ({"walls": 0}, "walls is 0"),
         ({"retract_ul": -1.0}, "retract_ul is -1"),
-        ({"infill_angles_deg": ()}, "infill_angles_deg"),
     ],
 )
 def test_impossible_options_are_refused(change, message):
     with pytest.raises(ToolpathError, match=message):
         replace(FreshOptions(), **change)
+
+
+def test_impossible_fillings_are_refused():
+    with pytest.raises(ToolpathError, match="infill_angles_deg"):
+        Filling(angles_deg=())
+    with pytest.raises(ToolpathError, match=r"infill_density is 1\.5"):
+        Filling(density=1.5)
 
 
 def test_lumen_that_lines_would_close_is_refused_by_number():

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from design.toolpath import MoveKind
-from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.fresh import Filling, FreshOptions, fresh_toolpath
 from tests.design.toolpath.shapes import (
     along_x,
     as_solid,
@@ -32,7 +32,7 @@ def drilled():
 @pytest.mark.parametrize("walls", [1, 2, 3])
 @pytest.mark.parametrize("angle", [0.0, 90.0, 37.0])
 def test_edge_of_upright_lumens_is_the_lines_edge(drilled, walls, angle):
-    options = FreshOptions(walls=walls, infill_angles_deg=(angle,))
+    options = FreshOptions(walls=walls, filling=Filling(angles_deg=(angle,)))
     written = written_area(fresh_toolpath(drilled, options), 0)
     for x, y, diameter in HOLES:
         centre = shapely.Point(x, y)

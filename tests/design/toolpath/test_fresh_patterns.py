@@ -11,7 +11,7 @@ from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
-from design.toolpath.fresh import FreshOptions, plan_fresh
+from design.toolpath.fresh import Filling, FreshOptions, plan_fresh
 from design.toolpath.fresh.patterns import gyroid_lines
 from tests.design.toolpath.shapes import as_solid
 
@@ -50,7 +50,7 @@ def test_gyroid_lines_lie_on_the_gyroid_and_none_is_missing(z):
 @pytest.mark.parametrize("infill", ["lines", "concentric", "gyroid"])
 @pytest.mark.parametrize("density", [0.15, 0.5])
 def test_infill_is_as_dense_as_asked(infill, density):
-    options = FreshOptions(infill=infill, infill_density=density, walls=1)
+    options = FreshOptions(filling=Filling(infill, density), walls=1)
     plan = plan_fresh(body(), options)
     section = SIDE_MM**2 - np.pi
     # The wall's own ink, and the rest at the density asked for.
@@ -62,7 +62,7 @@ def test_infill_is_as_dense_as_asked(infill, density):
 @pytest.mark.parametrize("infill", ["concentric", "gyroid"])
 def test_infill_keeps_out_of_the_lumen(infill):
     density = 1.0 if infill == "concentric" else 0.6
-    path = plan_fresh(body(0.3), FreshOptions(infill=infill, infill_density=density)).toolpath
+    path = plan_fresh(body(0.3), FreshOptions(filling=Filling(infill, density))).toolpath
     here = path.kind == MoveKind.WRITE
     lines = shapely.linestrings(np.stack([path.start[here, :2], path.end[here, :2]], axis=1))
     width = path.volume_ul[here] / (path.lengths[here] * 0.06)
@@ -71,17 +71,17 @@ def test_infill_keeps_out_of_the_lumen(infill):
 
 
 def test_solid_concentric_infill_leaves_little_bare():
-    report = plan_fresh(body(0.06), FreshOptions(infill="concentric")).report
+    report = plan_fresh(body(0.06), FreshOptions(filling=Filling("concentric"))).report
     assert report.unfilled_fraction < 0.02
     assert report.written_ul == pytest.approx(report.material_ul, rel=0.02)
 
 
 def test_no_infill_writes_walls_alone():
     for infill in ("lines", "concentric", "gyroid"):
-        options = FreshOptions(infill=infill, infill_density=0.0)
+        options = FreshOptions(filling=Filling(infill, 0.0))
         assert plan_fresh(body(0.06), options).report.lines == 4
 
 
 def test_a_solid_gyroid_is_refused():
     with pytest.raises(ToolpathError, match=r"meet above 0\.7"):
-        FreshOptions(infill="gyroid", infill_density=1.0)
+        Filling("gyroid", 1.0)

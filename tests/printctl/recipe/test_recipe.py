@@ -92,3 +92,31 @@ def test_a_solid_gyroid_is_refused_before_anything_is_made() -> None:
         parse_recipe(recipe, "test.yaml")
     recipe["toolpath"]["infill_percent"] = 40
     assert parse_recipe(recipe, "test.yaml").toolpath.model_dump()["infill"] == "gyroid"
+
+
+@pytest.mark.parametrize(
+    ("region", "says"),
+    [
+        ({}, r"toolpath\.regions\.0.*either where or around_vessels_mm"),
+        (
+            {"around_vessels_mm": 1, "where": {"mesh": "a.stl", "unit": "mm"}},
+            r"either where or around_vessels_mm",
+        ),
+        ({"around_vessels_mm": 1, "infill": "gyroid"}, r"meet above 70 %"),
+        ({"around_vessels_mm": -1}, r"around_vessels_mm"),
+    ],
+)
+def test_a_region_says_where_and_how(region: dict[str, Any], says: str) -> None:
+    recipe = deepcopy(GOOD)
+    recipe["toolpath"]["regions"] = [region]
+    with pytest.raises(RecipeError, match=says):
+        parse_recipe(recipe, "test.yaml")
+
+
+def test_files_of_regions_are_the_recipe_s_files() -> None:
+    recipe = deepcopy(GOOD)
+    recipe["toolpath"]["regions"] = [
+        {"where": {"mesh": "a.stl", "unit": "mm"}},
+        {"around_vessels_mm": 1},
+    ]
+    assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
