@@ -250,7 +250,24 @@ class Ink(Facts):
     )
     retract_ul: NonNegative = Field(description="Plunger relief at the end of a written path.")
     plunger_ul_s: Positive = Field(description="Flow while priming and relieving.")
+    viability_min: Positive | None = Field(
+        default=None,
+        description="How long the ink may take from the syringe's filling to the print's end for "
+        "its cells' sake; unknown without.",
+    )
+    viability_source: str | None = Field(
+        default=None, min_length=1, description="Where viability_min comes from."
+    )
     calibrated: bool = Field(description="Whether the constants were measured on a printer.")
+
+    @model_validator(mode="after")
+    def _a_viability_budget_has_a_source(self) -> Ink:
+        if (self.viability_min is None) != (self.viability_source is None):
+            raise ValueError(
+                "viability_min and viability_source go together: say how long, and where that "
+                "comes from (a paper, your own live/dead counts)"
+            )
+        return self
 
 
 class Bath(Facts):

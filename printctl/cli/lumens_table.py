@@ -22,16 +22,13 @@ def lumen_lines(found: Numbers, every: bool) -> list[str]:
         *([f"  … and {left} lumens that lose less (--all shows them)"] if left else []),
         *_closed(found["lumens"]),
         *_leaks(found["leaks"]),
+        *_merges(found.get("merges", [])),
     ]
 
 
 def _head(found: Numbers) -> Iterator[str]:
     summary = found["summary"]
-    place = ", ".join(f"{value:.3f}" for value in found["place_mm"])
-    yield (
-        f"{summary['lumens']} lumens among lines of {found['line_um']:.0f} µm in layers of "
-        f"{found['layer_um']:.0f} µm; part's origin at {place} mm"
-    )
+    yield f"{_what(found)}; part's origin at {_at(found['place_mm'], 3)} mm"
     yield (
         f"median diameter {summary['diameter_error_median_um']:+.1f} µm from the design, "
         f"{summary['stepped_diameter_error_median_um']:+.1f} after motor steps"
@@ -42,7 +39,33 @@ def _head(found: Numbers) -> Iterator[str]:
         f"{100 * summary['stepped_conductance_median']:.1f} %, "
         f"{100 * summary['stepped_conductance_least']:.1f} %"
     )
-    yield f"{summary['closed']} closed, {summary['leaks']} leaking"
+    if found["method"] == "layers":
+        yield f"{summary['closed']} closed, {summary['leaks']} leaking"
+    else:
+        yield (
+            f"{summary['closed']} not written through, {summary['joints_broken']} of "
+            f"{summary['joints']} joints broken, {summary['merges']} merging "
+            f"({summary['merges_across_trees']} across trees)"
+        )
+        yield found["meaning"]
+
+
+def _what(found: Numbers) -> str:
+    """What was read, and how much of it."""
+    count = found["summary"]["lumens"]
+    if found["method"] == "layers":
+        return (
+            f"{count} lumens among lines of {found['line_um']:.0f} µm in layers of "
+            f"{found['layer_um']:.0f} µm"
+        )
+    return (
+        f"{count} vessels written in {found['passes']} passes of filament, median "
+        f"{found['filament_um']:.0f} µm"
+    )
+
+
+def _at(place: list[float], decimals: int = 2) -> str:
+    return ", ".join(f"{value:.{decimals}f}" for value in place)
 
 
 def _row(row: Numbers | None) -> str:
@@ -54,12 +77,12 @@ def _row(row: Numbers | None) -> str:
             f"  {'':>6}{'mm':>10}{'mm':>11}{'mm':>9}{'µm off':>9}{'%':>10}{'%':>9}{'%':>7}"
         )
     stepped = row["stepped"]
-    at = ", ".join(f"{value:.2f}" for value in row["at_mm"])
+    layer = "–" if row["layer"] is None else str(row["layer"])
     return (
         f"  {row['lumen']:>6}{row['designed_mm']:>10.3f}{row['narrowest_mm']:>11.3f}"
         f"{stepped['narrowest_mm']:>9.3f}{row['diameter_error_median_um']:>+9.1f}"
         f"{100 * row['conductance']:>10.1f}{100 * stepped['conductance']:>9.1f}"
-        f"{100 * stepped['conductance_least']:>7.1f}{row['layer']:>7}  {at}"
+        f"{100 * stepped['conductance_least']:>7.1f}{layer:>7}  {_at(row['at_mm'])}"
     )
 
 
@@ -68,6 +91,9 @@ def _closed(rows: list[Numbers]) -> Iterator[str]:
         layers = sorted({*row["closed_layers"], *row["stepped"]["closed_layers"]})
         if layers:
             yield f"CLOSED lumen {row['lumen']} in layer {_spans(layers)}"
+        elif row["closed"] or row["stepped"]["closed"]:
+            here = row if row["closed"] else row["stepped"]
+            yield f"NOT WRITTEN THROUGH vessel {row['lumen']}, at {_at(here['at_mm'])} mm"
 
 
 def _spans(numbers: list[int]) -> str:
@@ -84,5 +110,16 @@ def _spans(numbers: list[int]) -> str:
 def _leaks(leaks: list[Numbers]) -> Iterator[str]:
     for leak in leaks:
         into = leak["into"] if leak["into"] == "outside" else f"tree {leak['into']}"
-        at = ", ".join(f"{value:.2f}" for value in leak["at_mm"])
+        at = _at(leak["at_mm"])
         yield f"LEAK from tree {leak['tree']} into {into} in layer {leak['layer']} at {at} mm"
+
+
+def _merges(merges: list[Numbers]) -> Iterator[str]:
+    for merge in merges:
+        one, other = merge["vessels"]
+        trees = merge["trees"]
+        of = f"of tree {trees[0]}" if trees[0] == trees[1] else f"of trees {trees[0]}, {trees[1]}"
+        yield (
+            f"MERGE of vessels {one} and {other} ({of}), {1e3 * merge['neck_mm']:.0f} µm wide at "
+            f"{_at(merge['at_mm'])} mm"
+        )

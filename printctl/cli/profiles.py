@@ -56,9 +56,18 @@ def show(
         return
     for kind, entries in found.items():
         for entry, facts in entries.items():
-            print_lines(f"{kind:<8} {entry:<18} {facts['name']}")
+            print_lines(f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}")
             if name is not None:
                 print_lines(*(f"  {key}: {value}" for key, value in facts.items()))
+
+
+def _sizes(kind: str, facts: dict[str, Any]) -> str:
+    """What one chooses a needle or a syringe by."""
+    if kind == "needle":
+        return f": bore {facts['inner_mm']:g}, outer {facts['outer_mm']:g} mm"
+    if kind == "syringe":
+        return f": bore {facts['inner_mm']:g} mm, dead volume {facts['dead_volume_ul']:g} µL"
+    return ""
 
 
 def find_profile(name: str) -> tuple[str, Facts]:

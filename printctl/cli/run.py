@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
+from printctl.cli.process_lines import process_lines
 from printctl.pipeline import run_recipe
 from printctl.recipe import load_recipe
 
@@ -32,6 +33,7 @@ def run(
         print_json(data)
     else:
         print_lines(
+            *process_lines(data["dry_run"]),
             ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
             str(folder / "report.html"),
         )

@@ -11,6 +11,7 @@ import typer
 
 from design.files import replacing
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
 from printctl.pipeline import toolpath_recipe
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
@@ -37,5 +38,6 @@ def toolpath(
     print_lines(
         f"{data['toolpath']['lines']} lines, {data['toolpath']['written_ul']:.4g} µL, "
         f"{data['dry_run']['duration_s'] / 60:.1f} min",
+        *process_lines(data["dry_run"]),
         str(out),
     )

@@ -6,12 +6,11 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final
 
 import typer
 
-from design.files import write_bytes
-from design.units import LengthUnit
+from printctl.cli import view_options as options
 from printctl.cli.gcode_options import (
     FilamentOption,
     FlowOption,
@@ -29,24 +28,11 @@ from printctl.cli.network_options import (
 )
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.view_gcode import SUFFIXES, GcodeWish, is_gcode, view_gcode
+from printctl.cli.view_network import NetworkWish, view_network
 from printctl.errors import UsageError
-from printctl.networks import Drive, Source, load_source, read_surface
-from printctl.pipeline.stages.tissue import SURFACE
-from registration.picture import (
-    PictureOptions,
-    Quantity,
-    Surface,
-    View,
-    draw_picture,
-    quantities,
-)
-from registration.report import NetworkPage, ReportSurface, write_network_html
+from printctl.networks import Drive
 from registration.report.network_view import MAX_PIECES
 
-_NEEDS = {
-    "deviation": "it takes a run folder with a registered scan",
-    "order": "vessels with loops have no orders",
-}
 _NETWORKS: Final = (".csv", ".vtp", ".swc", ".json", ".npz")
 _FOR_NETWORKS: Final = (
     "seen_from", "unit", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
@@ -54,60 +40,23 @@ _FOR_NETWORKS: Final = (
 )  # fmt: skip
 _FOR_GCODE: Final = ("layer", "printer", "syringe", "filament_mm", "flow_ul_s", "layer_um")
 
-Shown = Literal[
-    "radius", "flow", "pressure", "shear", "order", "tree", "deviation",
-    "width", "kind", "speed", "height", "vessel",
-]  # fmt: skip
-"""`registration.picture.Colour` for networks, `registration.report.gcode.GcodeColour` for G-code;
-the order is the vessels' in the one, that of writing in the other."""
-
 
 def view(
     context: typer.Context,
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="A run folder, a network (.csv, .vtp, .swc, .json, .npz), or G-code (.gcode).",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="The page; view.html in the run, NAME.view.html beside a file."),
-    ] = None,
-    png: Annotated[
-        Path | None,
-        typer.Option("--png", help="Draw a picture for a paper; without --out no page."),
-    ] = None,
-    colour: Annotated[
-        Shown | None,
-        typer.Option(
-            "--colour",
-            "--color",
-            help="What is coloured by at first: radius to deviation a network (radius), width to "
-            "vessel and order G-code (width; height z of a job in passes).",
-        ),
-    ] = None,
-    seen_from: Annotated[
-        View, typer.Option("--from", help="Where the picture is seen from.")
-    ] = "oblique",
-    width: Annotated[int, typer.Option("--width", min=300, max=6000, help="Of --png.")] = 1600,
-    palette: Annotated[
-        bool, typer.Option("--palette", help="Keep --png to 256 colours: a third of the size.")
-    ] = False,
-    open_page: Annotated[
-        bool | None,
-        typer.Option("--open/--no-open", help="Open the page in the browser; on a desktop, do."),
-    ] = None,
+    source: options.SourceArg,
+    out: options.OutOption = None,
+    png: options.PngOption = None,
+    colour: options.ColourOption = None,
+    seen_from: options.FromOption = "oblique",
+    width: options.WidthOption = 1600,
+    palette: options.PaletteFlag = False,
+    open_page: options.OpenOption = None,
     unit: UnitOption = None,
     tissue: TissueOption = None,
     tissue_unit: TissueUnitOption = None,
     inlet_flow_ml_min: InletFlowOption = 0.25,
     viscosity_mpa_s: ViscosityOption = 1.0,
-    most_pieces: Annotated[
-        int,
-        typer.Option("--most-pieces", min=1, help="Beyond it the page leaves out the thinnest."),
-    ] = MAX_PIECES,
+    most_pieces: options.MostPiecesOption = MAX_PIECES,
     layer: LayerOption = None,
     printer: GcodePrinterOption = None,
     syringe: GcodeSyringeOption = None,
@@ -121,32 +70,30 @@ def view(
     A network turns, is cut away, and is coloured by any quantity; point at a vessel to read its
     numbers. G-code of any slicer goes by layers, lines to scale; point at one to read its text.
     """
-    _check_targets(out, png)
     gcode = is_gcode(source)
-    _check_suffix(source)
-    _check_options(context, source, gcode)
+    _check(context, source, out, png, gcode)
     page = out if out is not None or png is not None else _default_page(source)
     if gcode:
-        wish = GcodeWish(
+        asked = GcodeWish(
             colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette
         )
-        _finish(*view_gcode(source, page, png, wish), open_page, as_json)
-        return
-    loaded = load_source(source, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
-    surface = _tissue(tissue, tissue_unit, loaded)
-    known = quantities(loaded.network, loaded.known)
-    chosen = _chosen(known, colour or "radius", source)
-    written: dict[str, Path] = {}
-    if png is not None:
-        messages().print("drawing ...")
-        options = PictureOptions(seen_from, width, palette)
-        write_bytes(png, draw_picture(loaded.network, chosen, surface, options))
-        written["picture"] = png
-    if page is not None:
-        content = NetworkPage(loaded.name, chosen.key, loaded.notes, most_pieces)
-        write_network_html(page, loaded.network, known, _shown(surface), content)
-        written["page"] = page
-    _finish(written, loaded.notes, open_page, as_json)
+        found = view_gcode(source, page, png, asked)
+    else:
+        drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
+        wish = NetworkWish(
+            colour, seen_from, width, palette, unit, tissue, tissue_unit, drive, most_pieces
+        )
+        found = view_network(source, page, png, wish)
+    _finish(*found, open_page, as_json)
+
+
+def _check(
+    context: typer.Context, source: Path, out: Path | None, png: Path | None, gcode: bool
+) -> None:
+    """Refuse what can't be asked of this source, before anything is read."""
+    _check_targets(out, png)
+    _check_suffix(source)
+    _check_options(context, source, gcode)
 
 
 def _finish(
@@ -179,32 +126,6 @@ def _check_options(context: typer.Context, source: Path, gcode: bool) -> None:
             (option,) = (p.opts[0] for p in context.command.params if p.name == name)
             kind = "a network; this is G-code" if gcode else f"G-code ({', '.join(SUFFIXES)})"
             raise UsageError(f"{option} with {source}: it is for {kind}; drop it")
-
-
-def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:
-    """The quantity that the user named."""
-    for quantity in known:
-        if quantity.key == colour:
-            return quantity
-    there = ", ".join(quantity.key for quantity in known)
-    why = f" ({_NEEDS[colour]})" if colour in _NEEDS else ""
-    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
-
-
-def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:
-    if path is None:
-        return loaded.surface
-    if path.is_dir():
-        path, unit = path / SURFACE, "mm"
-    if not path.is_file():
-        raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
-    if unit is None:
-        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    return read_surface(path, unit)
-
-
-def _shown(surface: Surface | None) -> list[ReportSurface]:
-    return [ReportSurface("Tissue", surface.vertices, surface.faces)] if surface else []
 
 
 def _default_page(source: Path) -> Path:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from printctl.gcode_view.comments import Comments
 from printctl.gcode_view.rows import Rows
-from printctl.gcode_view.widths import last_digit_mm
+from printctl.rounding import last_digit_mm
 from registration.report.gcode import Act
 from sim.gcode import Program
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from design.toolpath import MoveKind
 
 IntArray = NDArray[np.int64]
 
@@ -22,10 +25,17 @@ class LineMap:
         Of each line of the file; -1 for none.
     of_vessels : bool
         Whether it counts vessels; else layers.
+    kind : (n,) int64 or None
+        Why each line is there, a `MoveKind`; -1 for none. None where the map doesn't say it.
     """
 
     source: IntArray
     of_vessels: bool
+    kind: IntArray | None = None
+
+
+KINDS: Final = tuple(kind.name.lower() for kind in MoveKind)
+"""Names of `LineMap.kind`."""
 
 
 def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, ...]]:
@@ -42,7 +52,8 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
         return None, ()
     try:
         with np.load(path, allow_pickle=False) as found:
-            source, kind = found["source"].astype(np.int64), str(found["source_kind"])
+            source, counts = found["source"].astype(np.int64), str(found["source_kind"])
+            kind = found["kind"].astype(np.int64) if "kind" in found else None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None, (f"{path.name} beside the file can't be read and is left out.",)
     if source.shape != (lines,):
@@ -50,4 +61,6 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
             f"{path.name} is of a file of {source.size} lines, not of these {lines}, and is left "
             "out.",
         )
-    return LineMap(source, kind == "vessel"), ()
+    if kind is not None and (kind.shape != source.shape or kind.max(initial=-1) >= len(KINDS)):
+        kind = None
+    return LineMap(source, counts == "vessel", kind), ()

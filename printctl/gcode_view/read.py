@@ -12,9 +12,10 @@ from printctl.errors import UsageError
 from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
 from printctl.gcode_view.doses import Pushing, plunger_doses, valve_doses
 from printctl.gcode_view.levels import is_flat, make_layers, spread
-from printctl.gcode_view.line_map import LineMap
+from printctl.gcode_view.line_map import KINDS, LineMap
 from printctl.gcode_view.rows import Rows, written_rows
-from printctl.gcode_view.widths import cross_sections, widths, window_mm
+from printctl.gcode_view.widths import cross_sections, widths
+from printctl.rounding import window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError
 from sim.gcode import Program, code
@@ -63,6 +64,7 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
         digit_ul = 0.0
     width, said_width = _widths(rows, layer, layers, dose, digit_ul, said)
     line = program.line[rows.row]
+    kind, kinds = _kinds(said, line_map, line)
     return GcodeJob(
         name=name,
         start=rows.start,
@@ -73,8 +75,8 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
         speed_mm_s=program.feed[rows.row],
         time_s=rows.time,
         line=line,
-        kind=_kinds(said, line),
-        kinds=said.kinds,
+        kind=kind,
+        kinds=kinds,
         vessel=line_map.source[line - 1] if line_map and line_map.of_vessels else None,
         layer=layer,
         layers=layers,
@@ -164,12 +166,16 @@ def _widths(
     return result, tuple(notes)
 
 
-def _kinds(said: Comments, line: IntArray) -> IntArray:
-    """What the last comment before each line calls it; -1 for nothing."""
-    at = np.searchsorted(said.kind_lines, line) - 1
-    if not len(said.kind):
-        return np.full(len(line), -1, np.int64)
-    return np.asarray(np.where(at >= 0, said.kind[np.maximum(at, 0)], -1))
+def _kinds(
+    said: Comments, line_map: LineMap | None, line: IntArray
+) -> tuple[IntArray, tuple[str, ...]]:
+    """What the last comment before each line calls it, else what the map says; -1 for nothing."""
+    if len(said.kind):
+        at = np.searchsorted(said.kind_lines, line) - 1
+        return np.asarray(np.where(at >= 0, said.kind[np.maximum(at, 0)], -1)), said.kinds
+    if line_map is not None and line_map.kind is not None:
+        return line_map.kind[line - 1], KINDS
+    return np.full(len(line), -1, np.int64), ()
 
 
 def _doubts(program: Program, text: bytes) -> tuple[str, ...]:

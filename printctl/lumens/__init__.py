@@ -1,34 +1,53 @@
 """Lumens of emitted G-code: how open each vessel will be, before anything is printed."""
 
 from printctl.lumens.check import LumenCheck, check_model, check_network
+from printctl.lumens.filament_check import FilamentCheck, check_filaments
+from printctl.lumens.filament_sections import measure_filaments
+from printctl.lumens.filaments import Filaments, filaments
 from printctl.lumens.leaks import Leak, Lumens, find_leaks
 from printctl.lumens.lines import WrittenLines, read_lines, rounded_to_steps
 from printctl.lumens.measure import Openings, measure
+from printctl.lumens.merges import Merge, find_merges
 from printctl.lumens.model import model_lumens
 from printctl.lumens.network import network_lumens
-from printctl.lumens.place import find_place
+from printctl.lumens.place import find_filament_place, find_place
+from printctl.lumens.read import Writing, read_filaments, read_layers, writes_at
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import Stations
+from printctl.lumens.strokes import Strokes
 from printctl.lumens.trees import network_trees
 
 __all__ = [
+    "FilamentCheck",
+    "Filaments",
     "Leak",
     "LumenCheck",
     "LumenReport",
     "Lumens",
+    "Merge",
     "Openings",
     "Stations",
+    "Strokes",
+    "Writing",
     "WrittenLines",
+    "check_filaments",
     "check_model",
     "check_network",
+    "filaments",
+    "find_filament_place",
     "find_leaks",
+    "find_merges",
     "find_place",
     "measure",
+    "measure_filaments",
     "model_lumens",
     "network_lumens",
     "network_trees",
+    "read_filaments",
+    "read_layers",
     "read_lines",
     "report_dict",
     "report_lumens",
     "rounded_to_steps",
+    "writes_at",
 ]

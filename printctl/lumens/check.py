@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.lumens.leaks import Leak, Lumens, find_leaks
-from printctl.lumens.lines import WrittenLines, rounded_to_steps
+from printctl.lumens.lines import WrittenLines
 from printctl.lumens.measure import measure
 from printctl.lumens.model import model_lumens
 from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import FloatArray, Stations
 from printctl.lumens.trees import network_trees
-
-NAMED: Final = 5
-"""Lumens named in a refusal; the others are counted."""
+from printctl.lumens.wording import listed
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,8 @@ class LumenCheck:
     Attributes
     ----------
     ideal, stepped : LumenReport
-        On the lines as written, and between the motors' whole steps.
+        On the lines as written, and between the motors' whole steps; of a pneumatic head as the
+        dry run lays them.
     leaks : tuple of Leak
         Places are in the part's frame.
     line_mm, layer_mm : float, mm
@@ -49,14 +48,12 @@ class LumenCheck:
         parts = []
         if len(closed):
             names = [self.ideal.names[k] for k in closed]
-            parts.append(
-                f"closed: lumen {_listed(names)} ({len(names)} of {len(self.ideal.names)})"
-            )
+            parts.append(f"closed: lumen {listed(names)} ({len(names)} of {len(self.ideal.names)})")
         if self.leaks:
             ways = [
                 f"tree {leak.tree} into {_into(leak)} in layer {leak.layer}" for leak in self.leaks
             ]
-            parts.append(f"leaking: {_listed(ways)}")
+            parts.append(f"leaking: {listed(ways)}")
         if not parts:
             return None
         return f"{'; '.join(parts)}; slice again with finer lines or wider lumens, or mend the part"
@@ -75,6 +72,7 @@ class LumenCheck:
         """For JSON."""
         return {
             "passed": self.refusal is None,
+            "method": "layers",
             "line_um": 1e3 * self.line_mm,
             "layer_um": 1e3 * self.layer_mm,
             **report_dict(self.ideal, self.stepped, self.leaks),
@@ -86,7 +84,7 @@ def check_network(
     lines: WrittenLines,
     network: VesselNetwork,
     place_mm: FloatArray,
-    steps_per_mm: tuple[float, float],
+    stepped: WrittenLines,
     leak_mm: float,
 ) -> LumenCheck:
     """Hold G-code against the network that it should leave open.
@@ -98,21 +96,21 @@ def check_network(
         In the part's frame.
     place_mm : (3,) float64, mm
         The part's origin in the printer's frame.
-    steps_per_mm : tuple
-        Of x and y.
+    stepped : WrittenLines
+        The same between motor steps: `rounded_to_steps`, or what a dry run lays.
     leak_mm : float, mm
         Narrower ways are no leaks.
     """
     stations = network_lumens(network, place_mm, _layer(lines), _line(lines))
     trees = network_trees(network, lines, place_mm)
-    return _check(lines, stations, trees, place_mm, steps_per_mm, leak_mm)
+    return _check(lines, stations, trees, place_mm, stepped, leak_mm)
 
 
 def check_model(
     lines: WrittenLines,
     part: Solid,
     place_mm: FloatArray,
-    steps_per_mm: tuple[float, float],
+    stepped: WrittenLines,
     leak_mm: float,
 ) -> LumenCheck:
     """Hold G-code against the holes of the part's own sections; see `check_network`.
@@ -123,7 +121,7 @@ def check_model(
         When the part has no hole.
     """
     stations, trees = model_lumens(part, lines, place_mm)
-    return _check(lines, stations, trees, place_mm, steps_per_mm, leak_mm)
+    return _check(lines, stations, trees, place_mm, stepped, leak_mm)
 
 
 def _check(
@@ -131,10 +129,9 @@ def _check(
     stations: Stations,
     trees: Lumens,
     place: FloatArray,
-    steps_per_mm: tuple[float, float],
+    stepped: WrittenLines,
     leak_mm: float,
 ) -> LumenCheck:
-    stepped = rounded_to_steps(lines, steps_per_mm)
     leaks = find_leaks(lines, trees, leak_mm)
     return LumenCheck(
         report_lumens(stations, measure(lines, stations), lines, place),
@@ -151,11 +148,6 @@ def _line(lines: WrittenLines) -> float:
 
 def _layer(lines: WrittenLines) -> float:
     return float(np.median(lines.high - lines.low))
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _into(leak: Leak) -> str:

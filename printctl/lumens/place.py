@@ -6,9 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from design.network import VesselNetwork
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from printctl.errors import UsageError
+from printctl.lumens.filaments import Filaments
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray
 
@@ -58,6 +60,28 @@ def find_place(lines: WrittenLines, part: Solid) -> FloatArray:
         )
     middle = np.median((ink - asked).mean(axis=1), axis=0)
     return np.array([*middle, z])
+
+
+def find_filament_place(found: Filaments, network: VesselNetwork) -> FloatArray:
+    """The part's origin in the printer's frame, (3,), mm: written axes over the designed ones.
+
+    Raises
+    ------
+    UsageError
+        When the written box isn't as large as the network's, so that something else is written
+        too, or overlaps reach beyond it.
+    """
+    asked = np.array([network.points.min(axis=0), network.points.max(axis=0)])
+    ends = np.concatenate([found.start, found.end])
+    wrote = np.array([ends.min(axis=0), ends.max(axis=0)])
+    shift: FloatArray = wrote - asked
+    if np.abs(shift[1] - shift[0]).max() > TOLERANCE_MM:
+        raise UsageError(
+            f"filaments are written over {_by(wrote[1] - wrote[0])} mm, the network's axes over "
+            f"{_by(asked[1] - asked[0])} mm: {_REMEDY}"
+        )
+    place: FloatArray = shift.mean(axis=0)
+    return place
 
 
 _REMEDY: Final = (

@@ -15,6 +15,7 @@ from printctl.lumens.stations import BoolArray, FloatArray, IntArray, Stations
 
 CLOSED_MM: Final = 0.02
 """Ink doesn't leave so thin a hole open."""
+NO_LAYER: Final = -1
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,12 @@ class LumenReport:
 
 
 def report_lumens(
-    stations: Stations, openings: Openings, lines: WrittenLines, place_mm: FloatArray
+    stations: Stations, openings: Openings, lines: WrittenLines | None, place_mm: FloatArray
 ) -> LumenReport:
-    """Gather the stations' sections by lumen."""
+    """Gather the stations' sections by lumen; ``lines`` is None where there are no layers."""
     first = stations.first
     spans = [slice(a, b) for a, b in pairwise(first.tolist())]
-    layer = np.clip(
-        np.searchsorted(lines.high, stations.axis[:, 2], side="right"), 0, len(lines.high) - 1
-    )
+    layer = _layers(stations, lines)
     narrow = np.array([s.start + int(openings.diameter[s].argmin()) for s in spans])
     closed = openings.diameter < CLOSED_MM
     round_mm = np.sqrt(4 / np.pi * openings.area)
@@ -91,6 +90,14 @@ def report_lumens(
         conductance_least=least,
         closed_layers=tuple(np.unique(layer[s][closed[s]]).astype(np.int64) for s in spans),
     )
+
+
+def _layers(stations: Stations, lines: WrittenLines | None) -> IntArray:
+    """Layer of each station; `NO_LAYER` in a print without layers."""
+    if lines is None:
+        return np.full(len(stations), NO_LAYER, dtype=np.int64)
+    layer = np.searchsorted(lines.high, stations.axis[:, 2], side="right")
+    return np.clip(layer, 0, len(lines.high) - 1).astype(np.int64)
 
 
 def _conductance(
@@ -155,10 +162,11 @@ def _opening(k: int, report: LumenReport) -> dict[str, Any]:
     return {
         "narrowest_mm": float(report.narrowest_mm[k]),
         "at_mm": [float(value) for value in report.at_mm[k]],
-        "layer": int(report.layer[k]),
+        "layer": None if report.layer[k] == NO_LAYER else int(report.layer[k]),
         "diameter_error_median_um": 1e3 * float(report.error_mm[k]),
         "mean_mm": float(report.mean_mm[k]),
         "conductance": float(report.conductance[k]),
         "conductance_least": float(report.conductance_least[k]),
-        "closed_layers": report.closed_layers[k].tolist(),
+        "closed": len(report.closed_layers[k]) > 0,
+        "closed_layers": [int(n) for n in report.closed_layers[k] if n != NO_LAYER],
     }

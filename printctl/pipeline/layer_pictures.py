@@ -3,66 +3,56 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from printctl.gcode_view import Pushing, read_job, read_line_map
+from registration.report.gcode import GcodeJob, layer_figure
+from registration.report.gcode.colouring import Colouring, colourings
 
-from firmware_profiles import Printer
-from registration.report import layer_figure
-from sim.gcode_modal import MOVE
-from sim.valve import read_with_valve
-
-FloatArray = NDArray[np.float64]
+MOST_MOVES: Final = 40_000
+"""In a picture of all passes; of more the report shows none."""
 
 
-def layer_pictures(
-    gcode: Path,
-    line_map: Path,
-    width_mm: float,
-    start_mm: tuple[float, float, float],
-    printer: Printer,
-) -> dict[str, bytes]:
+def layer_pictures(gcode: Path, pushing: Pushing) -> dict[str, bytes]:
     """Draw the layer in the middle and the one after it (the infill turns from one to the next).
+
+    Of an embedded print all passes are drawn in one picture, from above. Every line is as wide as
+    its own ink makes it, and coloured by that.
 
     Parameters
     ----------
-    gcode, line_map : Path
-        The job and its map from line to layer.
-    width_mm : float, mm
-        Of a line.
-    start_mm : (3,) mm
-        Where the tip stands before the first line.
-    printer : Printer
-        Whose dispenser tells what is written.
+    gcode : Path
+        The job; its map from line to layer lies beside it.
+    pushing : Pushing
+        How E, or an open valve, becomes a volume.
 
     Returns
     -------
     dict of caption to SVG, for the report's toolpath section
+
+    Raises
+    ------
+    UsageError
+        When nothing in the file writes.
     """
-    with np.load(line_map) as found:
-        layer_of_line = found["source"]
-    program, valve = read_with_valve(gcode.read_bytes(), printer, start_mm)
-    layer = layer_of_line[program.line - 1]
-    moving = program.kind == MOVE
-    start = np.vstack([program.start[None, :], program.target[:-1]])
-    pushed = program.target[:, 3] > start[:, 3] if valve is None else valve.is_open
-    path = np.linalg.norm(program.target[:, :2] - start[:, :2], axis=1) > 0
-    count = int(layer.max()) + 1
-    pictures = {}
-    for index in sorted({(count - 1) // 2, min(count // 2 + (count % 2), count - 1)}):
-        here = moving & path & (layer == index)
-        height = program.target[here & pushed, 2]
-        written = _polylines(start, program.target, here & pushed)
-        travels = _polylines(start, program.target, here & ~pushed)
-        caption = f"toolpath/Layer {index + 1} of {count}, tip at z = {height.max():.2f} mm"
-        pictures[caption] = layer_figure(written, travels, width_mm)
-    return pictures
+    data = gcode.read_bytes()
+    line_map, _ = read_line_map(gcode, data.count(b"\n"))
+    job = read_job(data, gcode.name, pushing, line_map)
+    count, colouring = len(job.layers), _by_width(job)
+    if job.layers.passes:
+        if len(job) > MOST_MOVES:
+            return {}
+        return {f"toolpath/{count} passes, from above": layer_figure(job, count - 1, colouring)}
+    chosen = sorted({(count - 1) // 2, min(count // 2 + (count % 2), count - 1)})
+    return {
+        f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm": layer_figure(
+            job, k, colouring
+        )
+        for k in chosen
+    }
 
 
-def _polylines(start: FloatArray, end: FloatArray, keep: NDArray[np.bool_]) -> list[FloatArray]:
-    """Runs of consecutive kept moves, each as points (k, 2)."""
-    rows = np.flatnonzero(keep)
-    if len(rows) == 0:
-        return []
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1)
-    return [np.vstack([start[run[:1], :2], end[run, :2]]) for run in runs]
+def _by_width(job: GcodeJob) -> Colouring:
+    """By width where it is known; the first of the others else."""
+    known = colourings(job)
+    return next((each for each in known if each.key == "width"), known[0])

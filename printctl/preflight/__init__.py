@@ -5,6 +5,7 @@ from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, u
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
+from printctl.preflight.ink_use import InkUse, ink_use
 from printctl.preflight.material_checks import (
     bath_checks,
     chemistry_check,
@@ -18,12 +19,24 @@ from printctl.preflight.setup_checks import (
     syringe_check,
     syringe_checks,
 )
+from printctl.preflight.step_checks import step_checks
+from printctl.preflight.viability_checks import (
+    Budget,
+    PrintTime,
+    budget_of,
+    viability_checks,
+    viability_facts,
+)
 
 __all__ = [
+    "Budget",
     "Check",
+    "InkUse",
+    "PrintTime",
     "SetUp",
     "Standing",
     "bath_checks",
+    "budget_of",
     "chemistry_check",
     "crossings_check",
     "dish_checks",
@@ -34,11 +47,15 @@ __all__ = [
     "gcode_checks",
     "hardest_push",
     "held_check",
+    "ink_use",
     "needle_check",
     "refuse_failed",
+    "step_checks",
     "syringe_check",
     "syringe_checks",
     "temperature_checks",
     "unknown_dish",
+    "viability_checks",
+    "viability_facts",
     "warnings",
 ]

@@ -11,6 +11,8 @@ from printctl.preflight.force_checks import force_checks
 from printctl.preflight.gcode_checks import gcode_checks
 from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
 from printctl.preflight.setup_checks import syringe_checks
+from printctl.preflight.step_checks import step_checks
+from printctl.preflight.viability_checks import PrintTime, budget_of, viability_checks
 from sim.dryrun import DryRun
 
 
@@ -42,6 +44,8 @@ def file_checks(run: DryRun, setup: SetUp) -> list[Check]:
     checks = [
         *gcode_checks(run, setup.printer),
         *syringe_checks(run, setup.printer, setup.syringe),
+        *step_checks(run, setup.printer, setup.syringe),
+        *viability_checks(PrintTime(run.duration_s), budget_of(setup.ink)),
     ]
     missing = [
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None

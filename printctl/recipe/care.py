@@ -26,9 +26,29 @@ class CarePart(Part):
     reload: bool = Field(
         default=False, description="Pause for a new syringe where one doesn't last."
     )
+    reload_min: Annotated[float, Field(gt=0, le=600)] | None = Field(
+        default=None, description="How long one change takes you; unknown without."
+    )
+    viability_min: Annotated[float, Field(gt=0, le=100_000)] | None = Field(
+        default=None,
+        description="How long the print may take for its cells' sake, changes of syringe "
+        "included; the ink's own (viability_min) by default.",
+    )
+    viability_source: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="Where viability_min comes from."
+    )
     prime_ul: Annotated[float, Field(ge=0, le=1000)] = Field(
         default=0.0, description="Ink to push in addition after a pause."
     )
+
+    @model_validator(mode="after")
+    def _a_budget_has_a_source(self) -> CarePart:
+        if (self.viability_min is None) != (self.viability_source is None):
+            raise ValueError(
+                "viability_min and viability_source go together: say how long, and where that "
+                "comes from (a paper, your own live/dead counts)"
+            )
+        return self
 
     @model_validator(mode="after")
     def _stop_has_a_time(self) -> CarePart:

@@ -4,7 +4,6 @@ from registration.report.errors import ReportError
 from registration.report.figures import (
     diameter_figure,
     histogram_figure,
-    layer_figure,
     network_figure,
 )
 from registration.report.network_page import NetworkPage, write_network_html
@@ -17,7 +16,6 @@ __all__ = [
     "ReportSurface",
     "diameter_figure",
     "histogram_figure",
-    "layer_figure",
     "network_figure",
     "write_network_html",
     "write_report_html",

@@ -16,7 +16,6 @@ from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.scaled_lines import (
     aspect,
-    draw_hairs,
     draw_scaled_lines,
     set_limits,
 )
@@ -178,39 +177,6 @@ def piece_values(network: VesselNetwork, values: NDArray[np.floating[Any]] | Non
     of_point = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
     first = np.flatnonzero(of_point[:-1] == of_point[1:])
     return np.asarray((values[first] + values[first + 1]) / 2.0, dtype=np.float64)
-
-
-def layer_figure(
-    written: Sequence[NDArray[np.floating[Any]]],
-    travels: Sequence[NDArray[np.floating[Any]]] = (),
-    width_mm: float | None = None,
-) -> bytes:
-    """One layer seen from above: what is written, and the way between.
-
-    Parameters
-    ----------
-    written, travels : sequences of (k, 2) or (k, 3) float, mm
-        Polylines; a third coordinate is left out.
-    width_mm : float or None, mm
-        Width of the bead, drawn to scale; None draws hairlines.
-
-    Returns
-    -------
-    bytes
-        SVG.
-    """
-    lines = [np.asarray(line, float)[:, :2] for line in written]
-    ways = [np.asarray(line, float)[:, :2] for line in travels]
-    everything = np.concatenate([*lines, *ways]) if lines or ways else np.zeros((1, 2))
-    width = 0.0 if width_mm is None else width_mm
-    with styled():
-        figure, axes = blank(5.2, 4.9 * aspect(np.ptp(everything, axis=0)) + 0.5)
-        axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
-        set_limits(axes, everything, width / 2.0)
-        # A little under true width, so that beads side by side can be told apart.
-        draw_scaled_lines(figure, lines, np.full(len(lines), 0.82 * width), ACCENT)
-        draw_hairs(axes, ways, MUTED)
-        return to_svg(figure, "layer")
 
 
 def flush_ends(

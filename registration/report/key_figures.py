@@ -87,7 +87,10 @@ def _pressure(data: Mapping[str, Any]) -> KeyFigure | None:
 def _time(data: Mapping[str, Any]) -> KeyFigure | None:
     seconds = mapping(data, "print").get("duration_s", mapping(data, "dry_run").get("duration_s"))
     ink = mapping(data, "toolpath").get("written_ul")
+    needed = mapping(data, "dry_run").get("ink_needed_ul")
     if not is_number(seconds):
         return None
     note = f"{number(ink, 3)} µL of ink" if is_number(ink) else ""
+    if note and is_number(needed):
+        note += f", {number(needed, 3)} µL to be loaded"
     return KeyFigure("Print time", duration(seconds), "", note)

@@ -98,6 +98,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "vessel_table": sections.vessel_table(registration),
         "flow_table": sections.flow_table(flow),
         "check_table": sections.check_table(mapping(data, "dry_run")),
+        "lumen_facts": sections.lumen_facts(mapping(data, "lumens")),
         "lumen_table": sections.lumen_table(mapping(data, "lumens")),
         "timing_rows": sections.timing_rows(mapping(data, "timings")),
     }

@@ -37,13 +37,6 @@ def draw_scaled_lines(
     collection.set_rasterized(len(lines) > VECTOR_PIECES)
 
 
-def draw_hairs(axes: Axes, lines: Sequence[FloatArray], colour: str) -> None:
-    """Draw polylines (k, 2) mm as dotted hairlines."""
-    hairs = LineCollection(lines, colors=colour, linewidths=0.5, linestyles=(0, (2, 2)))
-    hairs.set_rasterized(len(lines) > VECTOR_PIECES)
-    axes.add_collection(hairs, autolim=False)
-
-
 def set_limits(axes: Axes, points: FloatArray, margin_mm: float) -> None:
     """Let the axes hold ``points`` (n, 2) mm and a margin about them."""
     low, high = points.min(axis=0), points.max(axis=0)

@@ -196,6 +196,31 @@ def lumen_table(lumens: Mapping[str, Any]) -> Table | None:
     return make_table("lumens", rows, LUMEN_COLUMNS, order="by conductance lost")
 
 
+def lumen_facts(lumens: Mapping[str, Any]) -> list[Fact]:
+    """The lumens together: closed, leaking or merging ones, and what conductance is left."""
+    summary = mapping(lumens, "summary")
+    counts = (
+        ("closed", "Closed"),
+        ("leaks", "Leaking"),
+        ("joints", "Joints"),
+        ("joints_broken", "Joints broken"),
+        ("merges", "Filaments merging"),
+    )
+    filaments = lumens.get("method") == "filaments"
+    found = [
+        Fact(label, number(summary[key]))
+        for key, label in counts
+        if is_number(summary.get(key)) and not (filaments and key == "leaks")
+    ]
+    for key, label in (
+        ("stepped_conductance_median", "Median conductance, after motor steps"),
+        ("stepped_conductance_least", "Least conductance, after motor steps"),
+    ):
+        if is_number(summary.get(key)):
+            found.append(Fact(label, number(100 * float(summary[key]), 4), "% of the design's"))
+    return found
+
+
 def _lumen(row: Record) -> dict[str, Any]:
     stepped = mapping(row, "stepped")
     at = row.get("at_mm")

@@ -13,8 +13,10 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.preflight import (
     Check,
+    PrintTime,
     Standing,
     bath_checks,
+    budget_of,
     chemistry_check,
     crossings_check,
     dish_checks,
@@ -22,11 +24,15 @@ from printctl.preflight import (
     force_checks,
     gcode_checks,
     held_check,
+    ink_use,
     needle_check,
     refuse_failed,
+    step_checks,
     syringe_checks,
     temperature_checks,
     unknown_dish,
+    viability_checks,
+    viability_facts,
     warnings,
 )
 from printctl.printing import usable_mm, with_reloads
@@ -47,6 +53,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
         [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
+        [at.care.reload_min, at.care.viability_min, at.care.viability_source],
     ]
 
 
@@ -57,6 +64,7 @@ def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     return [
         *gcode_checks(run, context.printer),
         *syringe_checks(run, context.printer, context.syringe),
+        *step_checks(run, context.printer, context.syringe),
         needle_check(float(high[2] - low[2]), needle),
         *force_checks(run, ink, needle, context.syringe, context.printer),
         chemistry_check(ink, bath),
@@ -109,8 +117,17 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         wanted=context.recipe.printer.care.reload,
         by="say printer.care.reload: true",
     )
+    care = context.recipe.printer.care
+    time = PrintTime(run.duration_s, len(reload_at), care.reload_min)
+    budget = budget_of(context.ink, care.viability_min, care.viability_source)
+    checks += viability_checks(time, budget)
+    ink = ink_use(
+        run, context.printer, context.syringe, context.needle, context.flow_ul_s, len(reload_at)
+    )
     summary = {
         "duration_s": run.duration_s,
+        **viability_facts(time, budget),
+        **ink.facts(),
         "merged_moves": run.merged_moves,
         "reload_at": list(reload_at),
         "checks": [check.as_dict() for check in checks],

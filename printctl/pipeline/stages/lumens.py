@@ -1,4 +1,4 @@
-"""Stage 7: what the G-code leaves open of each vessel; refuses closed and leaking lumens."""
+"""Stage 7: what the G-code leaves or makes open of each vessel; refuses what is closed or leaks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ import numpy as np
 
 from design.files import write_text
 from printctl.errors import SafetyError
-from printctl.lumens import check_network, read_lines
+from printctl.lumens import (
+    FilamentCheck,
+    LumenCheck,
+    Writing,
+    check_filaments,
+    check_network,
+    read_filaments,
+    read_layers,
+)
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
@@ -28,28 +36,16 @@ def depends(context: RunContext) -> Any:
         context.recipe.toolpath.model_dump(mode="json"),
         context.syringe.model_dump(mode="json"),
         context.ink.flow_factor,
-        context.printer.steps_per_mm.model_dump(mode="json"),
+        context.flow_ul_s,
+        context.printer.model_dump(mode="json"),
         context.place_mm.tolist(),
+        context.start_mm.tolist(),
     ]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Hold the G-code against the network; refuse what is closed or leaks."""
-    part = context.recipe.toolpath
-    why = None
-    if not isinstance(part, Fresh):
-        why = "an embedded print writes its vessels and leaves no lumens open"
-    elif context.printer.pneumatic is not None:
-        why = "a valve writes, whose lines say nothing of their width"
-    if why is not None or not isinstance(part, Fresh):
-        return {"checked": False, "why": why}, []
-    report(0.1, "reading the lines")
-    area = np.pi / 4 * context.syringe.inner_mm**2 * context.ink.flow_factor
-    gcode = (context.folder / GCODE).read_bytes()
-    lines = read_lines(gcode, area, layer_mm=part.layer_um * 1e-3)
-    report(0.3, "looking for leaks and measuring sections")
-    steps = context.printer.steps_per_mm
-    check = check_network(lines, context.network, context.place_mm, (steps.x, steps.y), LEAK_MM)
+    check = hold(context, report)
     found = {"checked": True, **check.as_dict()}
     write_text(context.folder / LUMENS, json.dumps(found, indent=1, allow_nan=False) + "\n")
     if check.refusal is not None:
@@ -59,4 +55,32 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return found, [LUMENS]
 
 
-STAGE = Stage("lumens", depends, (GCODE, NETWORK), ("kernels", "sim"), work)
+def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
+    """Read what is written, whatever head writes it, and hold it against the network."""
+    gcode = (context.folder / GCODE).read_bytes()
+    part, writing = context.recipe.toolpath, writing_of(context)
+    report(0.1, "reading what is written")
+    if isinstance(part, Fresh):
+        lines, stepped = read_layers(gcode, writing)
+        report(0.3, "looking for leaks and measuring sections")
+        return check_network(lines, context.network, context.place_mm, stepped, LEAK_MM)
+    ideal, after = read_filaments(gcode, writing)
+    report(0.3, "measuring filaments along the vessels")
+    return check_filaments(ideal, after, context.network, context.place_mm, LEAK_MM)
+
+
+def writing_of(context: RunContext) -> Writing:
+    """How the recipe's head makes ink of the file's moves."""
+    x, y, z = context.start_mm.tolist()
+    part = context.recipe.toolpath
+    area = float(np.pi / 4 * context.syringe.inner_mm**2 * context.ink.flow_factor)
+    return Writing(
+        printer=context.printer,
+        ul_per_e=None if context.printer.pneumatic else area,
+        flow_ul_s=context.flow_ul_s,
+        layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
+        start_mm=(x, y, z),
+    )
+
+
+STAGE = Stage("lumens", depends, (GCODE, NETWORK), ("kernels", "sim", "firmware_profiles"), work)

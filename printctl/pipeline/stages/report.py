@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
+from printctl.gcode_view import Pushing
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.registration import DEVIATION, load_deviation
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
+from printctl.pipeline.stages.toolpath import GCODE
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, write_report_html
@@ -100,15 +101,17 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
 
 
 def figures(context: RunContext) -> dict[str, bytes]:
-    """Layers, where there are any; the other figures the page draws by itself."""
-    part = context.recipe.toolpath
-    if not isinstance(part, Fresh):
-        return {}
-    x, y, z = context.start_mm.tolist()
-    return layer_pictures(
-        context.folder / GCODE,
-        context.folder / LINE_MAP,
-        part.line_um * 1e-3,
-        (x, y, z),
-        context.printer,
+    """Layers or passes; the other figures the page draws by itself."""
+    part, syringe = context.recipe.toolpath, context.syringe
+    factor = context.ink.flow_factor**0.5
+    pushing = Pushing(
+        printer=context.printer,
+        # What comes out, not what is pushed: the bore that would give it.
+        bore_mm=None if context.printer.pneumatic else syringe.inner_mm * factor,
+        bore_said=syringe.name,
+        syringe_mm=syringe.inner_mm,
+        syringe_said=syringe.name,
+        flow_ul_s=context.flow_ul_s,
+        layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
     )
+    return layer_pictures(context.folder / GCODE, pushing)

@@ -1,6 +1,6 @@
 """G-code to look at: a page of all layers, and a picture of one."""
 
-from registration.report.gcode.figure import draw_layer
+from registration.report.gcode.figure import draw_layer, layer_figure
 from registration.report.gcode.job import Act, GcodeColour, GcodeJob, Layers, layer_sums
 from registration.report.gcode.page import GcodePage, write_gcode_html
 
@@ -11,6 +11,7 @@ __all__ = [
     "GcodePage",
     "Layers",
     "draw_layer",
+    "layer_figure",
     "layer_sums",
     "write_gcode_html",
 ]

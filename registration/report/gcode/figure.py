@@ -1,8 +1,9 @@
-"""A picture of one layer for a paper: lines to scale, the way between them, an axis in mm."""
+"""A picture of one layer, for a paper or the report: lines to scale, ways, an axis in mm."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -19,11 +20,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from registration.picture.colours import NO_DATA, SEQUENTIAL
-from registration.report.drawing import blank, styled
+from registration.report.drawing import blank, styled, to_svg
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import Colouring
 from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
-from registration.report.scaled_lines import aspect, set_limits
+from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED
 from registration.report.wording import number
 
@@ -34,6 +35,7 @@ _WAYS: Final = (
 )
 _BINS: Final = 48
 _WIDTH_IN: Final = 7.0
+REPORT_IN: Final = 5.2
 _AXES_SHARE: Final = 0.70
 """Of the picture's width; what stands above and below the axes takes `_REST_SHARE` of it."""
 _REST_SHARE: Final = 0.1924
@@ -58,23 +60,52 @@ def draw_layer(
     palette : bool
         Keep to 256 colours.
     """
-    here = job.layer <= layer if job.layers.passes else job.layer == layer
-    written = np.flatnonzero(here & job.writes)
     # Letters keep their share of the picture, whatever its width.
     dpi = width_px / _WIDTH_IN
-    ends = np.concatenate([job.start[written, :2], job.end[written, :2]])
-    shape = _AXES_SHARE * aspect(np.ptp(ends, axis=0)) + _REST_SHARE
     with styled():
-        figure, axes = blank(_WIDTH_IN, round(shape * width_px) / dpi)
+        drawn = _figure(job, layer, colouring, _WIDTH_IN, _title, dpi)
+        drawn.set_facecolor("white")
+        return _png(drawn, dpi, palette)
+
+
+def layer_figure(job: GcodeJob, layer: int, colouring: Colouring) -> bytes:
+    """The same picture for a page: an SVG without ground and title, `REPORT_IN` wide.
+
+    A layer of more outlines than `VECTOR_PIECES` holds its lines as an embedded picture.
+    """
+    with styled():
+        drawn = _figure(job, layer, colouring, REPORT_IN, None, None)
+        axes = drawn.axes[0]
+        pieces = sum(len(lines.get_paths()) for lines in axes.collections)
+        for lines in axes.collections:
+            lines.set_rasterized(pieces > VECTOR_PIECES)
+        return to_svg(drawn, "layer")
+
+
+def _figure(
+    job: GcodeJob,
+    layer: int,
+    colouring: Colouring,
+    width_in: float,
+    title: Callable[[GcodeJob, int, IntArray], str] | None,
+    dpi: float | None,
+) -> Figure:
+    """Axes in mm with the layer's lines to scale and its ways; in whole pixels of ``dpi``."""
+    here = job.layer <= layer if job.layers.passes else job.layer == layer
+    written = np.flatnonzero(here & job.writes)
+    ends = np.concatenate([job.start[written, :2], job.end[written, :2]])
+    height = (_AXES_SHARE * aspect(np.ptp(ends, axis=0)) + _REST_SHARE) * width_in
+    figure, axes = blank(width_in, height if dpi is None else round(height * dpi) / dpi)
+    if dpi is not None:
         figure.set_dpi(dpi)
-        figure.set_facecolor("white")
-        axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
-        axes.set_title(_title(job, layer, written), fontsize=9.2, loc="left", color=MUTED)
-        set_limits(axes, ends, float(np.nanmax(job.width_mm[written], initial=0.0)) / 2)
-        _draw_lines(axes, job, written, colouring)
-        _draw_ways(axes, job, np.flatnonzero(here & ~job.writes))
-        _explain(figure, axes, job, written, colouring)
-        return _png(figure, dpi, palette)
+    axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+    if title is not None:
+        axes.set_title(title(job, layer, written), fontsize=9.2, loc="left", color=MUTED)
+    set_limits(axes, ends, float(np.nanmax(job.width_mm[written], initial=0.0)) / 2)
+    _draw_lines(axes, job, written, colouring)
+    _draw_ways(axes, job, np.flatnonzero(here & ~job.writes))
+    _explain(figure, axes, job, written, colouring)
+    return figure
 
 
 def _title(job: GcodeJob, layer: int, written: IntArray) -> str:

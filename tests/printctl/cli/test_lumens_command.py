@@ -13,6 +13,7 @@ from design.solids import write_stl
 from tests.printctl.cli.shell import Shell
 from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, gcode, tube
 from tests.printctl.lumens.test_model import LAYERS, pipe
+from tests.printctl.lumens.written_filaments import plunger_gcode, valve_gcode
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 E_MEANS = ("--filament-mm", str(BORE_MM))
@@ -105,3 +106,71 @@ def test_an_inks_flow_factor_scales_the_lines(shell: Shell, tmp_path: Path) -> N
     command = ("good.gcode", "--model", "part.stl", "--unit", "mm", "--place", "20,30,0", "--json")
     _, out, err = shell(*command, *E_MEANS, "--ink", "thin.yaml")
     assert json.loads(out)["line_um"] == pytest.approx(120, abs=0.1), err
+
+
+NETWORK = "0,0,1,{x0},10,5,{x1},10,5,0.3,0.3,channel,0\n"
+
+
+def embedded(tmp_path: Path, gap: float = 0.0) -> None:
+    """A vessel of 10 mm, written in two passes with a gap between."""
+    ends = [([[10, 10, 5], [15, 10, 5]], 0.6), ([[15 + gap, 10, 5], [20, 10, 5]], 0.6)]
+    (tmp_path / "vessel.gcode").write_bytes(plunger_gcode(ends))
+    (tmp_path / "vessel.csv").write_text(HEADER + NETWORK.format(x0=0, x1=10))
+
+
+EMBEDDED = ("vessel.gcode", "--network", "vessel.csv", "--unit", "mm", "--embedded")
+
+
+def test_an_embedded_print_is_measured_along_its_vessels(shell: Shell, tmp_path: Path) -> None:
+    embedded(tmp_path)
+    code, out, err = shell(*EMBEDDED, *E_MEANS)
+    assert code == 0, err
+    assert "1 vessels written in 2 passes of filament, median 600 µm" in out
+    assert "part's origin at 10.000, 0.000, 0.000 mm" in out
+    assert "0 not written through, 0 of 0 joints broken, 0 merging (0 across trees)" in out
+    assert "sacrificial" in out
+
+
+def test_a_vessel_that_isnt_written_through_ends_with_3(shell: Shell, tmp_path: Path) -> None:
+    embedded(tmp_path, gap=1.0)
+    code, out, err = shell(*EMBEDDED, *E_MEANS)
+    assert code == 3
+    assert "NOT WRITTEN THROUGH vessel 0, at 5." in out
+    assert "not written through: vessel 0 (1 of 1)" in err
+
+
+def test_what_says_nothing_of_filaments_is_asked_for(shell: Shell, tmp_path: Path) -> None:
+    embedded(tmp_path)
+    for more, told in (
+        (("--model", "part.stl", *E_MEANS), "--network"),
+        (("--network", "vessel.csv", "--line-um", "150"), "--syringe"),
+    ):
+        code, _, err = shell("vessel.gcode", "--unit", "mm", "--embedded", *more)
+        assert code == 2
+        assert told in err
+
+
+def test_a_valves_file_is_read_by_its_flow(shell: Shell, tmp_path: Path) -> None:
+    head = firmware_profiles.load(firmware_profiles.Printer, "pneumatic_marlin").pneumatic
+    assert head is not None
+    passes = [
+        (np.hstack([ring, np.full((len(ring), 1), (k + 1) * LAYER_MM)]), 10.0)
+        for k in range(LAYERS)
+        for ring in tube(0.3, centre=(20, 30))
+    ]
+    (tmp_path / "air.gcode").write_bytes(valve_gcode(passes, head.opens, head.closes, 0.03))
+    command = ("air.gcode", "--model", "part.stl", "--unit", "mm", "--printer", "pneumatic_marlin")
+    code, out, err = shell(*command, "--flow-ul-s", "0.09")
+    assert code == 0, err
+    assert "1 lumens among lines of 150 µm in layers of 60 µm" in out
+    for more, told in (
+        ((), "--flow-ul-s"),
+        (E_MEANS, "has no plunger"),
+        (("--ink", "fibrinogen_fresh"), "--needle"),
+    ):
+        code, _, err = shell(*command, *more)
+        assert code == 2
+        assert told in err
+    code, _, err = shell("good.gcode", "--model", "part.stl", "--flow-ul-s", "1", *E_MEANS)
+    assert code == 2
+    assert "has a plunger" in err

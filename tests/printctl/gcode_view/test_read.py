@@ -226,3 +226,24 @@ def test_a_map_of_another_file_is_left_out_with_a_word(tmp_path: Path):
     assert "3 lines" in notes[0]
     (tmp_path / "a.map.npz").write_bytes(b"no archive")
     assert "can't be read" in read_line_map(gcode, 3)[1][0]
+
+
+def test_the_map_beside_a_file_says_why_each_line_is_there(tmp_path):
+    text = two_layers()
+    count = text.count("\n")
+    kind = np.where([line.startswith("G1 X") for line in text.splitlines()], 0, 1)
+    path = tmp_path / "a.gcode"
+    np.savez(tmp_path / "a.map.npz", source=np.zeros(count, int), source_kind="layer", kind=kind)
+    line_map, notes = read_line_map(path, count)
+    assert notes == ()
+    job = read(text, line_map)
+    assert {job.kinds[k] for k in job.kind[job.writes]} == {"write"}
+    assert {job.kinds[k] for k in job.kind[~job.writes]} == {"travel"}
+    # A map of before, or one that knows kinds that we don't, still tells layers.
+    for wrong in (kind[1:], np.full(count, 99)):
+        np.savez(
+            tmp_path / "a.map.npz", source=np.zeros(count, int), source_kind="layer", kind=wrong
+        )
+        again, _ = read_line_map(path, count)
+        assert again.kind is None
+        assert read(text, again).kinds == ()

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.gcode_view.widths import cross_sections, last_digit_mm, widths, window_mm
+from printctl.gcode_view.widths import cross_sections, widths
+from printctl.rounding import last_digit_mm, window_mm
 
 
 def slow_cross_section(way, dose, runs, window, i):

@@ -16,6 +16,7 @@ from printctl.lumens import (
     measure,
     model_lumens,
     read_lines,
+    rounded_to_steps,
 )
 from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, SIDES, UL_PER_E, gcode, ring, tube
 
@@ -58,7 +59,7 @@ def test_a_slit_in_a_tubes_wall_leaks() -> None:
     open_ = [ring((20, 30), 0.3 + (k + 0.5) * LINE_MM, (-0.4, 0.4)) for k in range(4)]
     written = [open_ if k == 15 else tube(0.3, centre=(20, 30)) for k in range(layers)]
     lines = read_lines(gcode(written), UL_PER_E)
-    check = check_model(lines, pipe(layers), PLACE, (80.0, 80.0), 0.05)
+    check = check_model(lines, pipe(layers), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05)
     assert [(leak.into, leak.layer) for leak in check.leaks] == [("outside", 15)]
     assert check.refusal is not None
     assert "leaking: tree 0 into outside in layer 15" in check.refusal

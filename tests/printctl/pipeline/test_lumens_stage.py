@@ -31,6 +31,8 @@ def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
         syringe=SimpleNamespace(inner_mm=BORE_MM),
         ink=SimpleNamespace(flow_factor=1.0),
         place_mm=np.array([20.0, 30.0, 0.0]),
+        start_mm=np.zeros(3),
+        flow_ul_s=None,
         network=VesselNetwork.from_segments(
             ends, np.array([[0, 1]]), np.array([0.3]), NONE, NONE
         ),
@@ -64,7 +66,7 @@ def test_a_closed_lumen_is_refused(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "lumens.json").read_text())["passed"] is False
 
 
-def test_an_embedded_print_has_no_lumens_to_check(tmp_path: Path) -> None:
-    summary, files = work(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded"))
-    assert summary["checked"] is False
-    assert list(files) == []
+def test_an_embedded_print_that_writes_beside_its_vessels_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SafetyError, match=r"not written through: vessel 0 \(1 of 1\)"):
+        work(tmp_path, [tube(0.3)] * 2, Embedded(method="embedded"))
+    assert json.loads((tmp_path / "lumens.json").read_text())["method"] == "filaments"

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from registration.picture import Known, quantities
-from registration.report import (
-    NetworkPage,
-    layer_figure,
-    write_network_html,
-    write_report_html,
-)
+from registration.report import NetworkPage, write_network_html, write_report_html
+from registration.report.gcode import layer_figure
+from registration.report.gcode.colouring import colourings
 
+from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -54,7 +52,8 @@ def state(dom: str, element: str) -> str:
 def write_sample(path: Path) -> None:
     data = sample_data()
     data["recipe"] = "</script><script>document.title='taken'</script>"
-    layer = layer_figure([np.array([[0, 0], [5, 0]])], (), 0.15)
+    job = layered_job()
+    layer = layer_figure(job, 0, colourings(job)[0])
     surfaces = [deviation_surface(0.4), block_surface()]
     write_report_html(path, data, surfaces, planar_network(), {"toolpath/Layer": layer})
 

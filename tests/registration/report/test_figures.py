@@ -10,12 +10,14 @@ from registration.report import (
     ReportError,
     diameter_figure,
     histogram_figure,
-    layer_figure,
     network_figure,
 )
 from registration.report.figures import flush_ends, piece_values
+from registration.report.gcode import layer_figure
+from registration.report.gcode.colouring import colourings
 from registration.report.svg import inline_figure, inline_svg
 
+from .gcode_sample import layered_job
 from .sample import planar_network
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"rest"
@@ -23,12 +25,12 @@ PNG = b"\x89PNG\r\n\x1a\n" + b"rest"
 
 def every_figure() -> dict[str, bytes]:
     network = planar_network()
-    lines = [np.array([[0.0, y, 1.0], [5.0, y, 1.0]]) for y in range(4)]
+    job = layered_job()
     return {
         "histogram": histogram_figure([-50, 0, 50, 100], [1, 3, 2]),
         "diameters": diameter_figure(["a", "$b_2$"], [400.0, 500.0], [410.0, 600.0]),
         "network": network_figure(network, np.arange(14.0), "flow / mL/min"),
-        "layer": layer_figure(lines, [np.array([[5.0, 0], [5.0, 1]])], 0.15),
+        "layer": layer_figure(job, 0, colourings(job)[0]),
     }
 
 
@@ -58,7 +60,6 @@ def test_names_arent_read_as_formulas() -> None:
 
 
 def test_figures_of_nothing_still_draw() -> None:
-    assert layer_figure([])
     assert diameter_figure(["a"], [np.nan], [1.0])
     assert histogram_figure([0, 1], [0])
 

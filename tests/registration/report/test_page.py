@@ -11,18 +11,26 @@ import pytest
 from lxml import html
 from matplotlib import rcParams
 
-from registration.report import ReportSurface, layer_figure, write_report_html
+from registration.report import ReportSurface, write_report_html
+from registration.report.gcode import layer_figure
+from registration.report.gcode.colouring import colourings
 
+from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
 SECTIONS = [key for key in sample_data() if key not in ("schema", "recipe")]
 ROOT = Path(__file__).parents[3] / "registration" / "report"
 
 
+def layer_picture() -> bytes:
+    job = layered_job()
+    return layer_figure(job, 0, colourings(job)[0])
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    layer = layer_figure([np.array([[0, 0], [5, 0]]), np.array([[5, 1], [0, 1]])], (), 0.15)
+    layer = layer_picture()
     surfaces = [deviation_surface(0.4), block_surface()]
     figures = {"toolpath/Layer 1 of 50": layer, "Anything else": layer}
     write_report_html(path, sample_data(), surfaces, planar_network(), figures)
@@ -193,7 +201,7 @@ def test_names_are_shown_as_text(tmp_path: Path) -> None:
     block = block_surface()
     values = np.arange(8.0)
     surface = ReportSurface(HOSTILE, block.vertices, block.faces, values, HOSTILE)
-    figures = {HOSTILE: layer_figure([np.array([[0, 0], [1, 1]])])}
+    figures = {HOSTILE: layer_picture()}
     page = written(tmp_path, data, surfaces=[surface], network=planar_network(), figures=figures)
     kinds = [s.get("type") for s in page.xpath("//script")]
     assert kinds == ["importmap", "application/json", "module"]

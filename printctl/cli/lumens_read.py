@@ -1,0 +1,150 @@
+"""What `printctl lumens` is asked about: how the file becomes ink, and where lumens should be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from design.network import VesselNetwork
+from design.solids import Solid, read_solid
+from design.units import LengthUnit
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
+from printctl.cli.options import three_numbers
+from printctl.errors import UsageError
+from printctl.gcode_view import read_line_map
+from printctl.gcode_view.levels import is_flat
+from printctl.lumens import (
+    Filaments,
+    Writing,
+    WrittenLines,
+    find_filament_place,
+    find_place,
+    writes_at,
+)
+from printctl.networks.formats import read_network
+from printctl.pipeline.context import NETWORK
+from printctl.pipeline.manifest import MANIFEST
+from printctl.pipeline.stages.tissue import SURFACE
+
+
+@dataclass(frozen=True)
+class InkSaid:
+    """What the user says of ink and E; None is left open."""
+
+    printer: str
+    syringe: str | None = None
+    ink: str | None = None
+    needle: str | None = None
+    flow_ul_s: float | None = None
+    filament_mm: float | None = None
+    line_um: float | None = None
+    layer_um: float | None = None
+    rounded: bool = False
+
+
+def writing_of(said: InkSaid) -> Writing:
+    """How the file's moves become ink.
+
+    Raises
+    ------
+    UsageError
+        When that isn't said, or twice.
+    """
+    printer = load(Printer, said.printer)
+    layer_mm = None if said.layer_um is None else said.layer_um * 1e-3
+    if printer.pneumatic is not None:
+        flow = _flow(said, printer)
+        return Writing(printer, flow_ul_s=flow, layer_mm=layer_mm, rounded=said.rounded)
+    if said.flow_ul_s is not None:
+        raise UsageError(
+            f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
+            "with a pneumatic head (--printer)"
+        )
+    return Writing(
+        printer,
+        _area(said),
+        line_mm=None if said.line_um is None else said.line_um * 1e-3,
+        layer_mm=layer_mm,
+        rounded=said.rounded,
+    )
+
+
+def _flow(said: InkSaid, printer: Printer) -> float:
+    head = printer.pneumatic
+    for option, value in (
+        ("--syringe", said.syringe),
+        ("--filament-mm", said.filament_mm),
+        ("--line-um", said.line_um),
+    ):
+        if value is not None:
+            raise UsageError(f"{option}: {printer.name} has no plunger; give --flow-ul-s")
+    if said.flow_ul_s is not None:
+        return said.flow_ul_s
+    if head is None or said.ink is None or said.needle is None:
+        raise UsageError(
+            f"what flows while the valve of {printer.name} is open must be said: --flow-ul-s, or "
+            "--ink and --needle (the profile's pressure then foresees it)"
+        )
+    return steady_flow(head, load(Ink, said.ink), load(Needle, said.needle)).ul_s
+
+
+def _area(said: InkSaid) -> float | None:
+    """Volume of one E, µL/mm; None where line widths are given."""
+    if sum(value is not None for value in (said.syringe, said.filament_mm, said.line_um)) != 1:
+        raise UsageError(
+            "what E means must be said once: --syringe NAME (the plunger's travel), "
+            "--filament-mm D (PrusaSlicer and others, often 1.75), or --line-um W"
+        )
+    bore = load(Syringe, said.syringe).inner_mm if said.syringe is not None else said.filament_mm
+    factor = load(Ink, said.ink).flow_factor if said.ink is not None else 1.0
+    return None if bore is None else float(np.pi / 4 * bore**2 * factor)
+
+
+def is_embedded(file: Path, gcode: bytes, writing: Writing) -> bool:
+    """Whether the map beside the file counts vessels, or writing isn't level."""
+    lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
+    line_map, _ = read_line_map(file, lines)
+    if line_map is not None:
+        return line_map.of_vessels
+    begin, end = writes_at(gcode, writing)
+    return len(begin) > 0 and not is_flat(begin, end)
+
+
+def read_designed(path: Path, unit: LengthUnit | None) -> VesselNetwork:
+    """The network; in a run folder all files are in mm."""
+    if path.is_dir():
+        path = path / NETWORK
+    if unit is None and (path.parent / MANIFEST).is_file() and path.name == NETWORK:
+        unit = "mm"
+    return read_network(path, unit)
+
+
+def read_part(model: Path | None, network: Path | None, unit: LengthUnit | None) -> Solid | None:
+    """The model; of a network in a run folder, the tissue."""
+    if model is not None:
+        return read_solid(model, unit)
+    folder = network if network is None or network.is_dir() else network.parent
+    if folder is not None and (folder / MANIFEST).is_file() and (folder / SURFACE).is_file():
+        return read_solid(folder / SURFACE, "mm")
+    return None
+
+
+def place_of_layers(text: str | None, lines: WrittenLines, part: Solid | None) -> np.ndarray:
+    """The part's origin: as said, or where the ink lies over the part's sections."""
+    if text is not None:
+        return np.array(three_numbers(text, "--place"))
+    if part is None:
+        raise UsageError(
+            "where the part stands isn't known: a network alone has no outside to compare with "
+            "the ink; give --place X,Y,Z (the part's origin in the printer's frame) or --model"
+        )
+    return find_place(lines, part)
+
+
+def place_of_filaments(text: str | None, found: Filaments, network: VesselNetwork) -> np.ndarray:
+    """The part's origin: as said, or where the filaments lie over the network's axes."""
+    if text is not None:
+        return np.array(three_numbers(text, "--place"))
+    return find_filament_place(found, network)

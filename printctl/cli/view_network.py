@@ -1,0 +1,101 @@
+"""`printctl view NETWORK`: a network in its tissue, as a page or as a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from design.files import write_bytes
+from design.units import LengthUnit
+from printctl.cli.options import messages
+from printctl.errors import UsageError
+from printctl.networks import Drive, Source, load_source, read_surface
+from printctl.pipeline.stages.tissue import SURFACE
+from registration.picture import (
+    PictureOptions,
+    Quantity,
+    Surface,
+    View,
+    draw_picture,
+    quantities,
+)
+from registration.report import NetworkPage, ReportSurface, write_network_html
+
+_NEEDS = {
+    "deviation": "it takes a run folder with a registered scan",
+    "order": "vessels with loops have no orders",
+}
+
+
+@dataclass(frozen=True)
+class NetworkWish:
+    """What the user asks of a network."""
+
+    colour: str | None
+    seen_from: View
+    width: int
+    palette: bool
+    unit: LengthUnit | None
+    tissue: Path | None
+    tissue_unit: LengthUnit | None
+    drive: Drive
+    most_pieces: int
+
+
+def view_network(
+    source: Path, page: Path | None, png: Path | None, wish: NetworkWish
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Write the page and the picture that are asked for.
+
+    Returns
+    -------
+    written : dict of kind to Path
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    UsageError
+        When the network can't be shown, or not as asked.
+    """
+    loaded = load_source(source, wish.unit, wish.drive)
+    surface = _tissue(wish.tissue, wish.tissue_unit, loaded)
+    known = quantities(loaded.network, loaded.known)
+    chosen = _chosen(known, wish.colour or "radius", source)
+    written: dict[str, Path] = {}
+    if png is not None:
+        messages().print("drawing ...")
+        options = PictureOptions(wish.seen_from, wish.width, wish.palette)
+        write_bytes(png, draw_picture(loaded.network, chosen, surface, options))
+        written["picture"] = png
+    if page is not None:
+        content = NetworkPage(loaded.name, chosen.key, loaded.notes, wish.most_pieces)
+        write_network_html(page, loaded.network, known, _shown(surface), content)
+        written["page"] = page
+    return written, loaded.notes
+
+
+def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:
+    """The quantity that the user named."""
+    for quantity in known:
+        if quantity.key == colour:
+            return quantity
+    there = ", ".join(quantity.key for quantity in known)
+    why = f" ({_NEEDS[colour]})" if colour in _NEEDS else ""
+    raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
+
+
+def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:
+    if path is None:
+        return loaded.surface
+    if path.is_dir():
+        path, unit = path / SURFACE, "mm"
+    if not path.is_file():
+        raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
+    if unit is None:
+        raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
+    return read_surface(path, unit)
+
+
+def _shown(surface: Surface | None) -> list[ReportSurface]:
+    return [ReportSurface("Tissue", surface.vertices, surface.faces)] if surface else []

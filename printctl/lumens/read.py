@@ -1,0 +1,166 @@
+"""Read what a file writes, whichever head it is for: as the file says, and as motors do it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from firmware_profiles import Printer
+from printctl.errors import UsageError
+from printctl.gcode_view.comments import plain_lines, said_start
+from printctl.lumens.filaments import Filaments, filaments
+from printctl.lumens.line_widths import check_width
+from printctl.lumens.lines import (
+    WINDOWLESS_MM,
+    WrittenLines,
+    layered,
+    read_lines,
+    rounded_to_steps,
+)
+from printctl.lumens.strokes import (
+    FloatArray,
+    Strokes,
+    plunger_strokes,
+    run_strokes,
+    valve_strokes,
+)
+from printctl.rounding import last_digit_mm, window_mm
+from sim.dryrun import DryRun, dry_run
+from sim.valve import read_with_valve
+
+SMOOTHING_MM: Final = 1.0
+"""Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Writing:
+    """How a file's moves become ink.
+
+    Attributes
+    ----------
+    printer : Printer
+        Whose head writes, and whose steps and planner are taken.
+    ul_per_e : float or None, µL/mm
+        Of a plunger or filament; None for a pneumatic head, or where ``line_mm`` says all.
+    flow_ul_s : float or None, µL/s
+        Of a pneumatic head while its valve is open.
+    line_mm : float or None, mm
+        Width of every line, whatever E says; layers only.
+    layer_mm : float or None, mm
+        Thickness of layers, as for `read_lines`.
+    rounded : bool
+        As for `read_lines`.
+    start_mm : tuple or None, mm
+        Where the tip stands before the first line; None takes what the file says.
+    """
+
+    printer: Printer
+    ul_per_e: float | None = None
+    flow_ul_s: float | None = None
+    line_mm: float | None = None
+    layer_mm: float | None = None
+    rounded: bool = False
+    start_mm: Place | None = None
+
+
+def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLines]:
+    """Lines in level layers, as written and after motor steps.
+
+    Of a plunger the steps are those of x and y; a valve's lines are those of the dry run, which
+    lays more where the head slows down.
+
+    Raises
+    ------
+    UsageError
+        When nothing is written, not in level layers, or the widths are impossible.
+    GcodeError
+        When the bytes aren't text.
+    """
+    printer = writing.printer
+    if printer.pneumatic is None:
+        lines = read_lines(
+            gcode,
+            writing.ul_per_e,
+            line_mm=writing.line_mm,
+            layer_mm=writing.layer_mm,
+            rounded=writing.rounded,
+        )
+        return lines, rounded_to_steps(lines, (printer.steps_per_mm.x, printer.steps_per_mm.y))
+    ideal, run = _strokes(gcode, writing, level=True)
+    if not len(ideal.line):
+        raise UsageError(_NEVER)
+    stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
+    both = (
+        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.rounded),
+        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.rounded),
+    )
+    check_width(both[0].width, both[0].line)
+    return both
+
+
+_NEVER: Final = (
+    "no move of the G-code goes sideways with the valve open; is it this printer's file "
+    "(--printer)?"
+)
+
+
+def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+    """Filaments written into a bath, as the file says and as the dry run's motors do it.
+
+    After motor steps places are whole steps of x, y and z, and the plunger's whole steps are
+    smoothed over `SMOOTHING_MM`.
+
+    Raises
+    ------
+    UsageError
+        When nothing is written, or the diameters are impossible.
+    GcodeError
+        When the bytes aren't text.
+    """
+    ideal, run = _strokes(gcode, writing, level=False)
+    per_mm = writing.ul_per_e or 0.0
+    stepped = run_strokes(run, writing.printer, per_mm, writing.flow_ul_s, level=False)
+    if writing.flow_ul_s is not None:
+        return filaments(ideal, WINDOWLESS_MM), filaments(stepped, WINDOWLESS_MM)
+    return filaments(ideal, _window(run, ideal, per_mm)), filaments(stepped, SMOOTHING_MM)
+
+
+def _window(run: DryRun, strokes: Strokes, ul_per_mm: float) -> float:
+    """Way over which the digits that the file gives E average out, mm."""
+    way = float(np.linalg.norm(strokes.end - strokes.begin, axis=1).sum())
+    digit = last_digit_mm(run.program.plunger) * ul_per_mm
+    area = float(strokes.dose_ul.sum()) / way if way > 0 else 0.0
+    return max(window_mm(digit, area), WINDOWLESS_MM)
+
+
+def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
+    """Where each move that writes begins and ends, (n, 3) each, mm, without a dry run."""
+    text, printer = plain_lines(gcode), writing.printer
+    program, valve = read_with_valve(text, printer, writing.start_mm or (0.0, 0.0, 0.0))
+    if valve is None:
+        strokes = plunger_strokes(program, 1.0, level=False)
+    else:
+        strokes = valve_strokes(program, valve, 1.0, level=False)
+    return strokes.begin, strokes.end
+
+
+def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, DryRun]:
+    """What the file says, and its dry run."""
+    text, printer = plain_lines(gcode), writing.printer
+    start = writing.start_mm or said_start(text) or (0.0, 0.0, 0.0)
+    program, valve = read_with_valve(text, printer, start)
+    run = dry_run(text, printer, start, cold_extrusion=True)
+    if valve is not None:
+        if writing.flow_ul_s is None:
+            raise UsageError(
+                f"what flows while the valve of {printer.name} is open isn't known; give "
+                "--flow-ul-s, or --ink and --needle"
+            )
+        return valve_strokes(program, valve, writing.flow_ul_s, level=level), run
+    if writing.ul_per_e is None:
+        raise UsageError("what one E means isn't known; give a syringe or a filament")
+    return plunger_strokes(program, writing.ul_per_e, level=level), run

@@ -1,0 +1,142 @@
+"""Motor steps and the digits of E against what is written: where a step is too coarse.
+
+A step that is longer than a move leaves the move's place or dose to rounding: the sum stays right,
+what is written within the step wavers. Nothing is refused for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer, Syringe
+from printctl.preflight.check import Check
+from printctl.rounding import last_digit_mm
+from sim.dryrun import DryRun
+from sim.gcode_modal import MOVE
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_STILL_MM: Final = 1e-6
+_ROUNDING: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Written:
+    """Moves that write, (n,) each.
+
+    Attributes
+    ----------
+    length : float64, mm
+    plunger : float64, mm
+        How far it goes; zeros of a pneumatic head.
+    line : int64
+        Of the file.
+    stroke : int64
+        From 0: which unbroken line each is of.
+    rises : bool
+        Whether any of them changes its height.
+    """
+
+    length: FloatArray
+    plunger: FloatArray
+    line: IntArray
+    stroke: IntArray
+    rises: bool
+
+
+def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
+    """Warnings of steps that are coarse for this file; none where nothing is written."""
+    wrote = written(run)
+    if not len(wrote.length):
+        return []
+    checks = [_axis_step(wrote, printer)]
+    if printer.pneumatic is None and wrote.plunger.sum() > 0:
+        checks += [_plunger_step(wrote, printer), _least_dose(wrote, run, printer, syringe)]
+    return checks
+
+
+def written(run: DryRun) -> Written:
+    """The file's moves that write."""
+    program = run.program
+    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    way = program.target[:, :3] - begin
+    length = np.linalg.norm(way, axis=1)
+    writes = run.doses & (program.kind == MOVE) & (length > _STILL_MM)
+    rows = np.flatnonzero(writes)
+    breaks = np.cumsum(~writes & (program.kind == MOVE))[rows]
+    return Written(
+        length[rows],
+        np.diff(program.plunger, prepend=0.0)[rows],
+        program.line[rows],
+        np.unique(breaks, return_inverse=True)[1].reshape(-1),
+        bool((np.abs(way[rows, 2]) > _STILL_MM).any()),
+    )
+
+
+def _axis_step(wrote: Written, printer: Printer) -> Check:
+    steps = printer.steps_per_mm
+    step = max(1 / steps.x, 1 / steps.y, 1 / steps.z if wrote.rises else 0.0)
+    at = int(wrote.length.argmin())
+    shortest = float(wrote.length[at])
+    fine = step <= shortest * (1 + _ROUNDING)
+    return _step_check(
+        "motor step of an axis, against the shortest written move",
+        step,
+        shortest,
+        "mm",
+        fine,
+        int(wrote.line[at]),
+        f"{int((wrote.length < step).sum())} moves are shorter than a step and end where it "
+        "rounds; merge them, or take finer steps (steps_per_mm)",
+    )
+
+
+def _plunger_step(wrote: Written, printer: Printer) -> Check:
+    """The way of line that one step of the plunger makes, at the file's mean flow."""
+    way = float(wrote.length.sum() / wrote.plunger.sum()) / printer.steps_per_mm.e
+    at = int(wrote.length.argmin())
+    shortest = float(wrote.length[at])
+    count = int((wrote.length < way).sum())
+    return _step_check(
+        "line that one step of the plunger makes, against the shortest written move",
+        way,
+        shortest,
+        "mm",
+        way <= shortest * (1 + _ROUNDING),
+        int(wrote.line[at]),
+        f"{count} of {len(wrote.length)} moves get a whole step or none: the line's width wavers "
+        "over such a way unless syringe and ink smooth it; take a narrower syringe or finer steps",
+    )
+
+
+def _least_dose(wrote: Written, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
+    """A step, or E's last digit, against the dose of the smallest unbroken line."""
+    dose = np.bincount(wrote.stroke, wrote.plunger)
+    first = np.searchsorted(wrote.stroke, np.arange(len(dose)))
+    at = int(dose.argmin())
+    step, digit = 1 / printer.steps_per_mm.e, last_digit_mm(run.program.plunger)
+    coarse = max(step, digit)
+    nl = 1e3 * np.pi / 4 * syringe.inner_mm**2
+    which = "E's last digit" if digit > step else "one step of the plunger"
+    short = int((dose < coarse * (1 - _ROUNDING)).sum())
+    return _step_check(
+        f"{which}, against the least line's dose",
+        coarse * nl,
+        float(dose[at]) * nl,
+        "nL",
+        short == 0,
+        int(wrote.line[first[at]]),
+        f"{short} of {len(dose)} unbroken lines are less than that: they get a whole one or none, "
+        "and only their sum is right; give E more digits, take a narrower syringe or finer steps",
+    )
+
+
+def _step_check(
+    name: str, value: float, limit: float, unit: str, passed: bool, line: int, remedy: str
+) -> Check:
+    return Check(name, value, limit, unit, passed, f"line {line}", remedy, "warns")

@@ -1,0 +1,47 @@
+"""A whole dry run against the time that cells have, and its ink."""
+
+from __future__ import annotations
+
+import copy
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from printctl.errors import SafetyError
+from printctl.pipeline.run import toolpath_recipe
+from printctl.recipe import parse_recipe
+from printctl.warm import LAYERED
+
+
+def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
+    recipe = copy.deepcopy(LAYERED) | {"printer": {"care": care}}
+    found = toolpath_recipe(
+        parse_recipe(recipe, "test"), folder, folder, Console(file=io.StringIO())
+    )
+    summary: dict[str, Any] = found["dry_run"]
+    return summary
+
+
+def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:
+    said = {"viability_source": "our protocol"}
+    long = dry_run(tmp_path, viability_min=1000, **said)
+    assert long["time_the_cells_have"] == "1000 min (our protocol)"
+    minutes = long["print_time_s"] / 60
+    assert long["changes_of_syringe"] == 0
+    assert minutes > 0.5
+    with pytest.raises(SafetyError, match=r"print time, of what the cells have.*our protocol"):
+        dry_run(tmp_path, viability_min=minutes / 2, **said)
+
+
+def test_ink_is_told_with_what_stays_behind(tmp_path: Path) -> None:
+    found = dry_run(tmp_path)
+    assert "not known" in found["time_the_cells_have"]
+    # 20 µL of the syringe, and the bore of a 22G needle of half an inch.
+    assert found["ink_left_per_filling_ul"] == pytest.approx(21.68, abs=0.01)
+    assert found["ink_needed_ul"] == pytest.approx(
+        found["ink_pushed_ul"] + found["ink_left_per_filling_ul"], abs=2e-3
+    )
+    assert found["fillings"] == 1
