@@ -2,35 +2,50 @@
 
 from design.solids.bodies import Chamber, chamber_solid, cylinder_solid
 from design.solids.check import SolidCheck, validate_file
-from design.solids.connectors import Connector, connector_parts, with_connector
+from design.solids.connectors import (
+    Connector,
+    check_connector,
+    connector_parts,
+    with_connector,
+)
 from design.solids.construct import block_solid, construct_solid, solid_from_surface
+from design.solids.crossings import Crossings, find_crossings
 from design.solids.genus import construct_genus, network_genus
 from design.solids.lumen import lumen_solid
 from design.solids.marks import fiducial_places, text_solid, with_text
 from design.solids.obj import write_obj
 from design.solids.ply import write_ply
-from design.solids.ports import open_ends
+from design.solids.ports import Port, end_ports, find_ports, open_ends
 from design.solids.read import read_solid
 from design.solids.solid import Solid
+from design.solids.step import StepBody, StepCheck, write_step
 from design.solids.stl import write_stl
 from design.solids.threemf import Part, write_3mf
 from design.solids.topology import surface_genus
 from design.solids.vtp import write_solid_vtp
-from design.solids.walls import tube_solid
+from design.solids.walls import tube_outside, tube_solid
 
 __all__ = [
     "Chamber",
     "Connector",
+    "Crossings",
     "Part",
+    "Port",
     "Solid",
     "SolidCheck",
+    "StepBody",
+    "StepCheck",
     "block_solid",
     "chamber_solid",
+    "check_connector",
     "connector_parts",
     "construct_genus",
     "construct_solid",
     "cylinder_solid",
+    "end_ports",
     "fiducial_places",
+    "find_crossings",
+    "find_ports",
     "lumen_solid",
     "network_genus",
     "open_ends",
@@ -38,6 +53,7 @@ __all__ = [
     "solid_from_surface",
     "surface_genus",
     "text_solid",
+    "tube_outside",
     "tube_solid",
     "validate_file",
     "with_connector",
@@ -46,5 +62,6 @@ __all__ = [
     "write_obj",
     "write_ply",
     "write_solid_vtp",
+    "write_step",
     "write_stl",
 ]

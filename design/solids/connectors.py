@@ -1,11 +1,13 @@
 """Fittings for tubing and syringes, turned around an axis.
 
-The Luer cone loses 6 % of its length in diameter (ISO 80369-7, which replaced ISO 594-1:1986). The
-diameters are mid-tolerance values as ISO 594-1, figure 1, is cited for rigid material: female 4.270
-to 4.315 mm at the opening, male 3.925 to 3.990 mm at the tip, each at least 7.5 mm long. They are
-written from memory of that figure, not from the standard's text: hold them against it before a
-mould is cut. A soft gel keeps none of these tolerances; gauge what was printed, and connect it to
-nothing that leads to a patient. A slip fit only: no lock thread.
+The Luer cone loses 6 % of its length in diameter (ISO 80369-7:2021, annex B, rigid slip
+connectors): male 3.970 to 4.035 mm at 0.75 mm from the tip, bore at most 2.900 mm, cone 7.5 to
+10.5 mm long; female 4.225 to 4.270 mm at 0.75 mm from the opening. With the taper that is 3.925
+to 3.990 mm at the tip and 4.270 to 4.315 mm at the opening, as ISO 594-1:1986 had them; ours are
+the middles. The figures are from a comparison of both standards (github.com/Chun-Chieh-
+Chang/ISO594-to-ISO80369-7_Comparison, read 2026-11-20), not from the standards' own text: hold
+them against it before a mould is cut. A soft gel keeps none of these tolerances; gauge what was
+printed, and connect it to nothing that leads to a patient. A slip fit only: no lock thread.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ LUER_TAPER: Final = 0.06
 FEMALE_OPENING_MM: Final = 4.2925
 MALE_TIP_MM: Final = 3.9575
 LUER_LENGTH_MM: Final = 7.5
+LUER_LONGEST_MM: Final = 10.5
+MALE_BORE_MM: Final = 2.9
 
 
 @dataclass(frozen=True)
@@ -60,21 +64,29 @@ class Connector:
     barbs: int = 2
 
 
-def connector_parts(connector: Connector) -> tuple[Solid, Solid]:
+def connector_parts(connector: Connector, through_mm: float = 1.0) -> tuple[Solid, Solid]:
     """Outside and bore of a fitting that leaves the origin along +z.
+
+    Parameters
+    ----------
+    connector : Connector
+    through_mm : float, mm
+        How deep within the body the bore begins: a wall's thickness and a little, to pass it.
 
     Returns
     -------
     outside, bore : Solid
-        Add the first to the body, then take away the second; the bore begins 1 mm within the
-        body and ends 1 mm beyond the fitting.
+        Add the first to the body, then take away the second, which ends 1 mm beyond the
+        fitting.
 
     Raises
     ------
     SolidError
         When the lengths don't make a fitting with a wall.
     """
-    outside, bore = _profiles(connector)
+    if not 0.0 < through_mm < np.inf:
+        raise SolidError(f"through_mm {through_mm:g}; give a depth above 0")
+    outside, bore = _profiles(connector, through_mm)
     return _turned(outside, "the fitting"), _turned(bore, "the fitting's bore")
 
 
@@ -84,6 +96,7 @@ def with_connector(
     at: NDArray[np.float64],
     outward: NDArray[np.float64],
     lead_in_mm: float = 1.0,
+    through_mm: float = 1.0,
 ) -> Solid:
     """``body`` with a fitting at a port, and its bore taken out of both.
 
@@ -97,6 +110,8 @@ def with_connector(
         Out of the body; any length.
     lead_in_mm : float, mm
         By how much the outside begins within the body, so that a curved face leaves no gap.
+    through_mm : float, mm
+        How deep within the body the bore begins.
 
     Raises
     ------
@@ -106,7 +121,7 @@ def with_connector(
     length = float(np.linalg.norm(outward))
     if not length > 0.0:
         raise SolidError("outward has no length; give the direction out of the body")
-    outside, bore = connector_parts(connector)
+    outside, bore = connector_parts(connector, through_mm)
     frame = _frame(np.asarray(outward, dtype=np.float64) / length)
     sunk = Manifold.cylinder(
         lead_in_mm, 0.5 * _widest(connector), circular_segments=_facets(connector.outer_mm)
@@ -129,11 +144,13 @@ def _widest(connector: Connector) -> float:
     return connector.outer_mm
 
 
-def _profiles(connector: Connector) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+def _profiles(
+    connector: Connector, through_mm: float
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """Radius and height along the outside and along the bore, mm."""
     bore, outer, length = 0.5 * connector.bore_mm, 0.5 * connector.outer_mm, connector.length_mm
     outside = [(outer, 0.0), (outer, length)]
-    channel = [(bore, -1.0), (bore, length + 1.0)]
+    channel = [(bore, -through_mm), (bore, length + 1.0)]
     narrowest = outer
     if connector.kind == "barb":
         step, tall = 0.5 * connector.barb_mm, length / max(connector.barbs, 1)
@@ -147,7 +164,7 @@ def _profiles(connector: Connector) -> tuple[list[tuple[float, float]], list[tup
         bottom = mouth - 0.5 * LUER_TAPER * LUER_LENGTH_MM
         beyond = mouth + 0.5 * LUER_TAPER
         deep = length - LUER_LENGTH_MM
-        channel = [(bore, -1.0), (bore, deep), (bottom, deep), (beyond, length + 1.0)]
+        channel = [(bore, -through_mm), (bore, deep), (bottom, deep), (beyond, length + 1.0)]
         narrowest = outer - mouth + bore
     elif connector.kind == "luer_male":
         tip = 0.5 * MALE_TIP_MM
@@ -155,6 +172,11 @@ def _profiles(connector: Connector) -> tuple[list[tuple[float, float]], list[tup
         narrowest = tip
     _check(connector, narrowest)
     return outside, channel
+
+
+def check_connector(connector: Connector) -> None:
+    """Raise `SolidError` when a fitting's lengths leave it no wall, or aren't a Luer's."""
+    _profiles(connector, 1.0)
 
 
 def _check(connector: Connector, narrowest: float) -> None:
@@ -165,7 +187,15 @@ def _check(connector: Connector, narrowest: float) -> None:
     if connector.kind.startswith("luer") and connector.length_mm < LUER_LENGTH_MM:
         raise SolidError(
             f"length_mm {connector.length_mm:g} of a Luer fitting is below {LUER_LENGTH_MM} mm "
-            "(ISO 594-1, figure 1); make it longer"
+            "(ISO 80369-7, annex B); make it longer"
+        )
+    if connector.kind == "luer_male" and not (
+        connector.bore_mm <= MALE_BORE_MM and connector.length_mm <= LUER_LONGEST_MM
+    ):
+        raise SolidError(
+            f"a male Luer cone of bore_mm {connector.bore_mm:g} and length_mm "
+            f"{connector.length_mm:g} is over {MALE_BORE_MM} or {LUER_LONGEST_MM} mm (ISO 80369-7, "
+            "annex B); make it smaller"
         )
     if connector.kind == "luer_female" and connector.bore_mm > FEMALE_OPENING_MM * 0.85:
         raise SolidError(

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
+from design.solids.crossings import find_crossings
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sewn
-from design.solids.smooth.layout import lay_out
+from design.solids.smooth.layout import Layout, lay_out
 from design.solids.snap import solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import EndShape
+
+_TRIES = 3
+"""Of leaving crowds sharp that can't be rounded without crossing themselves."""
 
 
 def lumen_solid(
     network: VesselNetwork,
     *,
-    extend_ends_mm: float = 0.0,
+    extend_ends_mm: float | FloatArray = 0.0,
     extend_nodes: IntArray | None = None,
     tolerance_mm: float = FACET_TOLERANCE_MM,
     fillet_ratio: float = 0.0,
@@ -34,9 +39,9 @@ def lumen_solid(
     Parameters
     ----------
     network : VesselNetwork
-    extend_ends_mm : float, mm
+    extend_ends_mm : float or (k,) float64, mm
         By how much free ends are drawn out, so that they pass cleanly through a construct's
-        face; 0 leaves them round.
+        face; 0 leaves them round. One length, or one for each of ``extend_nodes``.
     extend_nodes : (k,) int64, optional
         The free ends that are extended (see `open_ends`); all of them by default.
     tolerance_mm : float, mm
@@ -45,7 +50,7 @@ def lumen_solid(
         Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
         differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
         round. Where neighbouring junctions leave no room it is reduced, by steps to a tenth and
-        then to none.
+        then to none; within a crowd around each place that has none.
     fillet_mm : float, mm, optional
         The same radius at all junctions, in the place of ``fillet_ratio``.
 
@@ -62,10 +67,34 @@ def lumen_solid(
         that can't be kept closed in float32.
     """
     _check(extend_ends_mm, tolerance_mm, fillet_ratio if fillet_mm is None else fillet_mm)
-    extended = _extended(network, extend_ends_mm, extend_nodes)
+    extended = extended_ends(network, extend_ends_mm, extend_nodes)
     # Around the middle of the network, so that far from the origin no digits are lost in between.
     middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
-    layout = lay_out(network.moved(-middle), tolerance_mm, fillet_ratio, fillet_mm)
+    moved, sharp = network.moved(-middle), set[int]()
+    for _ in range(_TRIES):
+        layout = lay_out(moved, tolerance_mm, fillet_ratio, fillet_mm)
+        layout.sharp |= sharp
+        solid = _made(layout, extended, tolerance_mm, middle)
+        crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
+        if not crowded or not (fillet_ratio > 0.0 or fillet_mm):
+            return solid
+        crossing = find_crossings(solid.vertices, solid.faces).crossing
+        if len(crossing) == 0:
+            return solid
+        # Crowds that cross themselves once they are rounded to float32 stay sharp.
+        places = solid.vertices[solid.faces[crossing[:, 0], 0]] - middle
+        centres = np.array([layout.walls[joint][0, :3] for joint in crowded])
+        near = cKDTree(centres).query(places)[1]
+        sharp |= {crowded[index] for index in near.tolist()}
+    return solid
+
+
+def _made(
+    layout: Layout,
+    extended: dict[int, float],
+    tolerance_mm: float,
+    middle: FloatArray,
+) -> Solid:
     joined = layout.joint_of()
     shapes: list[tuple[EndShape, EndShape]] = []
     for index, run in enumerate(layout.runs):
@@ -74,43 +103,56 @@ def lumen_solid(
             node = int(run.node[-end])
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
-        layout.runs[index] = _with_ends_drawn_out(run, extended, extend_ends_mm)
+        layout.runs[index] = with_ends_drawn_out(run, extended)
     vertices, faces = sewn(layout, shapes, tolerance_mm)
     return solid_from_mesh(vertices + middle, faces, "the lumens' union")
 
 
-def _check(extend_ends_mm: float, tolerance_mm: float, fillet: float) -> None:
-    if not (extend_ends_mm >= 0.0 and tolerance_mm > 0.0):
+def _check(extend_ends_mm: float | FloatArray, tolerance_mm: float, fillet: float) -> None:
+    if not (np.all(np.asarray(extend_ends_mm) >= 0.0) and tolerance_mm > 0.0):
         raise SolidError(
-            f"extend_ends_mm {extend_ends_mm:g} and tolerance_mm {tolerance_mm:g} mm: give a "
+            f"extend_ends_mm {extend_ends_mm} and tolerance_mm {tolerance_mm:g} mm: give a "
             "length of at least 0 and a tolerance above 0"
         )
     if not 0.0 <= fillet < np.inf:
         raise SolidError(f"fillet {fillet:g}; give a radius of at least 0 (0: sharp seams)")
 
 
-def _extended(
-    network: VesselNetwork, extend_ends_mm: float, extend_nodes: IntArray | None
-) -> set[int]:
-    if extend_ends_mm == 0.0:
-        return set()
-    free = set(free_ends(network).tolist())
-    if extend_nodes is None:
-        return free
-    asked = set(np.asarray(extend_nodes).tolist())
-    if not asked <= free:
+def extended_ends(
+    network: VesselNetwork, extend_ends_mm: float | FloatArray, extend_nodes: IntArray | None
+) -> dict[int, float]:
+    """The free ends that `lumen_solid` draws out, checked, and by how much, mm."""
+    if not np.any(extend_ends_mm):
+        return {}
+    free = free_ends(network)
+    asked = free if extend_nodes is None else np.asarray(extend_nodes, dtype=np.int64)
+    strange = np.setdiff1d(asked, free)
+    if len(strange):
         raise SolidError(
-            f"extend_nodes: node {min(asked - free)} isn't a free end of the network; "
+            f"extend_nodes: node {strange[0]} isn't a free end of the network; "
             f"choose from its {len(free)} free ends"
         )
-    return asked
+    lengths = np.asarray(extend_ends_mm, dtype=np.float64)
+    if lengths.shape not in ((), asked.shape):
+        raise SolidError(
+            f"extend_ends_mm has {lengths.size} lengths for {len(asked)} ends; give one for each, "
+            "or one for all"
+        )
+    every = np.broadcast_to(lengths, asked.shape)
+    return {
+        node: length
+        for node, length in zip(asked.tolist(), every.tolist(), strict=True)
+        if length > 0.0
+    }
 
 
-def _with_ends_drawn_out(run: Chain, extended: set[int], length_mm: float) -> Chain:
+def with_ends_drawn_out(run: Chain, extended: dict[int, float]) -> Chain:
+    """The same run, longer at the nodes ``extended`` by the lengths given there, mm."""
     points, radius, node = run.points, run.radius, run.node
     for at in (0, -1):
-        if int(run.node[at]) in extended:
-            points, radius = _drawn_out(points, radius, at, length_mm)
+        length = extended.get(int(run.node[at]))
+        if length is not None:
+            points, radius = _drawn_out(points, radius, at, length)
             node = np.insert(node, 0 if at == 0 else len(node), node[at])
     return Chain(points, radius, node)
 

@@ -2,14 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.runs import free_ends
 from design.solids.solid import Solid
 
 Array = NDArray[np.float64]
+
+_ON_EDGE = 1e-9
+"""Share of a triangle by which a ray may miss it, so that none slips through between two."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """Where a free end leaves a body.
+
+    Attributes
+    ----------
+    node : int
+        The network's.
+    inlet : bool
+        Flow comes in there, as designed.
+    at : (3,) float64, mm
+        On the body's outer face.
+    outward : (3,) float64
+        Unit vector along the vessel.
+    radius_mm : float, mm
+        The vessel's.
+    beyond_mm : float, mm
+        From the node out to that face; negative where the node is outside.
+    wall_mm : float, mm
+        Of the body that the vessel's axis passes beyond the node.
+    """
+
+    node: int
+    inlet: bool
+    at: FloatArray
+    outward: FloatArray
+    radius_mm: float
+    beyond_mm: float
+    wall_mm: float
 
 
 def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> IntArray:
@@ -37,6 +74,77 @@ def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> Int
     reaches = ~inside(body, position) | near
     leads_out = ~inside(body, position + extend_ends_mm * outward)
     return nodes[reaches & leads_out]
+
+
+def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) -> list[Port]:
+    """Where the axes of the free ends ``nodes`` (k,) leave ``body`` for good.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    body : Solid
+    nodes : (k,) int64
+        Free ends, as `open_ends` finds them, or all of them.
+    what : str
+        Names the body in messages.
+
+    Raises
+    ------
+    SolidError
+        When a vessel drawn on beyond its end doesn't pass a face of the body.
+    """
+    asked = set(np.asarray(nodes).tolist())
+    found = []
+    for node, outward, radius in zip(*_free_ends(network), strict=True):
+        if int(node) not in asked:
+            continue
+        start = network.nodes[node]
+        # From one radius within: a node may lie a little outside of the face.
+        away = _faces_on(body, start - radius * outward, outward) - radius
+        if len(away) == 0:
+            place = ", ".join(f"{x:.4g}" for x in start)
+            raise SolidError(
+                f"the vessel that ends at node {node} ({place} mm) doesn't leave {what} through "
+                "a face: let it end at one, or move its end to where one is"
+            )
+        first, last = float(away[0]), float(away[-1])
+        inlet = _is_inlet(network, node)
+        wall = last - first if len(away) > 1 else last
+        port = Port(int(node), inlet, start + last * outward, outward, float(radius), last, wall)
+        found.append(port)
+    return found
+
+
+def end_ports(network: VesselNetwork, nodes: IntArray) -> list[Port]:
+    """The free ends ``nodes`` (k,) themselves as ports: those of tubes, cut square there."""
+    asked = set(np.asarray(nodes).tolist())
+    return [
+        Port(int(node), _is_inlet(network, node), network.nodes[node], out, float(radius), 0.0, 0.0)
+        for node, out, radius in zip(*_free_ends(network), strict=True)
+        if int(node) in asked
+    ]
+
+
+def _is_inlet(network: VesselNetwork, node: int) -> bool:
+    return bool(np.any(network.vessel_nodes[:, 0] == node))
+
+
+def _faces_on(body: Solid, start: Array, way: Array) -> Array:
+    """Distances (k,), ascending, at which a ray goes through faces (Möller & Trumbore 1997)."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    one, two = b - a, c - a
+    across = np.cross(way, two)
+    det = _dot(one, across)
+    met = np.abs(det) > 0.0
+    scale = np.divide(1.0, det, where=met, out=np.zeros_like(det))
+    to = start - a
+    u = _dot(to, across) * scale
+    turned = np.cross(to, one)
+    v = turned @ way * scale
+    t = _dot(two, turned) * scale
+    met &= (u >= -_ON_EDGE) & (v >= -_ON_EDGE) & (u + v <= 1.0 + _ON_EDGE) & (t > 0.0)
+    # A ray through an edge meets two faces at one place.
+    return np.unique(np.round(t[met], 6))
 
 
 def _free_ends(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -50,20 +49,47 @@ def tube_solid(
     SolidError
         When ``wall_mm`` isn't above 0, or as `lumen_solid` does.
     """
-    if not 0.0 < wall_mm < np.inf:
-        raise SolidError(f"wall_mm {wall_mm:g}; give a thickness above 0")
     ends = free_ends(network) if open_nodes is None else np.asarray(open_nodes, dtype=np.int64)
     beyond = 4.0 * float(network.radius.max()) if len(ends) else 0.0
-    union = partial(
-        lumen_solid,
+    outer = tube_outside(
+        network,
+        wall_mm,
+        open_nodes=ends,
+        tolerance_mm=tolerance_mm,
+        fillet_ratio=fillet_ratio,
+        fillet_mm=fillet_mm,
+    )
+    inner = lumen_solid(
+        network,
+        extend_ends_mm=beyond,
         extend_nodes=ends,
         tolerance_mm=tolerance_mm,
         fillet_ratio=fillet_ratio,
         fillet_mm=fillet_mm,
     )
-    # A hundredth of the wall, so that the end's face is flat and no seam lies on the node's plane.
-    inner = union(network, extend_ends_mm=beyond)
-    wider = replace(network, radius=network.radius + wall_mm)
-    outer = union(wider, extend_ends_mm=0.01 * wall_mm if len(ends) else 0.0)
     wall = subtract(solid_manifold(outer, "the outside"), [solid_manifold(inner, "the lumens")])
     return solid_from_manifold(wall, "the tubes")
+
+
+def tube_outside(
+    network: VesselNetwork,
+    wall_mm: float,
+    *,
+    open_nodes: IntArray | None = None,
+    tolerance_mm: float = FACET_TOLERANCE_MM,
+    fillet_ratio: float = 0.0,
+    fillet_mm: float | None = None,
+) -> Solid:
+    """`tube_solid` before its lumens are taken out; parameters and errors are the same."""
+    if not 0.0 < wall_mm < np.inf:
+        raise SolidError(f"wall_mm {wall_mm:g}; give a thickness above 0")
+    ends = free_ends(network) if open_nodes is None else np.asarray(open_nodes, dtype=np.int64)
+    # A hundredth of the wall, so that the end's face is flat and no seam lies on the node's plane.
+    return lumen_solid(
+        replace(network, radius=network.radius + wall_mm),
+        extend_ends_mm=0.01 * wall_mm if len(ends) else 0.0,
+        extend_nodes=ends,
+        tolerance_mm=tolerance_mm,
+        fillet_ratio=fillet_ratio,
+        fillet_mm=fillet_mm,
+    )

@@ -36,6 +36,7 @@ from printctl.cli.run import run
 from printctl.cli.sim_printer import sim_printer
 from printctl.cli.simulate import simulate
 from printctl.cli.slice import slice_mesh
+from printctl.cli.solid import solid
 from printctl.cli.status import status
 from printctl.cli.toolpath import toolpath
 from printctl.cli.view import view
@@ -75,6 +76,7 @@ app.command(
 app.command("register")(register)
 app.command("view")(view)
 app.command("convert")(convert)
+app.command("solid")(solid)
 app.command("measure")(measure)
 app.command("lumens")(lumens)
 app.command("ports")(ports)

@@ -15,7 +15,8 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
-from printctl.recipe.parts import FlowPart, Part, Seed, SolidPart
+from printctl.recipe.parts import FlowPart, Part, Seed
+from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
 
 

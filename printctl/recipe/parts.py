@@ -37,15 +37,6 @@ def given(value: Any, key: str) -> Any:
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
 
 
-class SolidPart(Part):
-    """How the network becomes a surface."""
-
-    fillet_ratio: Annotated[float, Field(ge=0, le=1)] = Field(
-        default=0.0,
-        description="Radius of the rounding in a junction's corners, over its thinnest vessel's.",
-    )
-
-
 class FlowPart(Part):
     """How the network is perfused."""
 

@@ -14,8 +14,10 @@ from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.crowd import LostRingError, ball, stub, united
+from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, united
+from design.solids.smooth.crowd_walls import crowd_rounding
 from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
+from design.solids.smooth.round_crowd import rounded
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
@@ -32,6 +34,10 @@ _MOST_POINTS = 6000
 
 _TRIES = 3
 """Of taking more vessels into a crowd, before all are."""
+
+_SLIVER = 1e-4
+"""Of the thinnest radius: what facets that nearly coincide leave between them, and what would
+cross once it is moved."""
 
 _CRUMB = 0.1
 """Of the thinnest radius: side of a cube that is no part of a lumen."""
@@ -259,6 +265,10 @@ def _crowd(
     tolerance_mm: float,
 ) -> None:
     """Sew in the union of what is in a crowd."""
+    wanted = layout.fillet_ratio > 0.0 or bool(layout.fillet_mm)
+    rounds = wanted and not layout.sharp.intersection(joints)
+    # Facets of a ball that is to be rounded must lie as near to it as a tube's.
+    fineness = tolerance_mm / COARSER_BALLS if rounds else tolerance_mm
     parts: list[Manifold] = []
     winding = set(overlaps[overlaps[:, 0] == overlaps[:, 1], 0].tolist())
     for index in runs:
@@ -266,19 +276,24 @@ def _crowd(
     rings: list[NDArray[np.int64]] = []
     for joint in joints:
         centre = layout.walls[joint][0, :3]
-        parts.append(ball(centre, float(layout.ball[joint]), tolerance_mm))
+        parts.append(ball(centre, float(layout.ball[joint]), fineness))
         for (index, end), wall in zip(layout.ends[joint], layout.walls[joint], strict=True):
             if not layout.swallowed[index]:
                 ring, reach = sewing.rings[index, end], layout.reach[index, end]
                 near = wall[7] / (wall[7] + wall[8] * reach)
                 parts.append(stub(centre, float(near), sewing.place(ring), reach))
                 rings.append(ring)
-    vertices, faces, where = united(
-        parts, [sewing.place(ring) for ring in rings], _CRUMB * _thinnest(layout, joints, runs)
-    )
+    thin = _thinnest(layout, joints, runs)
+    places = [sewing.place(ring) for ring in rings]
+    sliver = _SLIVER * thin if rounds else 0.0
+    vertices, faces, where = united(parts, places, _CRUMB * thin, sliver)
     known = np.full(len(vertices), -1)
     for ring, index_of in zip(rings, where, strict=True):
         known[index_of] = ring
+    if rounds:
+        what = crowd_rounding(layout, joints, runs, shapes, tolerance_mm)
+        vertices, faces = rounded(vertices, faces, known >= 0, what)
+        known = np.concatenate([known, np.full(len(vertices) - len(known), -1)])
     sewing.sew(vertices, faces, known)
 
 

@@ -18,10 +18,10 @@ from design.solids.manifolds import to_manifold, unite
 FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
-_CLEAR_OF_TUBES = 0.999
+CLEAR_OF_TUBES = 0.999
 """Balls stay this factor inside the tubes' facets, so that the union has no slivers."""
 
-_COARSER_BALLS = 4.0
+COARSER_BALLS = 4.0
 """Balls show only in the outer corner of a bend: half the tubes' facets make half the time."""
 
 _SAME_PLACE = 1e-9
@@ -34,8 +34,8 @@ class LostRingError(SolidError):
 
 def ball(centre: FloatArray, radius: float, tolerance_mm: float = FACET_TOLERANCE_MM) -> Manifold:
     """A ball that fills the outer corner between tubes of ``radius``."""
-    inscribed = inscribed_factor(facet_count(radius, tolerance_mm)) * _CLEAR_OF_TUBES
-    facets = facet_count(radius, _COARSER_BALLS * tolerance_mm)
+    inscribed = inscribed_factor(facet_count(radius, tolerance_mm)) * CLEAR_OF_TUBES
+    facets = facet_count(radius, COARSER_BALLS * tolerance_mm)
     return Manifold.sphere(radius * inscribed, facets).translate(centre.tolist())
 
 
@@ -74,7 +74,10 @@ def stub(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Man
 
 
 def united(
-    parts: Sequence[Manifold], rings: Sequence[FloatArray], crumb_mm: float
+    parts: Sequence[Manifold],
+    rings: Sequence[FloatArray],
+    crumb_mm: float,
+    simpler_mm: float = 0.0,
 ) -> tuple[FloatArray, FaceArray, list[NDArray[np.int64]]]:
     """Union of ``parts``, opened at ``rings`` that are faces of it.
 
@@ -85,6 +88,8 @@ def united(
     crumb_mm : float, mm
         Closed surfaces as small as a cube of this side are dropped: where facets of several
         vessels nearly coincide, slits stay between them.
+    simpler_mm : float, mm
+        Slivers thinner than this are taken away; 0 leaves them.
 
     Returns
     -------
@@ -98,7 +103,8 @@ def united(
     LostRingError
         When a ring isn't on the union's surface.
     """
-    mesh = unite(parts).to_mesh64()
+    whole = unite(parts)
+    mesh = (whole.simplify(simpler_mm) if simpler_mm else whole).to_mesh64()
     vertices = mesh.vert_properties[:, :3]
     faces = _without_crumbs(vertices, mesh.tri_verts.astype(np.int64), crumb_mm)
     if not rings:

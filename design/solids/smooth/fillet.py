@@ -84,7 +84,7 @@ def wall_distance(
 
 
 @jit
-def _longest(n: FloatArray, b: FloatArray, count: int) -> tuple[float, float, float]:
+def least_step(n: FloatArray, b: FloatArray, count: int) -> tuple[float, float, float]:
     """Least v with n·v ≥ b for all rows: the longest dual-feasible vertex of 1, 2 or 3 rows."""
     best, vx, vy, vz = 0.0, 0.0, 0.0, 0.0
     for i in range(count):
@@ -165,7 +165,7 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
             else:
                 used += 1
             n[place, 0], n[place, 1], n[place, 2], b[place] = gx, gy, gz, need
-        vx, vy, vz = _longest(n, b, used)
+        vx, vy, vz = least_step(n, b, used)
         # A ball deep inside would be sent far, past the axis of another vessel: step by step.
         length = sqrt(vx * vx + vy * vy + vz * vz)
         mx, my, mz = x + vx - cx, y + vy - cy, z + vz - cz

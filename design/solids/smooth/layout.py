@@ -44,12 +44,17 @@ class Layout:
     walls : list of (n, 10) float64
         Rows of `wall_rows` for each junction, infinite.
     fillet : list of float, mm
+    fillet_ratio : float
+    fillet_mm : float, mm, or None
+        What was asked for; the length counts where it is given.
     reach : dict of (run, end) to float, mm
         Where the plain tube begins, from the junction at that end.
     swallowed : list of bool
         Runs without room for a plain tube: whole parts of a crowd.
     forced : set of int
         Junctions that make a crowd of their own, having failed alone.
+    sharp : set of int
+        Junctions whose crowds aren't rounded, having failed to be.
     """
 
     runs: list[Chain]
@@ -58,9 +63,12 @@ class Layout:
     ends: list[list[End]]
     walls: list[FloatArray]
     fillet: list[float]
+    fillet_ratio: float = 0.0
+    fillet_mm: float | None = None
     reach: dict[End, float] = field(default_factory=dict)
     swallowed: list[bool] = field(default_factory=list)
     forced: set[int] = field(default_factory=set)
+    sharp: set[int] = field(default_factory=set)
 
     def joint_of(self) -> dict[End, int]:
         """The junction at each joined end."""
@@ -87,7 +95,7 @@ def lay_out(
         fillet_mm if fillet_mm is not None else fillet_ratio * float(rows[:, 7].min())
         for rows in walls
     ]
-    layout = Layout(runs, facets, balls.radius, ends, walls, wanted)
+    layout = Layout(runs, facets, balls.radius, ends, walls, wanted, fillet_ratio, fillet_mm)
     _give_room(layout)
     return layout
 

@@ -6,20 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from design.network import IntArray
-from design.solids import (
-    Solid,
-    construct_genus,
-    construct_solid,
-    lumen_solid,
-    open_ends,
-    read_solid,
-    validate_file,
-    write_3mf,
-    write_stl,
-)
+from design.solids import read_solid, surface_genus, validate_file
 from design.vasculature import PLANAR_DIMPLES
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
+from printctl.pipeline.solid_build import Built, build
+from printctl.pipeline.solid_files import checkable, write_solids
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
@@ -27,51 +18,44 @@ from printctl.recipe.growth import NamedNetwork
 
 SOLID_3MF = "solid.3mf"
 NAMES = (LUMEN, SOLID, SOLID_3MF)
+"""Files by default."""
 
 
-def make_construct(context: RunContext) -> tuple[Solid, IntArray]:
-    """The body without its lumens (and fiducial dimples, where the design has any); its ports.
-
-    Lumens that end at the body's face are drawn out for the cut, so that they open cleanly.
-    """
-    body, network = read_solid(context.folder / SURFACE, unit="mm"), context.network
+def built_solids(context: RunContext) -> Built:
+    """All solids of the recipe; a design of ours brings its fiducial dimples."""
     named = isinstance(context.recipe.vasculature, NamedNetwork)
     marks = [(mark.centre_mm, mark.diameter_mm) for mark in PLANAR_DIMPLES] if named else []
-    beyond = 2.0 * float(network.radius.max())
-    ports = open_ends(network, body, beyond)
-    tool = lumen_solid(
-        network,
-        extend_ends_mm=beyond,
-        extend_nodes=ports,
-        fillet_ratio=context.recipe.solid.fillet_ratio,
-    )
-    return construct_solid(body, tool, dimples=marks), ports
+    tissue = read_solid(context.folder / SURFACE, unit="mm")
+    return build(context.recipe.solid, context.network, tissue, body_genus(context), marks)
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Build, write, read back, check."""
-    lumen = lumen_solid(context.network, fillet_ratio=context.recipe.solid.fillet_ratio)
-    report(0.3, "body minus lumens")
-    construct, ports = make_construct(context)
+    built = built_solids(context)
     report(0.6, "writing")
-    write_stl(context.folder / LUMEN, lumen)
-    write_stl(context.folder / SOLID, construct)
-    write_3mf(context.folder / SOLID_3MF, construct)
+    names, steps = write_solids(context, built)
     report(0.8, "reading back")
-    checks = {name: validate_file(context.folder / name) for name in NAMES}
+    checks = {name: validate_file(context.folder / name) for name in names if checkable(name)}
     for check in checks.values():
         check.require_valid()
+        if check.crossing_faces:
+            context.bars.remark("solid", f"{check.file}: {check.crossing_faces} faces cross others")
     summary = {
-        "volume_mm3": construct.volume_mm3,
-        "lumen_volume_mm3": lumen.volume_mm3,
-        "faces": len(construct.faces),
+        "volume_mm3": built.construct.volume_mm3,
+        "lumen_volume_mm3": built.lumen.volume_mm3,
+        "faces": len(built.construct.faces),
         "watertight": True,
-        "ports": len(ports),
+        "ports": len(built.ports),
+        "fittings": built.fittings,
         "genus": checks[SOLID].genus,
-        "genus_expected": construct_genus(context.network, ports, body_genus(context)),
+        "genus_expected": built.genus,
         "files": {name: asdict(check) for name, check in checks.items()},
     }
-    return summary, NAMES
+    if steps:
+        summary["step"] = {name: asdict(check) for name, check in steps.items()}
+    if built.chamber is not None:
+        summary["chamber_genus"] = surface_genus(built.chamber.faces)[0]
+    return summary, names
 
 
 def body_genus(context: RunContext) -> int:

@@ -1,0 +1,73 @@
+"""Triangles parted at the middles of some of their edges, so that no gap stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges of a mesh, each once.
+
+    Attributes
+    ----------
+    one, two : (e,) int64
+        Its vertices, the lower number first.
+    of_face : (m, 3) int64
+        The edge that leaves each corner.
+    """
+
+    one: IntArray
+    two: IntArray
+    of_face: IntArray
+
+    @classmethod
+    def of(cls, faces: IntArray) -> Edges:
+        """The edges of ``faces`` (m, 3)."""
+        head = np.roll(faces, -1, axis=1)
+        size = int(faces.max(initial=0)) + 1
+        key = np.minimum(faces, head) * size + np.maximum(faces, head)
+        edge, index = np.unique(key, return_inverse=True)
+        return cls(edge // size, edge % size, index.reshape(faces.shape))
+
+
+def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: int) -> IntArray:
+    """Faces with the ``parted`` (e,) edges halved.
+
+    Parameters
+    ----------
+    faces : (m, 3) int64
+    edges : Edges
+        Of ``faces``.
+    parted : (e,) bool
+    first : int
+        Number of the first new vertex; they come in the order of the parted edges.
+    """
+    number = np.full(len(edges.one), -1)
+    number[parted] = first + np.arange(int(parted.sum()))
+    middle = number[edges.of_face]
+    halved = middle >= 0
+    count = halved.sum(axis=1)
+    found = [faces[count == 0]]
+    # Turned so that the edge that is alone, parted or not, leaves the first corner.
+    for alone in (1, 2):
+        rows = np.flatnonzero(count == alone)
+        lone = np.argmax(halved[rows] == (alone == 1), axis=1)
+        turn = (lone[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(faces[rows], turn, axis=1).T
+        ab, bc, ca = np.take_along_axis(middle[rows], turn, axis=1).T
+        if alone == 1:
+            found += [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
+        else:
+            found += [np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1), np.stack([ca, bc, c], 1)]
+    rows = np.flatnonzero(count == 3)
+    a, b, c = faces[rows].T
+    ab, bc, ca = middle[rows].T
+    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    found += [np.stack(corner, 1) for corner in corners]
+    return np.concatenate(found)

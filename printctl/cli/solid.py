@@ -1,0 +1,71 @@
+"""`printctl solid`: a network's lumens, or tubes around them, as a closed surface or STEP."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.solids import lumen_solid, tube_solid, validate_file, write_step
+from design.solids.read import SUFFIXES
+from printctl.cli.network_options import UnitOption
+from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.errors import UsageError
+from printctl.networks import read_network
+from printctl.pipeline.solid_files import WRITERS
+
+
+def solid(
+    source: Annotated[
+        Path, typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", help="A .stl, .3mf, .step, .ply, .obj or .vtp file.", show_default=False
+        ),
+    ],
+    unit: UnitOption = None,
+    fillet_ratio: Annotated[
+        float,
+        typer.Option(
+            "--fillet-ratio", min=0, max=1, help="Of junctions, over their thinnest vessel."
+        ),
+    ] = 0.0,
+    wall_mm: Annotated[
+        float | None,
+        typer.Option("--wall-mm", min=1e-3, max=50, help="Tubes of this wall, not the lumens."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a solid of a vessel network, and read the file back to check it.
+
+    STEP holds exact cylinders, cones and balls with sharp seams; it needs the extra "step".
+    """
+    kind = out.suffix.lower().removeprefix(".")
+    if kind != "step" and kind not in WRITERS:
+        raise UsageError(f"{out}: give a file that ends in .step, .{', .'.join(WRITERS)}")
+    if kind == "step" and (fillet_ratio or wall_mm is not None):
+        raise UsageError("--fillet-ratio and --wall-mm are for triangles; STEP has sharp lumens")
+    network = read_network(source, unit)
+    if kind == "step":
+        found = asdict(write_step(out, network))
+    else:
+        if wall_mm is None:
+            made = lumen_solid(network, fillet_ratio=fillet_ratio)
+        else:
+            made = tube_solid(network, wall_mm, fillet_ratio=fillet_ratio)
+        WRITERS[kind](out, made)
+        found = {"file": out.name, "volume": made.volume_mm3, "faces": len(made.faces)}
+        if out.suffix.lower() in SUFFIXES:
+            check = validate_file(out)
+            check.require_valid()
+            found = asdict(check)
+    if as_json:
+        print_json(found)
+        return
+    shown = f"{out}: {found['volume']:.6g} mm³, {found['faces']} faces"
+    crossing = found.get("crossing_faces", 0)
+    print_lines(shown + (f", {crossing} of which cross others" if crossing else ""))

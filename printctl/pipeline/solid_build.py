@@ -1,0 +1,267 @@
+"""What a recipe's ``solid`` section makes of a network and a tissue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from design.errors import SolidError
+from design.network import IntArray, VesselNetwork
+from design.solids import (
+    Port,
+    Solid,
+    chamber_solid,
+    construct_genus,
+    construct_solid,
+    end_ports,
+    fiducial_places,
+    find_ports,
+    lumen_solid,
+    network_genus,
+    open_ends,
+    solid_from_surface,
+    surface_genus,
+    text_solid,
+    tube_outside,
+    with_connector,
+    with_text,
+)
+from design.solids.construct import Vector
+from printctl.recipe.solid import ChamberPart, ConnectorPart, SolidPart, TextPart
+
+Dimple = tuple[Vector, float]
+
+INTO_BORE_MM = 0.01
+"""By how much a lumen goes on into a fitting's bore, so that no skin stays between them."""
+
+_LEAD_IN_MM = 2.0
+_LEAST_CUT = 0.3
+"""Of a dimple's ball that the body must hold; on a flat face it is a half."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """The solids of a run.
+
+    Attributes
+    ----------
+    lumen : Solid
+        With round ends.
+    construct : Solid
+        What is printed.
+    chamber : Solid or None
+        What it is put into.
+    ports : (k,) int64
+        Nodes at which the construct's lumens open.
+    beyond_mm : float, mm
+        By how much the lumens were drawn out at ports without a fitting.
+    dimples : list of (centre (3,) mm, diameter mm)
+    genus : int
+        That the construct should have.
+    fittings : int
+        On the construct and on the chamber.
+    """
+
+    lumen: Solid
+    construct: Solid
+    chamber: Solid | None
+    ports: IntArray
+    beyond_mm: float
+    dimples: list[Dimple]
+    genus: int
+    fittings: int
+
+
+def build(
+    part: SolidPart,
+    network: VesselNetwork,
+    tissue: Solid,
+    tissue_genus: int,
+    marks: Sequence[Dimple] = (),
+) -> Built:
+    """Make all solids that ``part`` asks for.
+
+    Parameters
+    ----------
+    part : SolidPart
+    network : VesselNetwork
+    tissue : Solid
+    tissue_genus : int
+        Its handles.
+    marks : sequence of (centre (3,) mm, diameter mm)
+        Dimples in the tissue's faces, besides the section's own.
+
+    Raises
+    ------
+    SolidError
+        When something can't be made there.
+    """
+    beyond = 2.0 * float(network.radius.max())
+    if part.tubes is None:
+        body, genus = tissue, tissue_genus
+        nodes = open_ends(network, body, beyond)
+    else:
+        body = tube_outside(network, part.tubes.wall_mm, fillet_ratio=part.fillet_ratio)
+        genus, nodes = network_genus(network), np.flatnonzero(network.degree() == 1)
+    fitted = _fitted_ports(part, network, body, nodes)
+    for port, fitting in fitted:
+        body = with_connector(body, fitting.connector, port.at, port.outward)
+    dimples = [*(marks if part.tubes is None else []), *_fiducials(part)]
+    construct = _opened(part, network, body, nodes, fitted, beyond)
+    construct = _dimpled(construct, dimples)
+    for index, text in enumerate(part.texts):
+        construct = _lettered(construct, text, index)
+    chamber, holes = _chamber(part.chamber, network, construct, nodes)
+    return Built(
+        lumen=lumen_solid(network, fillet_ratio=part.fillet_ratio),
+        construct=construct,
+        chamber=chamber,
+        ports=nodes,
+        beyond_mm=beyond,
+        dimples=dimples,
+        genus=construct_genus(network, nodes, genus),
+        fittings=len(fitted) + holes,
+    )
+
+
+def _fitted_ports(
+    part: SolidPart, network: VesselNetwork, body: Solid, nodes: IntArray
+) -> list[tuple[Port, ConnectorPart]]:
+    """Ports that get a fitting, on the body's face."""
+    if part.inlets is None and part.outlets is None:
+        return []
+    if part.tubes is None:
+        ports = find_ports(network, body, nodes, "the tissue")
+    else:
+        ports = end_ports(network, nodes)
+    return _with_fittings(ports, part.inlets, part.outlets, "solid")
+
+
+def _with_fittings(
+    ports: list[Port], inlets: ConnectorPart | None, outlets: ConnectorPart | None, key: str
+) -> list[tuple[Port, ConnectorPart]]:
+    found = []
+    for name, fitting, inlet in (("inlets", inlets, True), ("outlets", outlets, False)):
+        chosen = [port for port in ports if port.inlet == inlet]
+        if fitting is None:
+            continue
+        if not chosen:
+            raise SolidError(
+                f"{key}.{name}: no vessel's {name[:-1]} opens through a face, so there is "
+                f"nowhere to put a fitting; leave {key}.{name} out, or let a vessel end at a face"
+            )
+        for port in chosen:
+            if fitting.kind != "luer_male" and fitting.outer_mm <= 2.0 * port.radius_mm:
+                raise SolidError(
+                    f"{key}.{name}.outer_mm {fitting.outer_mm:g} isn't wider than the vessel of "
+                    f"{2.0 * port.radius_mm:.3g} mm at node {port.node}; make it wider"
+                )
+            found.append((port, fitting))
+    return found
+
+
+def _opened(
+    part: SolidPart,
+    network: VesselNetwork,
+    body: Solid,
+    nodes: IntArray,
+    fitted: list[tuple[Port, ConnectorPart]],
+    beyond_mm: float,
+) -> Solid:
+    """The body minus lumens: through its face at plain ports, up to the bore at fittings."""
+    into = {port.node: max(0.0, port.beyond_mm) + INTO_BORE_MM for port, _ in fitted}
+    lengths = np.array([into.get(node, beyond_mm) for node in nodes.tolist()])
+    tool = lumen_solid(
+        network, extend_ends_mm=lengths, extend_nodes=nodes, fillet_ratio=part.fillet_ratio
+    )
+    return construct_solid(body, tool)
+
+
+def _fiducials(part: SolidPart) -> list[Dimple]:
+    return [
+        (place, mark.diameter_mm)
+        for mark in part.fiducials
+        for place in fiducial_places(
+            np.array(mark.at_mm), np.array(mark.along), np.array(mark.outward), mark.size_mm
+        )
+    ]
+
+
+def _dimpled(construct: Solid, dimples: list[Dimple]) -> Solid:
+    if not dimples:
+        return construct
+    done = construct_solid(construct, None, dimples)
+    balls = sum(np.pi / 6.0 * float(wide) ** 3 for _, wide in dimples)
+    gone = construct.volume_mm3 - done.volume_mm3
+    if gone < _LEAST_CUT * balls:
+        raise SolidError(
+            f"solid.fiducials: {len(dimples)} dimples of {balls:.3g} mm³ take only {gone:.3g} mm³ "
+            "out of the construct; put at_mm on its face, and let the pattern fit there"
+        )
+    return done
+
+
+def _lettered(construct: Solid, text: TextPart, index: int) -> Solid:
+    letters = text_solid(text.text, text.height_mm, text.depth_mm)
+    at, along, outward = (np.array(value) for value in (text.at_mm, text.along, text.outward))
+    done = with_text(construct, letters, at, along, outward, engraved=text.engraved)
+    changed = abs(done.volume_mm3 - construct.volume_mm3)
+    loose = surface_genus(done.faces)[1] - surface_genus(construct.faces)[1]
+    if changed < 0.5 * letters.volume_mm3 or loose:
+        raise SolidError(
+            f"solid.texts.{index}: {text.text!r} isn't on the construct: {changed:.3g} of its "
+            f"{letters.volume_mm3:.3g} mm³ count, {loose} parts are loose; put at_mm on a flat "
+            "face that has room for it"
+        )
+    return done
+
+
+def _chamber(
+    part: ChamberPart | None, network: VesselNetwork, construct: Solid, nodes: IntArray
+) -> tuple[Solid | None, int]:
+    """The chamber around the construct, and how many fittings it has."""
+    if part is None:
+        return None, 0
+    low, high = construct.bounds
+    wide = high - low + 2.0 * part.clearance_mm
+    if part.shape == "cylinder":
+        wide[:2] = float(np.hypot(*(high - low)[:2])) + 2.0 * part.clearance_mm
+    inner = (float(wide[0]), float(wide[1]), float(high[2] - low[2]) + part.headroom_mm)
+    made = chamber_solid(part.around(inner))
+    foot = np.array([*(0.5 * (low + high))[:2], low[2]])
+    # Once more through the snapping: moved coordinates aren't float32's any more.
+    chamber = solid_from_surface(made.vertices + foot, made.faces)
+    if part.inlets is None and part.outlets is None:
+        return chamber, 0
+    ports = find_ports(network, chamber, nodes, "the chamber")
+    fitted = _with_fittings(ports, part.inlets, part.outlets, "solid.chamber")
+    foot_mm, rim_mm = chamber.bounds[:, 2].tolist()
+    room = (foot_mm, rim_mm - (part.ledge_depth_mm if part.ledge_mm else 0.0))
+    for port, fitting in fitted:
+        _check_height(port, fitting, room)
+        chamber = with_connector(
+            chamber,
+            fitting.connector,
+            port.at,
+            port.outward,
+            lead_in_mm=min(_LEAD_IN_MM, 0.9 * port.wall_mm),
+            through_mm=port.wall_mm + 1.0,
+        )
+    return chamber, len(fitted)
+
+
+def _check_height(port: Port, fitting: ConnectorPart, room: tuple[float, float]) -> None:
+    """Refuse a fitting that keeps a lid from closing, or the chamber from standing."""
+    wide, z = 0.5 * fitting.outer_mm, float(port.at[2])
+    if z + wide > room[1]:
+        raise SolidError(
+            f"solid.chamber: the fitting at node {port.node} reaches {z + wide - room[1]:.3g} mm "
+            "over the chamber's rim, or its lid's ledge; raise headroom_mm or lower outer_mm"
+        )
+    if z - wide < room[0]:
+        raise SolidError(
+            f"solid.chamber: the fitting at node {port.node} reaches {room[0] - z + wide:.3g} mm "
+            "below the chamber's foot; raise floor_mm or lower outer_mm"
+        )

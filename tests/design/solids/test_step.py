@@ -1,0 +1,101 @@
+"""STEP: pieces of a network, and the file as Open CASCADE reads it back."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from design.errors import SolidError
+from design.solids import StepBody, lumen_solid, write_step
+from design.solids.chains import Chain
+from design.solids.step import MOST_PIECES
+from design.solids.step_pieces import simpler, step_pieces
+from tests.design.solids.networks import channels, ladder, lattice, vessel
+
+FORK = channels([[0, 0, 0], [5, 0, 0], [9, 3, 0], [9, -3, 1]], [(0, 1), (1, 2), (1, 3)], 0.4)
+
+
+def _occ() -> None:
+    pytest.importorskip("netgen.occ", reason='the extra "step" isn\'t installed')
+
+
+def test_pieces_are_frusta_and_balls_each_touching_one_before_it() -> None:
+    pieces = step_pieces(FORK)
+    assert sum(piece.is_ball for piece in pieces) == 4
+    seen = {pieces[0].start.tobytes(), pieces[0].end.tobytes()}
+    for piece in pieces[1:]:
+        assert {piece.start.tobytes(), piece.end.tobytes()} & seen
+        seen |= {piece.start.tobytes(), piece.end.tobytes()}
+
+
+def test_an_end_that_is_drawn_out_has_no_ball() -> None:
+    pieces = step_pieces(FORK, 2.0, np.array([0]))
+    assert sum(piece.is_ball for piece in pieces) == 3
+    assert min(piece.start[0] for piece in pieces) == -2.0
+
+
+def test_a_curve_keeps_the_points_it_needs() -> None:
+    turn = np.linspace(0, np.pi, 200)
+    points = np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0 * turn], axis=1)
+    run = Chain(points, np.full(200, 0.5), np.full(200, -1))
+    fewer = simpler(run)
+    assert 15 < len(fewer.points) < 40
+    for a, b in zip(fewer.points[:-1], fewer.points[1:], strict=True):
+        sagitta = 3 - np.linalg.norm(0.5 * (a + b))
+        assert sagitta < 1.01 * 0.02 * 0.5
+    straight = Chain(np.linspace([0, 0, 0], [9, 0, 0], 50), np.linspace(1, 2, 50), run.node[:50])
+    assert len(simpler(straight).points) == 2
+
+
+def test_what_is_too_large_is_refused_with_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("design.solids.step.load_occ", lambda: None)
+    with pytest.raises(SolidError, match=f"more than the {MOST_PIECES}"):
+        write_step(tmp_path / "a.step", lattice(6, 2.0, 0.3))
+
+
+def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "netgen", None)
+    with pytest.raises(SolidError, match=r"pip install 'printctl\[step\]'"):
+        write_step(tmp_path / "a.step", FORK)
+
+
+def test_a_cone_between_flat_ends_has_its_exact_volume(tmp_path: Path) -> None:
+    _occ()
+    cone = vessel([[0, 0, 0], [0, 6, 8]], [0.5, 0.9])
+    check = write_step(tmp_path / "cone.step", cone, extend_ends_mm=1.0)
+    frustum = np.pi / 3 * 10 * (0.25 + 0.45 + 0.81)
+    ends = np.pi * (0.25 + 0.81)
+    assert check.volume == pytest.approx(frustum + ends, rel=1e-6)
+    assert (check.solids, check.file) == (1, "cone.step")
+
+
+def test_forks_loops_and_curves_have_the_triangles_volume(tmp_path: Path) -> None:
+    _occ()
+    turn = np.linspace(0, 1.5, 12)
+    bend = vessel(np.stack([3 * np.cos(turn), 3 * np.sin(turn), 0 * turn], 1), 0.4)
+    for network in (FORK, ladder(), bend):
+        check = write_step(tmp_path / "n.step", network)
+        assert check.solids == 1
+        assert check.volume == pytest.approx(lumen_solid(network).volume_mm3, rel=2e-3)
+
+
+@pytest.mark.parametrize("shape", ["block", "cylinder"])
+def test_a_body_without_lumens_and_dimples(tmp_path: Path, shape: str) -> None:
+    _occ()
+    network = channels([[-4, 0, 1.5], [4, 0, 1.5]], [(0, 1)], 0.4)
+    body = StepBody(shape, (-4, -4, 0), (4, 4, 3))  # type: ignore[arg-type]
+    dimples = [((2.0, 2.0, 3.0), 0.8)]
+    check = write_step(tmp_path / "b.step", network, body=body, dimples=dimples, extend_ends_mm=1.0)
+    half_ball = 2 / 3 * np.pi * 0.4**3
+    if shape == "block":
+        expected = 8 * 8 * 3 - np.pi * 0.16 * 8 - half_ball
+        assert check.volume == pytest.approx(expected, rel=1e-7)
+    else:
+        expected = np.pi * 16 * 3 - np.pi * 0.16 * 8 - half_ball
+        assert check.volume == pytest.approx(expected, rel=1e-4)
+    assert check.solids == 1

@@ -1,0 +1,125 @@
+"""What a recipe's solid section makes: fittings, tubes, chambers, marks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from design.errors import SolidError
+from design.network import VesselNetwork
+from design.solids import block_solid, find_crossings, surface_genus
+from printctl.errors import RecipeError
+from printctl.pipeline.solid_build import Built, build
+from printctl.recipe.load import parse_recipe
+from printctl.recipe.solid import SolidPart
+from tests.design.solids.networks import channels, ladder
+
+BLOCK = block_solid((16, 8, 3))
+BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
+
+
+def make(network: VesselNetwork | None = None, **keys: Any) -> Built:
+    built = build(SolidPart(**keys), network or ladder(), BLOCK, 0)
+    for solid in (built.construct, *([built.chamber] if built.chamber else [])):
+        assert len(find_crossings(solid.vertices, solid.faces).crossing) == 0
+    assert surface_genus(built.construct.faces) == (built.genus, 1)
+    return built
+
+
+def test_by_default_the_tissue_minus_its_lumens() -> None:
+    built = make()
+    assert built.genus == 4
+    assert built.construct.bounds.tolist() == BLOCK.bounds.tolist()
+    assert (built.chamber, built.fittings) == (None, 0)
+
+
+def test_barbs_stand_on_inlet_and_outlet_and_keep_the_lumen_open() -> None:
+    built = make(inlets=BARB, outlets=BARB | {"length_mm": 4})
+    assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 20.0], abs=1e-3)
+    assert built.fittings == 2
+    # The bore is 0.8 mm from the tip on: no ray along the axis meets a face.
+    faces = built.construct.vertices[built.construct.faces]
+    across = np.hypot(faces[..., 1] - 4.1, faces[..., 2] - 1.5)
+    assert across[faces[..., 0] < 0].min() == pytest.approx(0.4, abs=2e-3)
+
+
+def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
+    built = make(inlets=BARB)
+    assert built.fittings == 1
+    assert built.construct.bounds[:, 0] == pytest.approx([-5.0, 16.0], abs=1e-3)
+
+
+def test_tubes_take_the_tissues_place() -> None:
+    built = make(tubes={"wall_mm": 0.4}, inlets=BARB | {"outer_mm": 2.4})
+    assert built.construct.volume_mm3 < 0.4 * BLOCK.volume_mm3
+    assert built.genus == 3 + 3 + 2 - 1
+
+
+def test_a_chamber_has_a_way_in_for_each_port_it_fits() -> None:
+    chamber = {"headroom_mm": 3, "inlets": BARB, "outlets": BARB, "ledge_mm": 0.5}
+    built = make(chamber=chamber)
+    assert built.chamber is not None
+    assert surface_genus(built.chamber.faces) == (2, 1)
+    assert built.chamber.bounds[:, 0] == pytest.approx([-8.0, 24.0], abs=1e-3)
+    bare = make(chamber={"shape": "cylinder"})
+    assert bare.chamber is not None
+    assert surface_genus(bare.chamber.faces) == (0, 1)
+
+
+def test_text_and_fiducials_are_cut_into_the_face_they_stand_on() -> None:
+    plain = make()
+    text = {"text": "A7", "at_mm": (6, 5.5, 3), "height_mm": 1, "depth_mm": 0.2}
+    dots = {"at_mm": (5, 0.5, 3), "size_mm": 2, "diameter_mm": 0.4}
+    marked = make(texts=[text], fiducials=[dots])
+    assert marked.construct.volume_mm3 < plain.construct.volume_mm3
+    raised = make(texts=[text | {"engraved": False}])
+    assert raised.construct.bounds[1, 2] == pytest.approx(3.19, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"texts": [{"text": "A", "at_mm": (6, 5, 9)}]}, r"texts.0: 'A' isn't on the construct"),
+        ({"fiducials": [{"at_mm": (5, 0.5, 9)}]}, "put at_mm on its face"),
+        ({"inlets": BARB | {"bore_mm": 0.3, "outer_mm": 0.9}}, "isn't wider than the vessel"),
+        ({"chamber": {"inlets": BARB | {"outer_mm": 7.0}}}, "over the chamber's rim"),
+    ],
+)
+def test_what_doesnt_fit_is_refused_with_the_key(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(SolidError, match=message):
+        make(**keys)
+
+
+def test_a_fitting_without_a_port_is_refused() -> None:
+    inside = channels([[4, 4, 1.5], [12, 4, 1.5]], [(0, 1)], 0.4)
+    with pytest.raises(SolidError, match=r"solid.inlets: no vessel's inlet opens through a face"):
+        make(inside, inlets=BARB)
+
+
+@pytest.mark.parametrize(
+    ("solid", "message"),
+    [
+        ({"inlets": BARB | {"bore_mm": 2.5}}, "solid.inlets: bore_mm 2.5 leaves no wall"),
+        ({"inlets": {"kind": "luer_male", "bore_mm": 3.2}}, "over 2.9 or 10.5 mm"),
+        ({"inlets": {"kind": "hose", "bore_mm": 1}}, "solid.inlets.kind"),
+        ({"chamber": {"ledge_mm": 3}}, "ledge_mm 3 isn't below wall_mm 2"),
+        ({"texts": [{"text": " ", "at_mm": [0, 0, 0]}]}, "solid.texts.0.text"),
+        ({"fiducials": [{"at_mm": [0, 0, 0], "along": [0, 0, 2]}]}, "must be two directions"),
+        ({"formats": ["stl", "stl"]}, "names one twice"),
+        ({"formats": ["iges"]}, "solid.formats"),
+        ({"walls": 1}, "solid.walls"),
+    ],
+)
+def test_a_recipe_is_told_what_is_wrong_with_it(solid: dict[str, Any], message: str) -> None:
+    recipe = {
+        "schema": 1,
+        "name": "x",
+        "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+        "vasculature": {"design": "planar_four_vessel"},
+        "solid": solid,
+    }
+    with pytest.raises(RecipeError) as told:
+        parse_recipe(recipe, "x.yaml")
+    assert message in str(told.value)
