@@ -30,7 +30,7 @@ class RegistrationOptions:
     Attributes
     ----------
     working_voxel_mm : float or None, mm
-        Voxels are averaged to about this; None takes an eighth of the thinnest lumen, at most
+        Voxels are averaged to about this; None takes a twelfth of the thinnest lumen, at most
         0.1 mm.
     smoothing_mm : float or None, mm
         Gaussian; None takes 0.8 of the working voxel.
@@ -82,7 +82,8 @@ def register_scan(
     thinnest = 2 * float(network.radius.min())
     segmentation = segment(scan, _segmentation_options(options, thinnest))
     points = segmentation.vertices[segmentation.seen]
-    alignment = align(surface, points, scan.depth_down, options.alignment)
+    blur = segmentation.field.blur_mm
+    alignment = align(surface, points, scan.depth_down, options.alignment, blur_mm=blur)
     rigid = deviations(surface, alignment.rigid.apply(segmentation.vertices), is_lumen)
     scaled = deviations(surface, alignment.scaled.apply(segmentation.vertices), is_lumen)
     vessels = gauge_vessels(
@@ -115,7 +116,7 @@ def register_scan(
 
 def _segmentation_options(options: RegistrationOptions, thinnest: float) -> SegmentationOptions:
     return SegmentationOptions(
-        working_voxel_mm=options.working_voxel_mm or min(0.1, thinnest / 8),
+        working_voxel_mm=options.working_voxel_mm or min(0.1, thinnest / 12),
         smoothing_mm=options.smoothing_mm,
         lumens=options.lumens,
     )

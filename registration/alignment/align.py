@@ -55,11 +55,14 @@ def align(
     points: FloatArray,
     depth_down: bool,
     options: AlignmentOptions | None = None,
+    *,
+    blur_mm: float = 0.0,
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
     The part may be turned any way about the vertical, tilted by about 10 degrees and shifted by
-    several mm. `depth_down`: the scan's z points into the part's -z.
+    several mm. `depth_down`: the scan's z points into the part's -z. `blur_mm`: standard deviation
+    of the blur under which the surface was found, which has narrowed lumens.
 
     Raises
     ------
@@ -83,12 +86,13 @@ def align(
     best, margin = winner(surface, wide, rivals)
     straight = residuals(surface, wide, best)
     _refuse_mirrored(straight, residuals(surface, wide * _MIRROR, mirrored))
-    scaled = refine(surface, many, best, Freedom(axes, offset=True))
+    free = Freedom(axes, offset=True)
+    scaled = refine(surface, many, best, free, blur_mm=blur_mm)
     _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
-    rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0)
+    rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
     return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below)
 
 

@@ -96,11 +96,13 @@ def refine(
     *,
     steps: int = 40,
     kernel_mm: float | None = None,
+    blur_mm: float = 0.0,
 ) -> Fit:
     """Improve `start` until nothing moves by more than a hundredth of a micrometre.
 
     Residuals are exact signed distances, weighted after Geman & McClure at `kernel_mm`, or at
-    three times their own spread. Weak priors (stretch within 5 %, offset within 0.1 mm) keep a
+    three times their own spread, less what a blur of the volume by `blur_mm` has moved the surface
+    (`ModelSurface.blurred`). Weak priors (stretch within 5 %, offset within 0.1 mm) keep a
     model without depth or without lumens solvable; against thousands of points they weigh nothing.
     """
     fit = start
@@ -108,7 +110,7 @@ def refine(
     for _ in range(steps):
         rigid = points @ fit.rotation.T + fit.shift
         near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre))
-        residual = near.distance - fit.offset_mm
+        residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
         spread = 1.4826 * float(np.median(np.abs(residual)))
         scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
         weight = (scale**2 / (scale**2 + residual**2)) ** 2

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from design.solids.solid import Solid
 from registration.distance.bvh import build
 from registration.distance.closest import nearest
+from registration.distance.curvature import face_curvature
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -47,12 +48,15 @@ class ModelSurface:
         Corners.
     normals : (m, 7, 3) float64
         Pseudonormals of face, edges ab, bc, ca, corners a, b, c.
+    curvature : (m,) float64, 1/mm
+        Sum of the principal curvatures, see `registration.distance.curvature`.
     boxes, nodes, order : arrays
         See `registration.distance.bvh.build`.
     """
 
     triangles: FloatArray
     normals: FloatArray
+    curvature: FloatArray
     boxes: FloatArray
     nodes: IntArray
     order: IntArray
@@ -64,8 +68,10 @@ class ModelSurface:
         twice = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         kept = np.linalg.norm(twice, axis=1) > 1e-14
         triangles = np.ascontiguousarray(corners[kept])
-        normals = _pseudonormals(solid.faces[kept].astype(np.int64), triangles, len(solid.vertices))
-        return ModelSurface(triangles, normals, *build(triangles))
+        faces = solid.faces[kept].astype(np.int64)
+        normals = _pseudonormals(faces, triangles, len(solid.vertices))
+        curvature = face_curvature(faces, triangles)
+        return ModelSurface(triangles, normals, curvature, *build(triangles))
 
     @property
     def bounds(self) -> FloatArray:
@@ -78,6 +84,15 @@ class ModelSurface:
         a, b, c = (self.triangles[:, k] for k in range(3))
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         return np.asarray(np.average((a + b + c) / 3, axis=0, weights=area))
+
+    def blurred(self, face: IntArray, blur_mm: float) -> FloatArray:
+        """How far a blur of the volume moves its half level at these triangles, (n,), mm.
+
+        A surface of curvature κ moves by -σ²κ/2: a blurred lumen is narrower, a blurred knob
+        smaller. First order in σκ (the level sets of a diffused step move by their curvature:
+        Osher & Sethian 1988, 10.1016/0021-9991(88)90002-2).
+        """
+        return np.asarray(-0.5 * blur_mm**2 * self.curvature[face])
 
     def query(self, points: FloatArray) -> Nearest:
         """Nearest surface points and signed distances of (n, 3) points, exact."""

@@ -1,4 +1,4 @@
-"""Kernels on whole volumes: binning, smoothing, attenuation compensation, flat field."""
+"""Kernels on whole volumes: binning, smoothing, light at walls, local levels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import pjit
+from kernels import jit, pjit
 from registration.segmentation.volume import Volume
 
 FloatArray = NDArray[np.float64]
@@ -106,31 +106,91 @@ def smooth(
                     out[z, y, x] = line[x]
 
 
-@pjit
-def divide_by_field(values: FloatVolume, field: FloatVolume, factor: tuple[int, int, int]) -> None:
-    """Divide in place by a field given at every `factor`-th voxel (block centres), trilinear."""
-    nz, ny, nx = values.shape
+@jit
+def _between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int) -> float:
+    """A coarse field (block centres at every `factor`-th voxel) at a voxel, trilinear."""
     mz, my, mx = field.shape
-    fz, fy, fx = factor
+    c = min(max((z + 0.5) / factor[0] - 0.5, 0.0), mz - 1.0)
+    b = min(max((y + 0.5) / factor[1] - 0.5, 0.0), my - 1.0)
+    a = min(max((x + 0.5) / factor[2] - 0.5, 0.0), mx - 1.0)
+    k, j, i = int(c), int(b), int(a)
+    k1, j1, i1 = min(k + 1, mz - 1), min(j + 1, my - 1), min(i + 1, mx - 1)
+    w, v, u = c - k, b - j, a - i
+    near = field[k, j, i] * (1 - u) + field[k, j, i1] * u
+    far = field[k, j1, i] * (1 - u) + field[k, j1, i1] * u
+    top = near * (1 - v) + far * v
+    near = field[k1, j, i] * (1 - u) + field[k1, j, i1] * u
+    far = field[k1, j1, i] * (1 - u) + field[k1, j1, i1] * u
+    return float(top * (1 - w) + (near * (1 - v) + far * v) * w)
+
+
+@pjit
+def normalise(
+    values: FloatVolume, low: FloatVolume, high: FloatVolume, factor: tuple[int, int, int]
+) -> None:
+    """Map in place what is `low` to 0 and `high` to 1; both at every `factor`-th voxel."""
+    nz, ny, nx = values.shape
     for z in numba.prange(nz):
-        c = min(max((z + 0.5) / fz - 0.5, 0.0), mz - 1.0)
-        k = min(int(c), mz - 2) if mz > 1 else 0
-        w = c - k
-        k1 = min(k + 1, mz - 1)
         for y in range(ny):
-            b = min(max((y + 0.5) / fy - 0.5, 0.0), my - 1.0)
-            j = min(int(b), my - 2) if my > 1 else 0
-            v = b - j
-            j1 = min(j + 1, my - 1)
             for x in range(nx):
-                a = min(max((x + 0.5) / fx - 0.5, 0.0), mx - 1.0)
-                i = min(int(a), mx - 2) if mx > 1 else 0
-                u = a - i
-                i1 = min(i + 1, mx - 1)
-                near = field[k, j, i] * (1 - u) + field[k, j, i1] * u
-                far = field[k, j1, i] * (1 - u) + field[k, j1, i1] * u
-                top = near * (1 - v) + far * v
-                near = field[k1, j, i] * (1 - u) + field[k1, j, i1] * u
-                far = field[k1, j1, i] * (1 - u) + field[k1, j1, i1] * u
-                bottom = near * (1 - v) + far * v
-                values[z, y, x] = np.float32(values[z, y, x] / (top * (1 - w) + bottom * w))
+                at = _between(low, factor, z, y, x)
+                span = max(_between(high, factor, z, y, x) - at, 0.1)
+                values[z, y, x] = np.float32((values[z, y, x] - at) / span)
+
+
+@pjit
+def over_light(
+    signal: FloatVolume,
+    light: FloatVolume,
+    own: NDArray[np.bool_],
+    beside: FloatVolume,
+    share: FloatVolume,
+    factor: tuple[int, int, int],
+    most: float,
+) -> tuple[FloatVolume, NDArray[np.bool_]]:
+    """Signal over the light that a voxel would get as gel, and whether that light is known.
+
+    Where an A-scan runs in gel (`own`) it is its own; else that of the gel `beside` it, given at
+    every `factor`-th voxel together with its weight `share`. Where there is none within reach
+    there is no gel either: 0.
+    """
+    nz, ny, nx = signal.shape
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    known = np.empty((nz, ny, nx), dtype=np.bool_)
+    for z in numba.prange(nz):
+        for y in range(ny):
+            for x in range(nx):
+                through = 0.0
+                if own[z, y, x]:
+                    through = light[z, y, x]
+                else:
+                    weight = _between(share, factor, z, y, x)
+                    if weight > 0.005:
+                        through = _between(beside, factor, z, y, x) / weight
+                known[z, y, x] = through > 0.0
+                out[z, y, x] = np.float32(0.0)
+                if through > 0.0:
+                    out[z, y, x] = np.float32(min(signal[z, y, x] / through, most))
+    return out, known
+
+
+@pjit
+def near_in_depth(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Voxels with one of `mask` at most `reach` above or below them."""
+    nz, ny, nx = mask.shape
+    out = np.zeros((nz, ny, nx), dtype=np.bool_)
+    for y in numba.prange(ny):
+        last = np.full(nx, -reach - 1)
+        for z in range(nz):
+            for x in range(nx):
+                if mask[z, y, x]:
+                    last[x] = z
+                out[z, y, x] = z - last[x] <= reach
+        last[:] = nz + reach + 1
+        for step in range(nz):
+            z = nz - 1 - step
+            for x in range(nx):
+                if mask[z, y, x]:
+                    last[x] = z
+                out[z, y, x] |= last[x] - z <= reach
+    return out

@@ -1,4 +1,4 @@
-"""Grey levels: Otsu's threshold, the two classes, and whether there is any contrast."""
+"""Grey levels of lumens in gel, and whether there is any contrast."""
 
 from __future__ import annotations
 
@@ -32,32 +32,6 @@ class Levels:
     def half(self) -> float:
         """The surface's level, halfway between the classes."""
         return (self.lumen + self.gel) / 2
-
-
-def otsu(values: FloatArray, bins: int = 256) -> float:
-    """Threshold that separates two classes best (Otsu 1979, 10.1109/TSMC.1979.4310076).
-
-    The histogram runs from the 0.1 to the 99.9 percentile, so that stray values don't eat it.
-    """
-    low, high = np.percentile(values, (0.1, 99.9))
-    if high <= low:
-        return float(low)
-    counts, edges = np.histogram(values, bins=bins, range=(low, high))
-    centre = (edges[:-1] + edges[1:]) / 2
-    below, above = np.cumsum(counts)[:-1], np.cumsum(counts[::-1])[-2::-1]
-    moment = np.cumsum(counts * centre)
-    mean_below = moment[:-1] / np.maximum(below, 1)
-    mean_above = (moment[-1] - moment[:-1]) / np.maximum(above, 1)
-    between = below.astype(float) * above * (mean_above - mean_below) ** 2
-    best = np.flatnonzero(between == between.max())
-    return float(edges[1 + best[len(best) // 2]])
-
-
-def balanced_levels(values: FloatArray) -> Levels:
-    """Classes where both fill a fair share of the volume (OCT of a print in liquid)."""
-    threshold = otsu(values)
-    gel, lumen = values[values > threshold], values[values <= threshold]
-    return _levels(lumen, gel)
 
 
 def sparse_levels(values: FloatArray) -> Levels:

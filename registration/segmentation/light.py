@@ -64,10 +64,9 @@ def light_left(
         That of the gel.
     """
     down = signal if depth_down else signal[::-1]
-    beyond = np.full(signal.shape[1:], floor)  # as if μ were 1/mm below what is seen
-    light = accumulate(down, step_mm, beyond)
+    light = accumulate(down, step_mm, _first_beyond(down, step_mm, floor, EVEN_MM / pixel_mm[::-1]))
     typical = _typical(down, down / light)
-    within = _well_within(down / light, typical)
+    within = share_of_gel(down / light, typical) > 0.95
     for _ in range(ROUNDS):
         typical = _typical(down, down / light)
         below, deep, returned = from_below(down, within, step_mm, typical)
@@ -76,13 +75,25 @@ def light_left(
     return (light if depth_down else light[::-1]), typical
 
 
-def _well_within(ratio: FloatVolume, typical: float) -> NDArray[np.bool_]:
-    """Voxels with gel all round, about two voxels from any wall; speckle smoothed first."""
+def _first_beyond(down: FloatVolume, step_mm: float, floor: float, sigma: FloatArray) -> FloatArray:
+    """Light beyond each A-scan, (ny, nx), while nothing is known of the gel.
+
+    As much enters everywhere as comes back where most does, and what doesn't come back goes on: an
+    A-scan through liquid alone would else look like gel where the field ends.
+    """
+    back = 2.0 * step_mm * down.sum(axis=0, dtype=np.float64)
+    entering = float(gaussian_filter(back, sigma).max())
+    return np.asarray(np.maximum(entering - back, floor))  # at least as if μ were 1/mm there
+
+
+def share_of_gel(ratio: FloatVolume, typical: float) -> FloatVolume:
+    """How much of what is around each voxel is gel: 0.5 at walls, 1 two voxels from any."""
     around = gaussian_weights(1.2)
     soft, share = np.empty_like(ratio), np.empty_like(ratio)
+    # Speckle is smoothed before anything is decided.
     smooth(np.clip(ratio, 0, 2 * typical), soft, (around, around, around), 0.0)
     smooth(soft > 0.5 * typical, share, (around, around, around), 0.0)
-    return np.asarray(share > 0.95)
+    return share
 
 
 def _typical(signal: FloatVolume, ratio: FloatVolume) -> float:

@@ -1,20 +1,55 @@
-"""Gel and liquid in OCT: noise floor, attenuation, Otsu, and the local level of the gel."""
+"""Gel and liquid in OCT: noise floor, light on its way, and the local levels of both.
+
+Four things decide whether a wall comes out where it is, and each is taken away:
+
+- light fades on its way down and is brighter below lumens (`light`);
+- an A-scan that a steep wall fills in part has no light of its own to be held against: the gel
+  beside it has;
+- what is left of both, and the instrument's roll-off, changes slowly: gel and liquid have local
+  levels, taken well inside of either;
+- the surface lies halfway between these two, not halfway to nothing.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.filters import bin_mean, divide_by_field
-from registration.segmentation.levels import Levels, balanced_levels
-from registration.segmentation.light import light_left
+from registration.segmentation.filters import (
+    bin_mean,
+    gaussian_weights,
+    near_in_depth,
+    normalise,
+    over_light,
+    smooth,
+)
+from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.working import Working, probe
 
 FloatVolume = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+BESIDE_MM = 0.12
+"""How far about beside a wall the gel's light is looked for: standard deviation, level."""
+OWN_MM = 0.3
+"""An A-scan with the inside of gel so near above or below has light of its own."""
+GEL_MM, LIQUID_MM = 0.25, 0.15
+"""Levels are averaged over about this distance; the liquid's changes faster outside the gel."""
+COARSE_MM = 0.09
+"""Averages are taken on a grid no finer than this."""
+LEAST_CONTRAST = 3.0
+"""Distance of gel and liquid, in standard deviations of the gel."""
+GROWTH = 1.15
+"""Gel that grows brighter by more over `GROWTH_MM` of depth is seen from below; a focus within it
+does less."""
+GROWTH_MM = 0.3
+_REFLECTION = 3.0
+"""Gel is never so much brighter than gel; reflections are, and would spill over."""
 
 
 def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
@@ -26,40 +61,126 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         When gel and liquid can't be told apart.
     """
     signal = working.binned(scan)
-    noise = float(np.percentile(probe(bin_mean(signal, (4, 4, 4), False, 0.0)), 1))
+    noise = float(np.percentile(bin_mean(signal, _within(signal, (4, 4, 4)), False, 0.0), 0.1))
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
     light, typical = light_left(signal, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
-    # Reflections would spill over their neighbours.
-    values = working.smoothed(np.minimum(signal / light, np.float32(3 * typical)))
-    rough = balanced_levels(probe(values))
-    level, factor = _gel_level(values, rough, working)
-    divide_by_field(values, level, factor)
-    levels = balanced_levels(probe(values))
-    if levels.contrast < 3:
+    sides = _sides(signal, light, typical)
+    _refuse_upside_down(signal, sides.gel, step, scan.depth_down)
+    light *= np.float32(typical)
+    ratio, known = _against_gel(signal, light, sides, working)
+    values = working.smoothed(ratio)
+    del ratio, light
+    liquid, gel, factor = _levels(values, sides, known, working)
+    normalise(values, liquid, gel, factor)
+    contrast = _contrast(values, sides)
+    field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
+    return field, contrast, Strength(signal, noise)
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Voxels well within the gel, and well without, (nz, ny, nx) each."""
+
+    gel: Mask
+    liquid: Mask
+
+
+def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
+    share = share_of_gel(signal / light, typical)
+    return Sides(share > 0.97, share < 0.03)
+
+
+def _refuse_upside_down(signal: FloatVolume, gel: Mask, step_mm: float, depth_down: bool) -> None:
+    apart = min(max(1, round(GROWTH_MM / step_mm)), len(signal) - 1)
+    both = gel[:-apart] & gel[apart:]
+    if not both.any():
+        return
+    low, high = (float(part[both].mean()) for part in (signal[:-apart], signal[apart:]))
+    growth = high / low if depth_down else low / high
+    if growth > GROWTH:
         raise SegmentationError(
-            f"gel and liquid can't be told apart: their grey values differ by "
-            f"{levels.contrast:.1f} standard deviations of the gel (needed: 3); check that the "
-            "gel is the brighter, that scale is right, and the exposure"
+            f"the gel grows brighter by {growth:.2f} over {1e3 * GROWTH_MM:g} um of depth (limit "
+            f"{GROWTH:g}), as if light came from below: the volume is upside down; turn its depth "
+            "axis round"
         )
-    field = GelField(values, levels.half, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
-    return field, levels.contrast, Strength(signal, noise)
 
 
-def _gel_level(
-    values: FloatVolume, rough: Levels, working: Working
-) -> tuple[FloatVolume, tuple[int, int, int]]:
-    """Local brightness of the gel over 0.5 mm, on a coarse grid, and the grid's factor."""
-    factor = np.maximum(1, np.round(0.2 / working.voxel_mm[::-1])).astype(int)
-    fz, fy, fx = np.minimum(factor, values.shape).tolist()
-    coarse = (fz, fy, fx)
-    gel = values > rough.half
-    weight = bin_mean(gel, coarse, False, 0.0)
-    total = bin_mean(np.where(gel, values, np.float32(0)), coarse, False, 0.0)
-    sigma = 0.5 / (working.voxel_mm[::-1] * factor)
-    weight = gaussian_filter(weight, sigma, mode="nearest")
-    total = gaussian_filter(total, sigma, mode="nearest")
-    # Far from any gel the rough level stands.
-    few = np.float32(0.02)
-    level = (total + few * np.float32(rough.gel)) / (weight + few)
-    return np.ascontiguousarray(level, dtype=np.float32), coarse
+def _against_gel(
+    signal: FloatVolume, light: FloatVolume, sides: Sides, working: Working
+) -> tuple[FloatVolume, Mask]:
+    """Signal over what gel would send back there, and where that is known."""
+    _, fy, fx = _coarse(working, signal)
+    factor = (1, fy, fx)
+    lateral = BESIDE_MM / (working.voxel_mm[:2] * (fx, fy))
+    weights = (gaussian_weights(0.0), gaussian_weights(lateral[1]), gaussian_weights(lateral[0]))
+    share = bin_mean(sides.gel, factor, False, 0.0)
+    beside = bin_mean(np.where(sides.gel, light, np.float32(0)), factor, False, 0.0)
+    own = near_in_depth(sides.gel, max(1, round(OWN_MM / float(working.voxel_mm[2]))))
+    return over_light(
+        signal, light, own, _smoothed(beside, weights), _smoothed(share, weights), factor,
+        _REFLECTION,
+    )  # fmt: skip
+
+
+def _levels(
+    values: FloatVolume, sides: Sides, known: Mask, working: Working
+) -> tuple[FloatVolume, FloatVolume, tuple[int, int, int]]:
+    """Local brightness of liquid and gel on a coarse grid, and the grid's factor."""
+    factor = _coarse(working, values)
+    voxel = working.voxel_mm[::-1] * factor
+    empty = sides.liquid & known
+    usual = float(np.median(values[empty])) if empty.any() else 0.0
+    liquid = _local(values, empty, factor, LIQUID_MM / voxel, usual)
+    gel = _local(values, sides.gel, factor, GEL_MM / voxel, 1.0)
+    return liquid, gel, factor
+
+
+def _local(
+    values: FloatVolume,
+    where: Mask,
+    factor: tuple[int, int, int],
+    sigma: NDArray[np.float64],
+    usual: float,
+) -> FloatVolume:
+    """Mean of `values` over the voxels `where`, around each place; far from any of them `usual`."""
+    z, y, x = (gaussian_weights(s) for s in sigma)
+    weight = _smoothed(bin_mean(where, factor, False, 0.0), (z, y, x))
+    total = bin_mean(np.where(where, values, np.float32(0)), factor, False, 0.0)
+    few = np.float32(1e-4)
+    return np.asarray((_smoothed(total, (z, y, x)) + few * np.float32(usual)) / (weight + few))
+
+
+def _contrast(values: FloatVolume, sides: Sides) -> float:
+    """Distance of the two levels over the spread of the gel."""
+    every = max(1, values.size // 1_000_000)
+    chosen = values.ravel()[::every]
+    gel = chosen[sides.gel.ravel()[::every]].astype(np.float64)
+    spread = 1.4826 * float(np.median(np.abs(gel - np.median(gel)))) if len(gel) else np.inf
+    dark = float(np.median(probe(values)[probe(values) < 0.5])) if len(gel) else 1.0
+    contrast = (1.0 - dark) / max(spread, 1e-9)
+    if not contrast >= LEAST_CONTRAST:
+        raise SegmentationError(
+            f"gel and liquid can't be told apart: their grey values differ by {contrast:.1f} "
+            f"standard deviations of the gel (needed: {LEAST_CONTRAST:g}); check that the gel is "
+            "the brighter, that scale is right, and the exposure"
+        )
+    return contrast
+
+
+def _smoothed(values: FloatVolume, weights: tuple[FloatVolume, ...]) -> FloatVolume:
+    out = np.empty_like(values)
+    z, y, x = weights
+    smooth(values, out, (z, y, x), 0.0)
+    return out
+
+
+def _coarse(working: Working, values: FloatVolume) -> tuple[int, int, int]:
+    """Voxels that make about `COARSE_MM`, along z, y, x."""
+    fz, fy, fx = np.maximum(1, np.round(COARSE_MM / working.voxel_mm[::-1])).astype(int).tolist()
+    return _within(values, (fz, fy, fx))
+
+
+def _within(values: FloatVolume, factor: tuple[int, int, int]) -> tuple[int, int, int]:
+    z, y, x = (min(f, n) for f, n in zip(factor, values.shape, strict=True))
+    return z, y, x

@@ -1,11 +1,11 @@
 """Segmentation: the scanned surface between gel and what isn't gel, to a fraction of a voxel.
 
-OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014), smooth, Otsu, divide by
-the local level of the gel (which takes roll-off and the rest of the compensation's error away),
-then the surface halfway between liquid and gel. Micro-CT and confocal: bin, smooth, the surface
-halfway between the modes of gel and lumen.
+OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014; beside walls with the
+gel's light), smooth, and the surface halfway between the local levels of liquid and gel, which
+takes roll-off and the rest of the compensation's error away. Micro-CT and confocal: bin, smooth,
+the surface halfway between the modes of gel and lumen.
 
-Not done yet: roll-off from the instrument's file, refraction, shadows of absorbers.
+Not done yet: roll-off from the instrument's file, shadows of absorbers.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ class SegmentationOptions:
     Attributes
     ----------
     working_voxel_mm : float, mm
-        Voxels are averaged to about this edge; an eighth of the thinnest lumen is right.
+        Voxels are averaged to about this edge; a twelfth of the thinnest lumen is right.
     smoothing_mm : float or None, mm
-        Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`.
+        Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`, or of the scan's
+        own coarsest voxel.
     lumens : "dark" or "bright"
         Against the gel; "bright" when filled with contrast agent.
     speck_mm : float, mm
@@ -90,7 +91,8 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     """
     options = options or SegmentationOptions()
     _check_volume(scan)
-    smoothing = options.smoothing_mm or 0.8 * options.working_voxel_mm
+    coarsest = max(options.working_voxel_mm, *scan.geometric_voxel_mm)
+    smoothing = options.smoothing_mm or 0.8 * coarsest
     working = Working.of(scan, options.working_voxel_mm, smoothing)
     strength: Strength | None = None
     if scan.modality == "oct":

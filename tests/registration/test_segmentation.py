@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.segmentation.filters import bin_mean, gaussian_weights, smooth
-from registration.segmentation.levels import balanced_levels, otsu, sparse_levels
+from registration.segmentation.filters import (
+    bin_mean,
+    gaussian_weights,
+    near_in_depth,
+    normalise,
+    over_light,
+    smooth,
+)
+from registration.segmentation.levels import sparse_levels
 from registration.segmentation.light import light_left
 from registration.segmentation.nets import surface
 
@@ -77,14 +84,6 @@ def test_smoothing_equals_the_plain_convolution() -> None:
     np.testing.assert_allclose(out, naive, atol=1e-5)
 
 
-def test_otsu_splits_two_normal_classes_between_them() -> None:
-    rng = np.random.default_rng(0)
-    values = np.concatenate([rng.normal(0, 1, 30_000), rng.normal(10, 1, 20_000)])
-    assert 3 < otsu(values) < 7
-    levels = balanced_levels(values)
-    assert levels.half == pytest.approx(5, abs=0.1)
-
-
 def test_sparse_lumens_of_one_percent_are_found() -> None:
     rng = np.random.default_rng(0)
     values = np.concatenate([rng.normal(100, 2, 99_000), rng.normal(40, 2, 1000)])
@@ -121,3 +120,42 @@ def test_light_compensation_gives_the_filled_share_times_the_attenuation(
     for z in (10, 25, 44):
         edge = np.interp(0.5, share[z, 5:24], np.arange(5, 24))
         assert edge == pytest.approx(12 + tilt * z, abs=0.5)
+
+
+def test_voxels_near_a_mask_in_depth_are_found() -> None:
+    mask = np.random.default_rng(0).random((40, 3, 5)) < 0.04
+    for reach in (1, 4):
+        expected = np.zeros_like(mask)
+        for z in range(len(mask)):
+            expected[z] = mask[max(0, z - reach) : z + reach + 1].any(axis=0)
+        np.testing.assert_array_equal(near_in_depth(mask, reach), expected)
+
+
+def test_levels_are_mapped_to_nothing_and_one() -> None:
+    shape, factor = (12, 9, 15), (3, 3, 5)
+    low = np.full((4, 3, 3), 2.0, np.float32)
+    high = np.full((4, 3, 3), 5.0, np.float32)
+    # Trilinear between block centres: exact on a ramp, away from the ends.
+    high += np.arange(4, dtype=np.float32)[:, None, None]
+    values = np.full(shape, 2.0, np.float32)
+    normalise(values, low, high, factor)
+    assert np.abs(values).max() == 0
+    ramp = (5.0 + (np.arange(12) + 0.5) / 3 - 0.5)[:, None, None] * np.ones(shape)
+    values = ramp.astype(np.float32)
+    normalise(values, low, high, factor)
+    np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
+
+
+def test_beside_a_wall_the_gel_s_light_counts_and_far_from_gel_there_is_none() -> None:
+    signal = np.full((2, 4, 6), 8.0, np.float32)
+    light = np.full(signal.shape, 4.0, np.float32)
+    own = np.zeros(signal.shape, bool)
+    own[:, :, :2] = True
+    share = np.zeros(signal.shape, np.float32)
+    share[:, :, 2:4] = 0.5
+    beside = 16.0 * share
+    ratio, known = over_light(signal, light, own, beside, share, (1, 1, 1), 3.0)
+    np.testing.assert_allclose(ratio[0, 0], [2, 2, 0.5, 0.5, 0, 0])
+    np.testing.assert_array_equal(known[0, 0], [True, True, True, True, False, False])
+    most, _ = over_light(signal, light / 4, own, beside, share, (1, 1, 1), 3.0)
+    assert most.max() == 3.0
