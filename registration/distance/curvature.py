@@ -33,7 +33,7 @@ def face_curvature(faces: IntArray, triangles: FloatArray) -> FloatArray:
     smooth = np.abs(angle) < SHARP_RAD
     one, other, share = one[smooth], other[smooth], 0.5 * (angle * length)[smooth]
     count = len(faces)
-    bent = np.bincount(one, share, count) + np.bincount(other, share, count)
+    bent = np.asarray(np.bincount(one, share, count) + np.bincount(other, share, count), float)
     return np.asarray(_evened(bent, one, other) / _evened(0.5 * size, one, other))
 
 

@@ -45,9 +45,11 @@ COARSE_MM = 0.09
 LEAST_CONTRAST = 3.0
 """Distance of gel and liquid, in standard deviations of the gel."""
 GROWTH = 1.15
-"""Gel that grows brighter by more over `GROWTH_MM` of depth is seen from below; a focus within it
+"""What grows brighter by more over `GROWTH_MM` of depth is seen from below; a focus within the gel
 does less."""
 GROWTH_MM = 0.3
+BRIGHT = 0.25
+"""Above this part of the brightest, gel is meant."""
 _REFLECTION = 3.0
 """Gel is never so much brighter than gel; reflections are, and would spill over."""
 
@@ -64,9 +66,9 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     noise = float(np.percentile(bin_mean(signal, _within(signal, (4, 4, 4)), False, 0.0), 0.1))
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
+    _refuse_upside_down(signal, step, scan.depth_down)
     light, typical = light_left(signal, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     sides = _sides(signal, light, typical)
-    _refuse_upside_down(signal, sides.gel, step, scan.depth_down)
     light *= np.float32(typical)
     ratio, known = _against_gel(signal, light, sides, working)
     values = working.smoothed(ratio)
@@ -91,18 +93,20 @@ def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
     return Sides(share > 0.97, share < 0.03)
 
 
-def _refuse_upside_down(signal: FloatVolume, gel: Mask, step_mm: float, depth_down: bool) -> None:
+def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -> None:
+    """What is bright must fade along the light's way."""
+    bright = signal > BRIGHT * np.percentile(probe(signal), 99.5)
     apart = min(max(1, round(GROWTH_MM / step_mm)), len(signal) - 1)
-    both = gel[:-apart] & gel[apart:]
+    both = bright[:-apart] & bright[apart:]
     if not both.any():
         return
     low, high = (float(part[both].mean()) for part in (signal[:-apart], signal[apart:]))
     growth = high / low if depth_down else low / high
     if growth > GROWTH:
         raise SegmentationError(
-            f"the gel grows brighter by {growth:.2f} over {1e3 * GROWTH_MM:g} um of depth (limit "
-            f"{GROWTH:g}), as if light came from below: the volume is upside down; turn its depth "
-            "axis round"
+            f"what is bright grows brighter by {growth:.2f} over {1e3 * GROWTH_MM:g} um of depth "
+            f"(limit {GROWTH:g}), as if light came from below: the volume is upside down; turn its "
+            "depth axis round"
         )
 
 
