@@ -4,20 +4,24 @@ from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
+from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
 from firmware_profiles.watching import Watched
 
 __all__ = [
+    "MOST_HEADS",
     "Axes",
     "Bath",
     "Dish",
     "Doubt",
     "Facts",
+    "Head",
     "Ink",
     "MeasuredFlow",
     "Needle",
+    "Offset",
     "Plunger",
     "Pneumatic",
     "Printer",

@@ -50,7 +50,10 @@ def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
     found: list[Doubt] = []
     match facts:
         case Printer():
-            found += [*_printer(facts), *_head(facts, syringes)]
+            found += _printer(facts)
+            for number in range(facts.head_count):
+                found += _head(facts.of_head(number), syringes)
+            found += _heads(facts)
         case Syringe():
             found += _syringe(facts)
         case Needle():
@@ -144,6 +147,36 @@ def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
             f"the flow was measured at {head.measured.pressure_kpa:g} kPa, and the regulator "
             f"is set to {head.pressure_kpa:g} kPa (pressure_kpa): it is foreseen from the ink's "
             "viscosity instead; measure it again",
+            False,
+        )
+
+
+def _heads(printer: Printer) -> Iterator[Doubt]:
+    """Heads that stand beside each other: what no number of one alone tells."""
+    limit = printer.max_step_rate_hz or AVR_STEPS_HZ
+    for number, head in enumerate(printer.heads):
+        one = printer.of_head(number)
+        rate = one.steps_per_mm.e * one.max_speed_mm_s.e
+        if rate > limit:
+            yield Doubt(
+                f"heads.{number}.max_plunger_mm_s",
+                f"{rate:.0f} steps/s of the plunger are above {limit:.0f} (max_step_rate_hz); "
+                "lower the speed",
+            )
+        if not head.moves:
+            yield Doubt(
+                f"heads.{number}",
+                f"{head.name!r} is fixed (no raises): its needle is as deep in the bath as the "
+                "other's, but for offset_mm.z; preflight refuses a job in which it would drag "
+                "through gel or meet a wall",
+                False,
+            )
+    steps = {printer.of_head(number).steps_per_mm.e for number in range(printer.head_count)}
+    if len(steps) > 1 and printer.firmware == "marlin":
+        yield Doubt(
+            "heads",
+            "their plunger_steps_per_mm differ: Marlin keeps steps for each only if it was built "
+            "with DISTINCT_E_FACTORS; see that it was",
             False,
         )
 

@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.heads import Head, check_heads
 from firmware_profiles.watching import Watched
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -138,6 +140,9 @@ class Printer(Facts):
     max_plunger_force_n: Positive | None = Field(
         default=None, description="What the head may push with; unknown without."
     )
+    heads: tuple[Head, ...] = Field(
+        default=(), description="Where there are several; the keys above then hold for each."
+    )
     idle_timeout_s: NonNegative = Field(
         default=600,
         description="Set at the start of a print where the firmware can be told (M85, "
@@ -178,6 +183,42 @@ class Printer(Facts):
     def pneumatic(self) -> Pneumatic | None:
         """The pneumatic head, if it is one."""
         return self.dispenser if isinstance(self.dispenser, Pneumatic) else None
+
+    @model_validator(mode="after")
+    def _heads_agree(self) -> Printer:
+        check_heads(self.heads, self.firmware, plunger=self.pneumatic is None)
+        return self
+
+    @property
+    def head_count(self) -> int:
+        """How many heads there are."""
+        return max(1, len(self.heads))
+
+    def of_head(self, number: int) -> Printer:
+        """Give the printer as if it had one head alone: steps, speed, travel and force of that one.
+
+        Raises
+        ------
+        ProfileError
+            When there is no such head.
+        """
+        if not 0 <= number < self.head_count:
+            raise ProfileError(
+                f"{self.name} has no head {number}, only 0 to {self.head_count - 1} (heads)"
+            )
+        if not self.heads:
+            return self
+        head = self.heads[number]
+        steps, speed = self.steps_per_mm, self.max_speed_mm_s
+        own = {
+            "name": f"{self.name}, head {number} ({head.name})",
+            "heads": (),
+            "steps_per_mm": steps.model_copy(update={"e": head.plunger_steps_per_mm or steps.e}),
+            "max_speed_mm_s": speed.model_copy(update={"e": head.max_plunger_mm_s or speed.e}),
+            "plunger_travel_mm": head.plunger_travel_mm or self.plunger_travel_mm,
+            "max_plunger_force_n": head.max_plunger_force_n or self.max_plunger_force_n,
+        }
+        return self.model_copy(update=own)
 
     @model_validator(mode="after")
     def _a_plunger_s_travel_is_said(self) -> Printer:

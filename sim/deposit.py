@@ -23,6 +23,7 @@ deposit nothing; their sum is given as `standing_ul`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -130,9 +131,90 @@ def deposit(
     lines = _dosed_lines(executed, length, plunger, plunger_area_mm2, smoothing_mm, plunger_step_mm)
     standing = float(plunger.sum()) * plunger_area_mm2 - lines.written_ul
     chosen = style or _style(lines)
-    paint = _layered if chosen == "layered" else _embedded
-    volume, origin = paint(lines, voxel_mm)
+    box = _box(lines, chosen)
+    volume, origin = _painted(lines, chosen, voxel_mm, box)
     return Deposit(volume, origin, voxel_mm, chosen, lines.written_ul, standing)
+
+
+def deposit_of_heads(
+    executed: Sequence[ExecutedMotion],
+    plunger_area_mm2: Sequence[float],
+    voxel_mm: float,
+    *,
+    smoothing_mm: float = 1.0,
+    style: Style | None = None,
+    plunger_step_mm: Sequence[float] | None = None,
+) -> tuple[Deposit, ...]:
+    """Lay the ink of each head on one grid, so that voxels of two inks can be compared.
+
+    Parameters
+    ----------
+    executed : sequence of ExecutedMotion
+        Each head's own blocks, in its own tip's places (`ExecutedMotion.of_head`). Heads that
+        write nothing are left out by the caller.
+    plunger_area_mm2, plunger_step_mm : sequence of float
+        Of each.
+    voxel_mm, smoothing_mm, style
+        As of `deposit`; the style of all follows from the whole.
+
+    Raises
+    ------
+    DepositError
+        As of `deposit`.
+    """
+    steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
+    all_lines, standing = [], []
+    for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True):
+        _check_positive(plunger_area_mm2=area, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
+        plunger = motion.plunger_end - motion.plunger_start
+        length = np.linalg.norm(motion.end - motion.start, axis=1)
+        lines = _dosed_lines(motion, length, plunger, area, smoothing_mm, step)
+        all_lines.append(lines)
+        standing.append(float(plunger.sum()) * area - lines.written_ul)
+    chosen = style or _style(_joined(all_lines))
+    boxes = [_box(lines, chosen) for lines in all_lines]
+    box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
+    found = []
+    for lines, left in zip(all_lines, standing, strict=True):
+        volume, origin = _painted(lines, chosen, voxel_mm, box)
+        found.append(Deposit(volume, origin, voxel_mm, chosen, lines.written_ul, left))
+    return tuple(found)
+
+
+def united(deposits: Sequence[Deposit]) -> Deposit:
+    """All inks as one, of deposits on one grid: where two meet, the fuller voxel holds.
+
+    Raises
+    ------
+    DepositError
+        When they aren't on one grid.
+    """
+    first = deposits[0]
+    volume = first.volume
+    for other in deposits[1:]:
+        same = other.volume.shape == volume.shape and np.array_equal(
+            other.origin_mm, first.origin_mm
+        )
+        if not same:
+            raise DepositError("the deposits aren't on one grid; lay them by deposit_of_heads")
+        volume = np.maximum(volume, other.volume)
+    return Deposit(
+        volume,
+        first.origin_mm,
+        first.voxel_mm,
+        first.style,
+        sum(one.written_ul for one in deposits),
+        sum(one.standing_ul for one in deposits),
+    )
+
+
+def _joined(parts: Sequence[_Lines]) -> _Lines:
+    return _Lines(
+        np.concatenate([part.start for part in parts]),
+        np.concatenate([part.end for part in parts]),
+        np.concatenate([part.area_mm2 for part in parts]),
+        sum(part.written_ul for part in parts),
+    )
 
 
 def _check_positive(**values: float) -> None:
@@ -232,29 +314,41 @@ def _level_heights(levels: FloatArray) -> FloatArray:
     return np.concatenate([[usual], gaps])
 
 
-def _layered(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArray]:
+def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+    """Levels, their lines' heights, the level of each line, and its half width."""
     levels = _levels(lines.end[:, 2])
     height = _level_heights(levels)
     layer = np.clip(np.searchsorted(levels, lines.end[:, 2] + 1e-6, side="right") - 1, 0, None)
-    radius = lines.area_mm2 / height[layer] / 2
-    low = np.minimum(lines.start, lines.end).min(axis=0) - radius.max()
-    high = np.maximum(lines.start, lines.end).max(axis=0) + radius.max()
+    return levels, height, layer, lines.area_mm2 / height[layer] / 2
+
+
+def _box(lines: _Lines, style: Style) -> FloatArray:
+    """Lowest and highest place that ink reaches, (2, 3), mm."""
+    low = np.minimum(lines.start, lines.end).min(axis=0)
+    high = np.maximum(lines.start, lines.end).max(axis=0)
+    if style == "embedded":
+        radius = np.sqrt(lines.area_mm2 / np.pi).max()
+        return np.array([low - radius, high + radius])
+    levels, height, _, radius = _in_levels(lines)
+    low, high = low - radius.max(), high + radius.max()
     low[2], high[2] = (levels - height).min(), levels.max()
-    origin, shape = _grid(low, high, voxel)
+    return np.array([low, high])
+
+
+def _painted(
+    lines: _Lines, style: Style, voxel: float, box: FloatArray
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    origin, shape = _grid(box[0], box[1], voxel)
+    if style == "embedded":
+        radius = np.sqrt(lines.area_mm2 / np.pi)
+        return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
+    levels, height, layer, radius = _in_levels(lines)
     order = np.argsort(layer, kind="stable")
     first = np.searchsorted(layer[order], np.arange(len(levels) + 1))
     segments = np.column_stack([lines.start[order, :2], lines.end[order, :2]])
     plan = paint_layers(segments, radius[order], first, origin, voxel, (shape[1], shape[2]))
     volume = stack_layers(plan, levels - height, levels, origin[2], voxel, shape[0])
     return volume, origin
-
-
-def _embedded(lines: _Lines, voxel: float) -> tuple[NDArray[np.uint8], FloatArray]:
-    radius = np.sqrt(lines.area_mm2 / np.pi)
-    low = np.minimum(lines.start, lines.end).min(axis=0) - radius.max()
-    high = np.maximum(lines.start, lines.end).max(axis=0) + radius.max()
-    origin, shape = _grid(low, high, voxel)
-    return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
 
 
 def _grid(

@@ -7,15 +7,15 @@ they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does 
 moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
 M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
 
-Not modelled: its motion (Marlin's planner runs here), its macros, object model, expressions and
-tools, its larger buffers but for what the profile says. After the emergency stop a real one still
-answers; this one is silent.
+Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
+tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After
+the emergency stop a real one still answers; this one is silent.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Final
 
 from sim.gcode import Command, checksum
@@ -23,6 +23,8 @@ from sim.marlin import MarlinPrinter
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
 from sim.marlin_loop import MainLoop
+from sim.marlin_machine import Wait
+from sim.marlin_tools import take_tool_in_silence
 from sim.marlin_waits import Steps
 
 _NUMBER: Final = re.compile(rb"N(\d+)")
@@ -153,6 +155,7 @@ class DuetPrinter(MarlinPrinter):
     )
     unhomed_words: ClassVar[str] = "Error: G0/G1: insufficient axes homed"
     banner: ClassVar[tuple[str, ...]] = ()
+    offsets_by: ClassVar[str] = "G10"
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -173,6 +176,18 @@ class DuetPrinter(MarlinPrinter):
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
         self.machine.say("Emergency Stop! Reset the controller to continue.")
+
+    def take_tool(self, command: Command) -> Iterator[Wait]:
+        """T: none with that number deselects all, and is no head here; T alone tells."""
+        machine = self.machine
+        if machine.printer.head_count == 1:
+            return
+        if command.number < 0:
+            machine.say(f"Tool {machine.tool} is selected")
+        elif command.number >= machine.printer.head_count:
+            machine.say(f"Error: Tool {command.number} not found")
+        else:
+            yield from take_tool_in_silence(self, command.number)
 
     def _work(self, command: Command) -> Steps:
         moved = command.values.keys() & set("XYZ")

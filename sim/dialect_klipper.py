@@ -18,17 +18,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar, Final
 
 import numpy as np
 
 from sim.dialect_duet import DuetPrinter, g92_silent
-from sim.gcode import Command
-from sim.gcode_extended import OFFSETS, PLACES
+from sim.gcode import Command, split_line
+from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, plain_command
+from sim.gcode_modal import interpret
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
 from sim.marlin_loop import MainLoop
+from sim.marlin_machine import Still, Wait
 from sim.marlin_waits import Steps
 
 IDLE_S: Final = 600.0
@@ -135,6 +137,8 @@ class KlipperPrinter(DuetPrinter):
             self._set_idle_timeout(named[2].upper())
         elif name == OFFSETS:
             self._set_offset(_values(named[2]))
+        elif name == CHOOSES:
+            return self._activate(named[1], named[2])
         elif name == "SET_VELOCITY_LIMIT":
             self.machine.say(_limits(self))
         elif name == "SET_PRESSURE_ADVANCE":
@@ -169,6 +173,26 @@ class KlipperPrinter(DuetPrinter):
             value = values.get(name, now + values.get(f"{name}_ADJUST", 0.0))
             self.machine.modal["shift"][0][axis] -= value - now
             self._offset[axis] = value
+
+    def _activate(self, name: bytes, words: bytes) -> Iterator[Wait]:
+        """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
+        machine = self.machine
+        chosen = plain_command(name, words)
+        number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
+        if number >= machine.printer.head_count:
+            machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")
+            return
+        called = f"extruder{number or ''}"
+        if number == machine.tool:
+            machine.say(f"// Extruder {called} already active")
+            return
+        machine.say(f"// Activating extruder {called}")
+        yield Still()
+        split_line(chosen, self.words)
+        interpret(machine.modal[0], self.words[0])
+        machine.modal["plunger_shift"] += machine.modal["position"][0, 3]
+        machine.modal["position"][0, 3] = 0.0
+        machine.use_head(number)
 
     def _set_idle_timeout(self, words: bytes) -> None:
         given = _TIMEOUT.search(words)

@@ -8,8 +8,8 @@ heat count as nothing; a wait for the user likewise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from kernels import jit
 from sim.cold import extrusion_allowed
-from sim.dryrun_checks import Finding, check, sent_length
+from sim.dryrun_checks import check, sent_length
+from sim.dryrun_finding import Finding
 from sim.dryrun_heat import Heating, heatings
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode import Program, read_gcode
 from sim.gcode_extended import Named, without_names
-from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC
+from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
+from sim.heads import Heads, read_heads
 from sim.marlin_board import Board
-from sim.planner import add_move, command_time, next_event, run_until, set_axis
+from sim.planner import add_move, command_time, next_event, run_until, set_axis, take_head
 from sim.planner_state import LOG, Records, new_planner, new_ring
 from sim.valve import Valve, read_valve
 
@@ -63,6 +65,8 @@ class DryRun:
         Klipper's commands with names, which the program holds as M105 or G92.
     valve : Valve or None
         A pneumatic head's, as the file switches it; None for a plunger.
+    heads : Heads
+        Where each needle is, raised or not.
     heats : tuple of Heating
         Every temperature that the file sets.
     first_short_line : int
@@ -89,6 +93,7 @@ class DryRun:
     merged_moves: int
     named: tuple[Named, ...]
     valve: Valve | None
+    heads: Heads
     heats: tuple[Heating, ...]
     first_short_line: int
     unknown: tuple[tuple[int, str], ...]
@@ -100,8 +105,50 @@ class DryRun:
         """Rows in which ink is pushed, (n,): the plunger goes in, or the valve stands open."""
         if self.valve is not None:
             return self.valve.is_open
-        pushed: NDArray[np.bool_] = np.diff(self.program.plunger, prepend=0.0) > 0
+        pushed: NDArray[np.bool_] = self.program.pushed > 0
         return pushed
+
+    def of_head(self, number: int) -> DryRun:
+        """The run as one head alone sees it: its rows, its plunger, its own tip's places.
+
+        Time, findings and what was executed are the whole run's.
+        """
+        rows = self.program.tool == number
+        tips = self.heads.tips(self.program, number)[rows]
+        program = self.program.of_head(number)
+        target = program.target.copy()
+        target[:, :3] = tips[:, 1]
+        start = self.program.start.copy()
+        start[:3] += self.heads.offset_mm[number]
+        program = replace(program, target=target, start=start)
+        low, high = _bounds(np.where(program.kind[:, None, None] == MOVE, tips, np.nan), program)
+        plunger = np.concatenate([[0.0], program.plunger])
+        return replace(
+            self,
+            program=program,
+            speed_mm_s=self.speed_mm_s[rows],
+            plunger_max_mm=float(plunger.max()),
+            plunger_min_mm=float(plunger.min()),
+            **low,
+            **high,
+        )
+
+
+def _bounds(tips: FloatArray, program: Program) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Lowest and highest place of a tip while it moves, and the lines; NaN where it never does."""
+    if not len(tips) or np.isnan(tips).all():
+        nothing = np.full(3, np.nan), np.zeros(3, np.int64)
+        return (
+            dict(zip(("low_mm", "low_line"), nothing, strict=True)),
+            dict(zip(("high_mm", "high_line"), nothing, strict=True)),
+        )
+    lows, highs = np.fmin(tips[:, 0], tips[:, 1]), np.fmax(tips[:, 0], tips[:, 1])
+    low_at, high_at = np.nanargmin(lows, axis=0), np.nanargmax(highs, axis=0)
+    axes = np.arange(3)
+    return (
+        {"low_mm": lows[low_at, axes], "low_line": program.line[low_at]},
+        {"high_mm": highs[high_at, axes], "high_line": program.line[high_at]},
+    )
 
 
 def dry_run(
@@ -135,7 +182,7 @@ def dry_run(
     written, head = gcode, printer.pneumatic
     if printer.firmware == "klipper":
         gcode, named = without_names(gcode)
-    program = read_gcode(gcode, start_mm)
+    program = read_gcode(gcode, start_mm, printer.head_count)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
@@ -145,6 +192,7 @@ def dry_run(
         program.feed,
         program.value,
         program.command,
+        program.tool,
         sent_length(program).astype(np.float64) * (_BITS_PER_BYTE / printer.baud),
         _OK_BYTES * _BITS_PER_BYTE / printer.baud,
         np.zeros(max(in_flight, 1)),
@@ -154,13 +202,14 @@ def dry_run(
         ring,
         log,
     )
-    checked = check(program, printer, extrudes, named)
+    checked = check(program, printer, extrudes, named, gcode)
     return DryRun(
         program=program,
         executed=executed_motion(log[: int(planner["logged"][0])], printer),
         duration_s=float(duration),
         merged_moves=int(planner["merged"][0]),
         valve=None if head is None else read_valve(program, written, named, head),
+        heads=read_heads(program, written, named, printer),
         heats=heatings(program, gcode, named),
         **checked,
     )
@@ -173,6 +222,7 @@ def _plan(
     feed: FloatArray,
     value: FloatArray,
     command: NDArray[np.int64],
+    tool: NDArray[np.int64],
     line_s: FloatArray,
     ok_s: float,
     answered: FloatArray,
@@ -208,6 +258,9 @@ def _plan(
             add_move(planner, ring, target[i], feed[i], command[i], now)
         elif kind[i] == SET_POSITION:
             set_axis(planner, 3, target[i, 3])
+        elif kind[i] == TOOL:
+            now = _drain(planner, ring, log, now)
+            take_head(planner, tool[i], target[i, 3])
         elif kind[i] == DWELL:
             now = _drain(planner, ring, log, now)
             begin = min(begin, now)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -10,10 +9,12 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Span
 from sim.cold import REMEDY
+from sim.dryrun_finding import Finding
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
 from sim.gcode_extended import OFFSETS, Named
 from sim.gcode_modal import BAD, HOME, MOVE
+from sim.heads import head_findings
 from sim.planner_stepper import LEAST_RATE
 
 FloatArray = NDArray[np.float64]
@@ -21,45 +22,23 @@ _TINY_MM: Final = 1e-6
 _AXES: Final = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One sort of problem in a file.
-
-    Attributes
-    ----------
-    line : int
-        Where it is first met, from 1.
-    code : str
-        Its sort: ``outside_x`` (y, z), ``speed_x`` (y, z, e), ``plunger_travel``,
-        ``too_slow``, ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``,
-        ``homing``, ``long_line``.
-    message : str
-        For the user: what, value, limit, remedy.
-    value, limit : float
-        The worst value and what it should have kept; NaN where there is none.
-    count : int
-        Rows of the program concerned.
-    """
-
-    line: int
-    code: str
-    message: str
-    value: float = float("nan")
-    limit: float = float("nan")
-    count: int = 1
-
-
 def check(
     program: Program,
     printer: Printer,
     extrudes: NDArray[np.bool_],
     named: tuple[Named, ...] = (),
+    gcode: bytes = b"",
 ) -> dict[str, Any]:
-    """All fields of `DryRun` that need no planner; ``named`` are Klipper's commands with names."""
+    """All fields of `DryRun` that need no planner.
+
+    ``named`` are Klipper's commands with names, ``gcode`` is what the program was read from.
+    """
     moves = program.kind == MOVE
     speed = demanded_speed(program)
     axes = printer.max_speed_mm_s
     limit = np.array([axes.x, axes.y, axes.z, axes.e])
+    plungers = np.array([printer.of_head(k).max_speed_mm_s.e for k in range(printer.head_count)])
+    limit[3] = plungers.max()
     tip = np.vstack([program.start[None, :3], program.target[:, :3]])
     lines = np.concatenate([[0], program.line])
     low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
@@ -69,12 +48,13 @@ def check(
     unknown = _unknown(program, printer, named)
     findings = [
         *_outside(program, printer, moves),
-        *_too_fast(program, speed, limit, printer.name),
+        *_too_fast(program, speed, limit, plungers, printer.name),
         *_too_slow(program, printer),
         *_plunger(program, printer),
         *_cold(program, moves & ~extrudes, REMEDY.get(printer.firmware, "")),
         *_strange(program, unknown, printer),
         *_offset(named),
+        *head_findings(program, gcode, printer),
         *_too_long(program, size, printer),
     ]
     return {
@@ -122,12 +102,20 @@ def demanded_speed(program: Program) -> FloatArray:
 
 def _first_short(program: Program, printer: Printer) -> int:
     """Line of the first move of fewer steps than the planner's least; 0 for none."""
-    axes = printer.steps_per_mm
-    steps = np.array([axes.x, axes.y, axes.z, axes.e])
+    steps = _steps(program, printer)
     before = np.vstack([program.start, program.target[:-1]])[: len(program)]
     way = np.abs(np.rint(program.target * steps) - np.rint(before * steps)).max(axis=1, initial=0.0)
     short = (program.kind == MOVE) & (way > 0) & (way < printer.min_steps_per_segment)
     return int(program.line[int(short.argmax())]) if short.any() else 0
+
+
+def _steps(program: Program, printer: Printer) -> FloatArray:
+    """Motor steps per mm of x, y, z and the plunger that each row would move, (n, 4)."""
+    axes = printer.steps_per_mm
+    found = np.tile([axes.x, axes.y, axes.z, axes.e], (len(program), 1))
+    heads = [printer.of_head(k).steps_per_mm.e for k in range(printer.head_count)]
+    found[:, 3] = np.array(heads)[program.tool]
+    return found
 
 
 def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
@@ -160,11 +148,13 @@ def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> li
 
 
 def _too_fast(
-    program: Program, speed: FloatArray, limit: FloatArray, printer: str
+    program: Program, speed: FloatArray, limit: FloatArray, plungers: FloatArray, printer: str
 ) -> list[Finding]:
+    """``plungers`` has the limit of each head's."""
     found = []
     for axis, name in enumerate((*_AXES, "e")):
-        where = speed[:, axis] > limit[axis] * (1 + 1e-6)
+        most = plungers[program.tool] if name == "e" else limit[axis]
+        where = speed[:, axis] > most * (1 + 1e-6)
         if where.any():
             line, count = _first(program, where)
             worst = float(speed[where, axis].max())
@@ -184,9 +174,8 @@ def _too_fast(
 
 
 def _too_slow(program: Program, printer: Printer) -> list[Finding]:
-    axes = printer.steps_per_mm
     delta, length, moving = _deltas(program)
-    events = (delta * np.array([axes.x, axes.y, axes.z, axes.e])).max(axis=1, initial=0.0)
+    events = (delta * _steps(program, printer)).max(axis=1, initial=0.0)
     moving &= events >= printer.min_steps_per_segment
     rate = np.full(len(program), np.inf)
     np.divide(events * program.feed, length, out=rate, where=moving)
@@ -211,23 +200,27 @@ def _too_slow(program: Program, printer: Printer) -> list[Finding]:
 
 
 def _plunger(program: Program, printer: Printer) -> list[Finding]:
-    travel = program.plunger
-    if printer.plunger_travel_mm is None:
+    """The travel of each head's plunger; the first that goes too far."""
+    if printer.pneumatic:
         return []
-    where = travel > printer.plunger_travel_mm + _TINY_MM
+    heads = [printer.of_head(number) for number in range(printer.head_count)]
+    limits = np.array([head.plunger_travel_mm or np.inf for head in heads])
+    beyond = program.plunger - limits[program.tool]
+    where = beyond > _TINY_MM
     if not where.any():
         return []
     line, count = _first(program, where)
-    worst = float(travel.max())
+    head = int(program.tool[int(where.argmax())])
+    worst, limit = float(program.plunger[program.tool == head].max()), float(limits[head])
     return [
         Finding(
             line,
             "plunger_travel",
             f"line {line}: the plunger reaches {worst:.3f} mm, above "
-            f"{printer.plunger_travel_mm:g} mm ({printer.name}: plunger_travel_mm); use a larger "
+            f"{limit:g} mm ({heads[head].name}: plunger_travel_mm); use a larger "
             "syringe or split the print",
             worst,
-            printer.plunger_travel_mm,
+            limit,
             count,
         )
     ]

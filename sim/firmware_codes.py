@@ -95,6 +95,8 @@ def is_known(printer: Printer, number: int) -> bool:
     if number == NO_COMMAND:
         return False
     whole = name.partition(".")[0]
+    if whole == "M218" and printer.heads and printer.firmware == "marlin":
+        return True
     return (
         name.startswith("T") or whole in KNOWN[printer.firmware] or whole in printer.extra_commands
     )

@@ -5,7 +5,8 @@ moves with all modal state resolved; `parse_line` takes one line for those who a
 rest on the same two kernels, `sim.gcode_words.split_words` and `sim.gcode_modal.interpret`.
 
 Read are G0 to G4 (arcs in the xy plane, cut into segments), G20, G21, G28, G90 to G92, M82, M83,
-M220, M221 and the waits M0, M1, M109, M190, M400. All other commands come as they stand, to be
+M220, M221, the waits M0, M1, M109, M190, M400, and T where there are several heads. All other
+commands come as they stand, to be
 judged by their code. A comment begins at a semicolon.
 """
 
@@ -150,7 +151,9 @@ class Program:
     target : (n, 4) float64, mm
         Firmware's native x, y, z, e after the command.
     plunger : (n,) float64, mm
-        Plunger travel since the start, which G92 doesn't move.
+        Travel of the head's plunger since the start, which G92 doesn't move.
+    tool : (n,) int64
+        The head that E moves, after the command.
     feed : (n,) float64, mm/s
         Asked for.
     value : (n,) float64
@@ -167,6 +170,7 @@ class Program:
     kind: IntArray
     target: FloatArray
     plunger: FloatArray
+    tool: IntArray
     feed: FloatArray
     value: FloatArray
     length: IntArray
@@ -174,6 +178,18 @@ class Program:
 
     def __len__(self) -> int:
         return len(self.line)
+
+    @property
+    def pushed(self) -> FloatArray:
+        """How far each row drives its head's plunger, (n,), mm; below 0 where it draws back."""
+        # Neither a change of head nor a new count moves a plunger; both may round.
+        return np.where(self.kind == MOVE, np.diff(self.plunger, prepend=0.0), 0.0)
+
+    def of_head(self, number: int) -> Program:
+        """The rows of one head alone."""
+        rows = self.tool == number
+        columns = {name: getattr(self, name)[rows] for name in ROW.names or ()}
+        return Program(**columns, start=self.start)
 
 
 ROW: Final = np.dtype(
@@ -184,6 +200,7 @@ ROW: Final = np.dtype(
         ("kind", "i8"),
         ("target", "f8", (4,)),
         ("plunger", "f8"),
+        ("tool", "i8"),
         ("feed", "f8"),
         ("value", "f8"),
         ("length", "i8"),
@@ -192,7 +209,9 @@ ROW: Final = np.dtype(
 )
 
 
-def read_gcode(gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Program:
+def read_gcode(
+    gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), heads: int = 1
+) -> Program:
     """Read a whole file.
 
     Parameters
@@ -200,6 +219,9 @@ def read_gcode(gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0
     gcode : bytes
     start_mm : tuple, mm
         Where the tip stands before the first line.
+    heads : int
+        How many the printer has (`firmware_profiles.Printer.head_count`); T says nothing to one
+        with a single head.
 
     Raises
     ------
@@ -214,7 +236,7 @@ def read_gcode(gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0
     room = gcode.count(b"\n") + gcode.count(b"\r") + 1
     while True:
         rows = np.zeros(room, ROW)
-        used = _read(gcode, new_modal(start_mm), np.zeros(1, WORDS), rows)
+        used = _read(gcode, new_modal(start_mm, heads), np.zeros(1, WORDS), rows)
         if used <= room:
             break
         room = used
@@ -284,6 +306,7 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Records) -> i
                 for axis in range(4):
                     row.target[axis] = segments[k, axis] if kind == ARC else modal.position[axis]
                 row.plunger = row.target[3] + modal.plunger_shift
+                row.tool = modal.tool
                 row.feed = speed(modal)
                 row.value = _value(words, kind)
                 row.length = stop - words.begin if k == 0 else 0

@@ -1,8 +1,8 @@
 """Klipper's commands with names, put into the words that the one G-code reader knows.
 
 ``SET_KINEMATIC_POSITION X=1 Y=2`` says where the tip stands, as G92 does for other firmwares, and
-is read as that. ``SET_IDLE_TIMEOUT`` and the rest move nothing and become M105, which only asks;
-their names and words are handed on to be judged.
+is read as that; ``ACTIVATE_EXTRUDER EXTRUDER=extruder1`` is T1. ``SET_IDLE_TIMEOUT`` and the rest
+move nothing and become M105, which only asks; their names and words are handed on to be judged.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import Final
 _LINE: Final = re.compile(rb"^[ \t]*([A-Za-z]+_\w+|STATUS)\b([^;\r\n]*)", re.MULTILINE)
 _WORD: Final = re.compile(rb"\b([XYZ])=([+-]?[\d.]+)")
 _VALUE: Final = re.compile(rb"(\w+)=(\S+)")
+_CHOSEN: Final = re.compile(rb"\bEXTRUDER=extruder(\d*)\b")
+CHOOSES: Final = "ACTIVATE_EXTRUDER"
 PLACES: Final = "SET_KINEMATIC_POSITION"
 OFFSETS: Final = "SET_GCODE_OFFSET"
 NOTHING: Final = b"M105"
@@ -30,6 +32,9 @@ class Named:
 
 def plain_command(name: bytes, words: bytes) -> bytes:
     """One named command in G-code."""
+    chosen = _CHOSEN.search(words) if name.decode().upper() == CHOOSES else None
+    if chosen is not None:
+        return b"T" + (chosen[1] or b"0")
     if name.decode().upper() != PLACES:
         return NOTHING
     return b" ".join([b"G92", *(axis + value for axis, value in _WORD.findall(words.upper()))])

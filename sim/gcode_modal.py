@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import MOST_HEADS
 from kernels import jit
 from sim.planner_state import Record, Records
 
@@ -25,6 +26,9 @@ MODAL: Final = np.dtype(
         ("low", "f8", (3,)),  # native mm, software endstops
         ("high", "f8", (3,)),
         ("limited", "i8", (3,)),  # 1 for an axis that was homed, while M211 is on
+        ("heads", "i8"),  # how many there are
+        ("tool", "i8"),  # the head that E moves
+        ("left_at", "f8", (MOST_HEADS,)),  # plunger travel of each head as it was left, mm
     ],
     align=True,
 )
@@ -50,6 +54,8 @@ class Kind(IntEnum):
     """Run to the endstops."""
     BAD = 7
     """An arc that is none."""
+    TOOL = 8
+    """Another head, or the same again, once the motors stand."""
 
 
 OTHER: Final = 0
@@ -60,18 +66,21 @@ SYNC: Final = 4
 SET_POSITION: Final = 5
 HOME: Final = 6
 BAD: Final = 7
+TOOL: Final = 8
 
 _I, _J, _R, _S, _P, _F, _E, _X = 8, 9, 17, 18, 15, 5, 4, 23
-_G, _M = ord("G"), ord("M")
+_G, _M, _T = ord("G"), ord("M"), ord("T")
 _SYNC_CODES = (0, 1, 109, 190, 400)
 
 
-def new_modal(start_mm: tuple[float, float, float]) -> Records:
+def new_modal(start_mm: tuple[float, float, float], heads: int = 1) -> Records:
     """State after power-up with the tip at ``start_mm``, (1,) of `MODAL`.
 
-    Absolute, millimetres, 25 mm/s (Marlin's first feed rate is 1500 mm/min).
+    Absolute, millimetres, 25 mm/s (Marlin's first feed rate is 1500 mm/min), the first of
+    ``heads``.
     """
     modal = np.zeros(1, MODAL)
+    modal["heads"] = heads
     modal["position"][0, :3] = start_mm
     modal["feed"] = 25.0
     modal["unit"] = 1.0
@@ -125,7 +134,18 @@ def interpret(modal: Record, words: Record) -> int:
             modal.flow_percent = words.value[_S]
         elif number in _SYNC_CODES:
             return SYNC
+    elif words.letter == _T and modal.heads > 1 and 0 <= number < modal.heads:
+        _take_head(modal, number)
+        return TOOL
     return OTHER
+
+
+@jit
+def _take_head(modal: Record, number: int) -> None:
+    """E goes on counting where it is (Marlin's one counter), but moves another plunger."""
+    modal.left_at[modal.tool] = modal.position[3] + modal.plunger_shift
+    modal.plunger_shift = modal.left_at[number] - modal.position[3]
+    modal.tool = number
 
 
 @jit

@@ -28,13 +28,13 @@ from sim.marlin_board import Board
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader, Refused
 from sim.marlin_machine import Machine, Place, Task, Wait
-from sim.marlin_tells import planned_position
+from sim.marlin_tells import advanced_ok, planned_position
 from sim.marlin_texts import BANNER
+from sim.marlin_tools import m218, take_tool
 from sim.marlin_waits import Steps, quickstop
 from sim.marlin_wire import Wire
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
-_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 
 
@@ -111,6 +111,7 @@ class MainLoop:
     handlers: ClassVar[Mapping[str, Handler]] = HANDLERS
     too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
     banner: ClassVar[tuple[str, ...]] = BANNER
+    offsets_by: ClassVar[str] = "M218"
 
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
@@ -258,8 +259,7 @@ class MainLoop:
         """Without emergency parser: M112, M410 and M108 act when they enter the queue."""
         if self.machine.printer.emergency_parser:
             return
-        name = line[:4]
-        if name in (b"M112", b"M410", b"M108"):
+        if (name := line[:4]) in (b"M112", b"M410", b"M108"):
             self._urgent(name[1:])
 
     def _urgent(self, code: bytes) -> None:
@@ -313,12 +313,17 @@ class MainLoop:
         if command.letter == "G" and command.number <= 3:
             return self._move(command)
         if command.letter == "T":
-            return None
+            return self.take_tool(command)
         name = f"{command.letter}{command.number}"
         if name in self.handlers:
             return self.handlers[name](self, command)
-        self.say_unknown(command)
+        if name == self.offsets_by and self.machine.printer.head_count > 1:
+            m218(self, command)
+        elif name not in self.machine.printer.extra_commands:
+            self.say_unknown(command)
         return None
+
+    take_tool = take_tool
 
     def _move(self, command: Command) -> Task:
         machine = self.machine
@@ -384,12 +389,7 @@ class MainLoop:
 
     def _say_advanced_ok(self) -> None:
         """The answer with line number, free planner blocks and free places in the queue."""
-        machine = self.machine
-        word = _NUMBER_WORD.match(self._command)
-        number = f" {word[0].decode()}" if word else ""
-        blocks = len(machine.ring) - 1 - machine.blocks
-        queue = machine.printer.command_queue - max(len(self._queue), 1)
-        self.say_ok(f"{number} P{blocks} B{queue}")
+        self.say_ok(advanced_ok(self.machine, self._command, len(self._queue)))
 
     def _forget(self) -> None:
         self._queue.clear()

@@ -15,7 +15,16 @@ from sim.executed_log import executed_motion
 from sim.gcode_modal import new_modal
 from sim.heaters import Heater
 from sim.marlin_board import Board
-from sim.planner import add_move, command_time, counted, next_event, run_until, set_axis, stop_now
+from sim.planner import (
+    add_move,
+    command_time,
+    counted,
+    next_event,
+    run_until,
+    set_axis,
+    stop_now,
+    take_head,
+)
 from sim.planner_state import LOG, new_planner, new_ring
 
 COLD_C: Final = 170.0
@@ -182,11 +191,14 @@ class Machine:
         """Forget all but the clock, the motors' true places and the log."""
         printer = self.printer
         fresh = new_planner(printer, self.start_mm)
-        for name in ("physical", "first_pulse", "logged", "merged", "run_end"):
+        for name in ("physical", "plungers", "first_pulse", "logged", "merged", "run_end"):
             fresh[name] = self.planner[name]
+        fresh["plungers"][0, self.tool] = self.planner["physical"][0, 3]
+        fresh["physical"][0, 3] = fresh["plungers"][0, 0]
         fresh["shift"] = fresh["physical"] - fresh["position"]
         self.planner[:] = fresh
-        self.modal = new_modal(self.start_mm)
+        self.modal = new_modal(self.start_mm, printer.head_count)
+        self.tool_offset = np.zeros((printer.head_count, 3))
         spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
         self.modal["low"] = [span.low for span in spans]
         self.modal["high"] = [span.high for span in spans]
@@ -278,6 +290,16 @@ class Machine:
     def set_plunger(self, position_mm: float) -> None:
         """Call the plunger's planned position ``position_mm``."""
         set_axis(self.planner, 3, position_mm)
+
+    @property
+    def tool(self) -> int:
+        """The head that E moves."""
+        return int(self.planner["tool"][0])
+
+    def use_head(self, number: int) -> None:
+        """Have E move that head's plunger from now on; the motors stand."""
+        self.roll()
+        take_head(self.planner, number, float(self.modal["position"][0, 3]))
 
     def executed(self) -> ExecutedMotion:
         """Blocks that ran up to now."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Final
 
 from sim.gcode import Command
 from sim.marlin_texts import identity
 
 if TYPE_CHECKING:
     from sim.marlin_loop import MainLoop
+    from sim.marlin_machine import Machine
+
+_NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 
 
 def position_report(board: MainLoop, counts: list[int]) -> str:
@@ -31,6 +35,14 @@ def _two(value: float) -> str:
 def planned_position(board: MainLoop) -> str:
     """Report of M114: counts are those at the end of the last block taken."""
     return position_report(board, [int(v) for v in board.machine.planner["position"][0]])
+
+
+def advanced_ok(machine: Machine, command: bytes, queued: int) -> str:
+    """What an ok says with ADVANCED_OK: line number, free planner blocks, free places in line."""
+    word = _NUMBER_WORD.match(command)
+    number = f" {word[0].decode()}" if word else ""
+    blocks = len(machine.ring) - 1 - machine.blocks
+    return f"{number} P{blocks} B{machine.printer.command_queue - max(queued, 1)}"
 
 
 def m31(board: MainLoop, command: Command) -> None:

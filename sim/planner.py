@@ -249,6 +249,7 @@ def _write_log(planner: Record, block: Record, log: Records, done: int, end: flo
     row.time_start = planner.run_start
     row.time_end = end
     row.line = block.line
+    row.tool = planner.tool
     planner.logged += 1
 
 
@@ -293,3 +294,20 @@ def set_axis(planner_of: Records, axis: int, target_mm: float) -> None:
     steps = to_steps(target_mm, planner.steps_per_mm[axis])
     planner.shift[axis] += planner.position[axis] - steps
     planner.position[axis] = steps
+
+
+@jit
+def take_head(planner_of: Records, number: int, e_mm: float) -> None:
+    """Have E move another head's plunger, and call where that stands ``e_mm``; motors must stand.
+
+    Steps per mm and speed become that head's (Marlin's DISTINCT_E_FACTORS).
+    """
+    planner = planner_of[0]
+    planner.plungers[planner.tool] = planner.physical[3]
+    planner.tool = number
+    planner.physical[3] = planner.plungers[number]
+    planner.steps_per_mm[3] = planner.e_steps_per_mm[number]
+    planner.mm_per_step[3] = np.float32(1) / planner.e_steps_per_mm[number]
+    planner.max_speed[3] = planner.e_max_speed[number]
+    planner.position[3] = to_steps(e_mm, planner.steps_per_mm[3])
+    planner.shift[3] = planner.physical[3] - planner.position[3]

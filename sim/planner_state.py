@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Axes, Printer
+from firmware_profiles import MOST_HEADS, Axes, Printer
 
 Records = NDArray[np.void]
 """A structured array; the compiled kernels take these."""
@@ -52,6 +52,9 @@ PLANNER: Final = np.dtype(
         ("min_segment_us", "f8"),
         ("min_steps", "i8"),
         ("flow", "f4"),  # M221, 1 = as asked
+        ("tool", "i8"),  # the head that E moves
+        ("e_steps_per_mm", "f4", (MOST_HEADS,)),
+        ("e_max_speed", "f4", (MOST_HEADS,)),
         # the planner
         ("position", "i8", (4,)),  # where the last block that was taken will end, steps
         ("shift", "i8", (4,)),  # physical steps minus `position`'s count (G92 E moves it)
@@ -64,6 +67,7 @@ PLANNER: Final = np.dtype(
         # the stepper
         ("running", "b1"),
         ("physical", "i8", (4,)),  # motor steps since power-up, at `run_start`
+        ("plungers", "i8", (MOST_HEADS,)),  # those of each head's plunger as it was left
         ("run_start", "f8"),  # s, of the running block
         ("run_end", "f8"),  # s, of the running block or of the last one
         ("deliver_at", "f8"),  # s, before which an idle stepper takes no block
@@ -81,6 +85,7 @@ LOG: Final = np.dtype(
         ("time_start", "f8"),
         ("time_end", "f8"),
         ("line", "i8"),
+        ("tool", "i8"),
     ],
     align=True,
 )
@@ -101,6 +106,13 @@ def new_planner(printer: Printer, start_mm: tuple[float, float, float]) -> Recor
     state["steps_per_mm"] = _four(printer.steps_per_mm)
     state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
     state["max_speed"] = _four(printer.max_speed_mm_s)
+    for number in range(printer.head_count):
+        one = printer.of_head(number)
+        state["e_steps_per_mm"][number] = one.steps_per_mm.e
+        state["e_max_speed"][number] = one.max_speed_mm_s.e
+    state["steps_per_mm"][3] = state["e_steps_per_mm"][0]
+    state["max_speed"][3] = state["e_max_speed"][0]
+    state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
     state["max_acceleration"] = _four(printer.max_acceleration_mm_s2)
     state["acceleration"] = printer.acceleration_mm_s2
     state["junction_deviation"] = printer.junction_deviation_mm

@@ -75,11 +75,26 @@ def read_valve(program: Program, gcode: bytes, named: tuple[Named, ...], head: P
         Klipper's commands with names.
     head : Pneumatic
     """
-    opens, closes = _command(head.opens), _command(head.closes)
+    return read_switch(program, gcode, named, head.opens, head.closes)
+
+
+def read_switch(
+    program: Program, gcode: bytes, named: tuple[Named, ...], on: str, off: str
+) -> Valve:
+    """Find the lines that switch something by one command with two values.
+
+    Parameters
+    ----------
+    program, gcode, named
+        As for `read_valve`.
+    on, off : str
+        After which it is OPEN, or CLOSED.
+    """
+    opens, closes = _command(on), _command(off)
     lines = gcode.splitlines()
     row_of = dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
     by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
-    name = head.opens.split()[0].encode().upper()
+    name = on.split()[0].encode().upper()
     plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
     found = sorted({*plain, *(n for n, (said, _) in by_name.items() if said.encode() == name)})
     rows, states = [], []
@@ -111,7 +126,7 @@ def read_with_valve(
     plain, head = gcode, printer.pneumatic
     if printer.firmware == "klipper":
         plain, named = without_names(gcode)
-    program = read_gcode(plain, start_mm)
+    program = read_gcode(plain, start_mm, printer.head_count)
     return program, None if head is None else read_valve(program, gcode, named, head)
 
 

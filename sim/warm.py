@@ -21,3 +21,4 @@ def warm_printer() -> None:
     printer.exchange(b"G4 S1\nM114\n")
     printer.kill("warm")
     printer.executed()
+    MarlinPrinter(load(Printer, "two_syringe_marlin")).exchange(b"T1 S1\nM400\n")

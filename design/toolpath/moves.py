@@ -22,6 +22,7 @@ class _Run:
     duration_s: float
     kind: MoveKind
     source: int
+    tool: int
 
 
 class MoveBuilder:
@@ -35,6 +36,12 @@ class MoveBuilder:
         What the sources count.
     layer_height_mm : float, mm
         0 for embedded writing.
+
+    Attributes
+    ----------
+    tip : (3,) float64, mm
+    tool : int
+        The head that makes the moves appended from now on; 0 until another is set.
     """
 
     def __init__(
@@ -45,6 +52,7 @@ class MoveBuilder:
         self._layer_height_mm = layer_height_mm
         self._runs: list[_Run] = []
         self.tip: FloatArray = self._first
+        self.tool = 0
 
     def write(
         self, points: FloatArray, volume_ul: FloatArray, speed_mm_s: ArrayLike, source: int
@@ -86,7 +94,7 @@ class MoveBuilder:
             volume_ul=np.concatenate([run.volume_ul for run in runs]),
             speed_mm_s=np.concatenate([run.speed_mm_s for run in runs]),
             duration_s=np.repeat([run.duration_s for run in runs], count),
-            tool=np.zeros(len(end), dtype=np.int64),
+            tool=np.repeat(np.array([run.tool for run in runs], dtype=np.int64), count),
             kind=np.repeat(np.array([run.kind for run in runs], dtype=np.int64), count),
             source=np.repeat(np.array([run.source for run in runs], dtype=np.int64), count),
             source_kind=self._source_kind,
@@ -103,9 +111,9 @@ class MoveBuilder:
     ) -> None:
         if len(points):
             speed = np.broadcast_to(np.asarray(speed_mm_s, dtype=np.float64), len(points))
-            self._runs.append(_Run(points, volume_ul, speed, 0.0, kind, source))
+            self._runs.append(_Run(points, volume_ul, speed, 0.0, kind, source, self.tool))
             self.tip = points[-1]
 
     def _stand(self, kind: MoveKind, volume_ul: float, duration_s: float, source: int) -> None:
         volume, still = np.array([volume_ul]), np.zeros(1)
-        self._runs.append(_Run(self.tip[None], volume, still, duration_s, kind, source))
+        self._runs.append(_Run(self.tip[None], volume, still, duration_s, kind, source, self.tool))

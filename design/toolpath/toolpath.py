@@ -71,6 +71,19 @@ class Toolpath:
     def __len__(self) -> int:
         return len(self.kind)
 
+    def where(self, rows: IntArray | NDArray[np.bool_]) -> Toolpath:
+        """The moves of a mask or of row numbers; they may have gaps between them."""
+        found = {
+            name: getattr(self, name)[rows]
+            for name in ("start", "end", "volume_ul", "speed_mm_s", "duration_s")
+        }
+        whole = {name: getattr(self, name)[rows] for name in ("tool", "kind", "source")}
+        return Toolpath(**found, **whole, **self._kinds)
+
+    @property
+    def _kinds(self) -> dict[str, Any]:
+        return {"source_kind": self.source_kind, "layer_height_mm": self.layer_height_mm}
+
     @property
     def lengths(self) -> FloatArray:
         """Length of each move, (n,), mm."""

@@ -11,6 +11,7 @@ import typer
 from printctl.cli.calibrate_backlash import backlash
 from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
+from printctl.cli.calibrate_oct import oct_device
 from printctl.cli.calibrate_offset import offset
 from printctl.cli.calibrate_weigh import weigh
 
@@ -23,3 +24,4 @@ calibrate.command("offset")(offset)
 calibrate.command("level")(level)
 calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
+calibrate.command("oct")(oct_device)

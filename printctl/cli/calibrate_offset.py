@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
+from typing import Annotated, Any
 
-from printctl.calibration import fit_offset
-from printctl.cli.calibrate_options import Csv, given, tell
+import numpy as np
+import typer
+
+from firmware_profiles import Printer, load
+from printctl.calibration import Estimate, fit_offset
+from printctl.cli.calibrate_files import write_changed
+from printctl.cli.calibrate_options import Csv, Write, given, tell
 from printctl.cli.options import JsonFlag
 from printctl.errors import UsageError
 
 
-def offset(readings: Csv = None, as_json: JsonFlag = False) -> None:
-    """Offset of a needle: CSV with needle (two names), x_mm, y_mm and z_mm of touch-offs."""
+def offset(
+    readings: Csv = None,
+    printer: Annotated[
+        str | None,
+        typer.Option("--printer", help="Profile of a printer with several heads, all lowered."),
+    ] = None,
+    head: Annotated[
+        int, typer.Option("--head", help="Whose needle is the second of the two.", min=1)
+    ] = 1,
+    write: Write = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Offset of a needle: CSV with needle (two names), x_mm, y_mm and z_mm of touch-offs.
+
+    With --printer it is the offset of a head: the first needle is the first head's, the other
+    --head's, and both touched the same mark. --write writes the profile with it.
+    """
+    if write is not None and printer is None:
+        raise UsageError("--write needs the profile that is to be mended; give --printer")
     data = given(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
     names = list(dict.fromkeys(data.words["needle"]))
     if len(names) != 2:
@@ -22,10 +45,46 @@ def offset(readings: Csv = None, as_json: JsonFlag = False) -> None:
         columns = [data.numbers[axis][rows].tolist() for axis in ("x_mm", "y_mm", "z_mm")]
         places.append([list(place) for place in zip(*columns, strict=True)])
     first, second = (np.array(place) for place in places)
-    found = fit_offset(first, second, max(data.last_digit.values()))
+    last_digit = max(data.last_digit.values())
+    if printer is not None:
+        # The carriage stands so much less far as the tip stands out: the other way round.
+        _of_head(
+            load(Printer, printer), head, fit_offset(second, first, last_digit), write, as_json
+        )
+        return
+    found = fit_offset(first, second, last_digit)
     lines = {f"{names[1]} less {names[0]}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
     tell(
         lines,
         [f"add it to place_mm when {names[1]} prints what {names[0]} was set up for"],
         as_json,
     )
+
+
+def _of_head(
+    printer: Printer,
+    number: int,
+    found: tuple[Estimate, Estimate, Estimate],
+    write: Path | None,
+    as_json: bool,
+) -> None:
+    """Tell the offset of a head, and write it into a profile."""
+    if number >= printer.head_count or not printer.heads:
+        raise UsageError(
+            f"{printer.name} has no head {number} (heads); name its heads in the profile first"
+        )
+    lines = {
+        f"heads.{number}.offset_mm.{axis}": one for axis, one in zip("xyz", found, strict=True)
+    }
+    notes = ["touch off again after every change of a needle: it stands elsewhere then"]
+    tell(lines, notes, as_json)
+    if write is None:
+        return
+    heads: list[dict[str, Any]] = [
+        head.model_dump(mode="json", exclude_unset=True) for head in printer.heads
+    ]
+    heads[number]["offset_mm"] = {
+        axis: round(one.value, 4) for axis, one in zip("xyz", found, strict=True)
+    }
+    widest = max(found, key=lambda one: one.high - one.low)
+    write_changed(write, printer, f"heads.{number}.offset_mm", heads, widest)

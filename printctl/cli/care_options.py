@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -38,13 +39,20 @@ ReloadFlag = Annotated[
 
 
 def care_for(
-    syringe: str, capacity_mm: float, checkpoint_every: float, deadman: float, stops: bool
+    syringes: Sequence[str],
+    capacity_mm: Sequence[float],
+    checkpoint_every: float,
+    deadman: float,
+    stops: bool,
 ) -> Care:
-    """From the options' seconds and minutes."""
+    """From the options' seconds and minutes; of several heads, what is in each."""
+    several = len(syringes) > 1
     return Care(
         checkpoint_s=None if math.isinf(checkpoint_every) else checkpoint_every,
         deadman_s=60.0 * deadman,
         deadman_stops=stops,
-        syringe=syringe,
-        capacity_mm=capacity_mm,
+        syringe=syringes[0],
+        capacity_mm=capacity_mm[0],
+        head_syringes=tuple(syringes) if several else (),
+        head_capacity_mm=tuple(capacity_mm) if several else (),
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from firmware_profiles import Ink, Printer, Syringe, load
+from firmware_profiles import Printer, load
 from printctl.cli.care_options import (
     CheckpointOption,
     DeadmanOption,
@@ -36,6 +37,8 @@ from printctl.cli.set_up_options import (
     DishOption,
     Mounted,
     NeedleOption,
+    loads_of,
+    of_each,
     set_up,
 )
 from printctl.link.finding import named_port, read_baud
@@ -52,7 +55,7 @@ from printctl.printing import (
     running,
     simulated_printer,
     usable_mm,
-    with_reloads,
+    with_reloads_of,
 )
 from printctl.progress import StageBars
 from sim.dryrun import dry_run
@@ -102,32 +105,39 @@ def print_job(
     The print runs in a process of its own and goes on when this command ends. Ctrl-C asks: detach,
     stop or kill.
     """
-    profile, filled = load(Printer, printer), load(Syringe, syringe)
+    profile = load(Printer, printer)
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = three_numbers(start, "--start")
-    usable = usable_mm(filled, profile)
-    care = care_for(syringe, usable, checkpoint_every, deadman, deadman_stops)
-    retreat = retreat_for(filled, load(Ink, ink), lift_mm=20.0, prime_ul=prime_ul)
+    loads = loads_of(profile, syringe, ink, needle)
+    usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
+    names = of_each(profile, syringe, "--syringe")
+    care = care_for(names, usable, checkpoint_every, deadman, deadman_stops)
+    retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
+    retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
         mounted = Mounted(needle, bath, dish, dish_centre, bath_depth)
-        set_for = set_up(profile, filled, ink, tip, mounted)
-        reload_at = _check(file, set_for, tip, usable, reload)
-        order = replace(order, care=replace(care, reload_at=reload_at))
+        set_for = set_up(profile, syringe, ink, tip, mounted)
+        at, heads = _check(file, set_for, tip, usable, reload)
+        order = replace(order, care=replace(care, reload_at=at, reload_heads=heads))
     _tell(_print(order, profile, tip, yes), place, as_json)
 
 
 def _check(
-    file: Path, mounted: SetUp, tip: tuple[float, float, float], usable: float, reload: bool
-) -> tuple[int, ...]:
-    """Check the file before the first byte; where the syringe must be changed, if it may be."""
+    file: Path,
+    mounted: SetUp,
+    tip: tuple[float, float, float],
+    usable: Sequence[float],
+    reload: bool,
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Check the file before the first byte; where a syringe must be changed, and whose."""
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
     job = load_job(file, mounted.printer.max_line_bytes)
-    checks, reload_at = with_reloads(file_checks(run, mounted), job, usable, wanted=reload)
+    checks, at, heads = with_reloads_of(file_checks(run, mounted), job, usable, wanted=reload)
     refuse_failed(checks)
     for text in warnings(checks):
         messages().print(f"note: {text}", markup=False)
-    return reload_at
+    return at, heads
 
 
 def _print(

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, running_print
-from printctl.link.pausing import CHANGE
+from printctl.link.changing import CHANGE
 from printctl.link.states import LinkState
 
 
-def reload(run: RunArg) -> None:
+def reload(
+    run: RunArg,
+    head: Annotated[
+        int | None, typer.Option("--head", help="Of several, whose; the one in use if not.", min=0)
+    ] = None,
+) -> None:
     """Hold a print at its next reload point, with room above the needle to change the syringe.
 
     A print that is paused already stays where it is, and the needle goes up further.
     """
     with running_print(run) as client:
         here = client.status.state is LinkState.PAUSED
-        client.reload()
+        client.reload(head)
         where = "here" if here else "at the next reload point"
         print_lines(f"will make room {where}; then {CHANGE.replace('RUN', str(run))}")

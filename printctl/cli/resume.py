@@ -12,7 +12,7 @@ from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import PrintctlError, UsageError
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import attach, resume_print
-from printctl.link.states import LinkState
+from printctl.link.states import LinkState, Status
 from printctl.printing import usable_mm
 
 _GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
@@ -54,19 +54,27 @@ def resume(
         raise PrintctlError(
             f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
         )
-    change = None
-    if told:
-        care = Care.from_dict(record.care)
-        change = new_syringe(care, record.profile, syringe, plunger_mm or 0.0)
     with resume_print(folder, port) if ended else attach(folder) as client:
         if ended and client.status.state is not LinkState.PAUSED:
             print_lines("going on from the printer's last line")
             return
+        change = None
+        if told:
+            care, head = Care.from_dict(record.care), changed_head(client.status)
+            change = new_syringe(care, record.profile, syringe, plunger_mm or 0.0, head)
         client.resume(change, unchanged)
         print_lines(f"going on; `printctl status {run}` tells how")
 
 
-def new_syringe(care: Care, printer: str, name: str | None, plunger_mm: float) -> NewSyringe:
+def changed_head(status: Status) -> int | None:
+    """Of several heads, whose syringe the print waits for."""
+    what, _, number = status.waits_for.partition(" ")
+    return int(number) if what == "syringe" and number else None
+
+
+def new_syringe(
+    care: Care, printer: str, name: str | None, plunger_mm: float, head: int | None = None
+) -> NewSyringe:
     """What was put in; the job's plunger travel holds for one bore only.
 
     Parameters
@@ -78,6 +86,8 @@ def new_syringe(care: Care, printer: str, name: str | None, plunger_mm: float) -
     name : str or None
         Profile of the new one; None for one like the last.
     plunger_mm : float, mm
+    head : int, optional
+        Of several, whose.
 
     Raises
     ------
@@ -87,11 +97,13 @@ def new_syringe(care: Care, printer: str, name: str | None, plunger_mm: float) -
     if name is None:
         return NewSyringe(plunger_mm)
     new = load(Syringe, name)
-    if care.syringe:
-        old = load(Syringe, care.syringe)
+    before, _ = care.of_head(head)
+    if before:
+        old = load(Syringe, before)
         if new.inner_mm != old.inner_mm:
             raise UsageError(
                 f"{new.name} has a bore of {new.inner_mm:g} mm, {old.name} of {old.inner_mm:g} mm: "
                 "the job's plunger travel would give another volume; put in one of the same bore"
             )
-    return NewSyringe(plunger_mm, name, usable_mm(new, load(Printer, printer)))
+    machine = load(Printer, printer)
+    return NewSyringe(plunger_mm, name, usable_mm(new, machine.of_head(head or 0)))

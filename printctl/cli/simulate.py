@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from firmware_profiles import Printer, Syringe, load
+from firmware_profiles import Printer, load
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -49,10 +49,10 @@ def simulate(
 
     Ends with exit code 3 when a check fails; the line and the reason are named.
     """
-    profile, filled = load(Printer, printer), load(Syringe, syringe)
+    profile = load(Printer, printer)
     tip = three_numbers(start, "--start")
     given = Mounted(needle, bath, dish, dish_centre, bath_depth)
-    mounted = set_up(profile, filled, ink, tip, given)
+    mounted = set_up(profile, syringe, ink, tip, given)
     run = dry_run(read_gcode_file(file), profile, tip)
     checks = file_checks(run, mounted)
     if as_json:

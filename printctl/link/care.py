@@ -29,6 +29,12 @@ class Care:
         Plunger travel of a full syringe of this sort; 0 where unknown.
     reload_at : tuple of int
         Reload points, by the command lines before them, at which the syringe must be changed.
+    reload_heads : tuple of int
+        Of several heads, whose syringe at each; empty where there is one.
+    head_syringes : tuple of str
+        As `syringe`, of each of several heads.
+    head_capacity_mm : tuple of float, mm
+        As `capacity_mm`, of each of several heads.
     """
 
     checkpoint_s: float | None = 30.0
@@ -37,6 +43,15 @@ class Care:
     syringe: str = ""
     capacity_mm: float = 0.0
     reload_at: tuple[int, ...] = ()
+    reload_heads: tuple[int, ...] = ()
+    head_syringes: tuple[str, ...] = ()
+    head_capacity_mm: tuple[float, ...] = ()
+
+    def of_head(self, number: int | None) -> tuple[str, float]:
+        """Syringe and capacity of a head; of the only one for None."""
+        if number is None or number >= len(self.head_capacity_mm):
+            return self.syringe, self.capacity_mm
+        return self.head_syringes[number], self.head_capacity_mm[number]
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""
@@ -45,7 +60,8 @@ class Care:
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
-        return Care(**{**data, "reload_at": tuple(data.get("reload_at", ()))})
+        lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm")
+        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}})
 
 
 @dataclass(frozen=True)

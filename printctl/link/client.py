@@ -68,15 +68,17 @@ class PrintClient(Connection):
         """
         self._ask("pause", after=after)
 
-    def reload(self) -> None:
+    def reload(self, head: int | None = None) -> None:
         """Ask for a change of syringe: at the next reload point, or here when it is paused.
+
+        Of several heads that of ``head``; else of the one in use.
 
         Raises
         ------
         Refused
             When the job marks no reload point ahead.
         """
-        self._ask("reload")
+        self._ask("reload", head=head)
 
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
         """Go on after a pause; `printctl.link.pausing.Pausing.resume` says what may be told.

@@ -10,6 +10,7 @@ from firmware_profiles import Printer
 
 _CAP = re.compile(rb"Cap:(\w+):(\d)$")
 _NAME = re.compile(rb"FIRMWARE_NAME: ?(.*?)(?:,? [A-Z-]+_[A-Z_]+:.*|,? ELECTRONICS:.*)?$")
+_EXTRUDERS = re.compile(rb"EXTRUDER_COUNT:(\d+)")
 _STEPS = re.compile(rb"([XYZE]):? ?(\d+\.\d+)")
 
 
@@ -22,10 +23,13 @@ class Firmware:
     name : str
         Text of ``FIRMWARE_NAME``; empty when it didn't come through.
     capabilities : dict of str to bool
+    extruders : int
+        Heads that it was built for (``EXTRUDER_COUNT``); 0 where it doesn't say.
     """
 
     name: str = ""
     capabilities: dict[str, bool] = field(default_factory=dict)
+    extruders: int = 0
 
     def is_a(self, says: str) -> bool:
         """Whether its name contains ``says``, as every family's does (Marlin's forks too)."""
@@ -34,13 +38,15 @@ class Firmware:
 
 def parse_firmware(replies: Sequence[bytes]) -> Firmware:
     """Read the reply to M115."""
-    name, capabilities = "", {}
+    name, extruders, capabilities = "", 0, {}
     for text in replies:
         if said := _NAME.search(text):
             name = said[1].decode("ascii", "replace")
+            counted = _EXTRUDERS.search(text)
+            extruders = int(counted[1]) if counted else 0
         elif found := _CAP.match(text):
             capabilities[found[1].decode()] = found[2] == b"1"
-    return Firmware(name, capabilities)
+    return Firmware(name, capabilities, extruders)
 
 
 def modes(printer: Printer) -> tuple[bytes, ...]:

@@ -15,9 +15,10 @@ control    ``n``, ``command``: a line number about to be used for a control comm
 alarm      text
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
            ``mark``: what ended there, where it was made at a mark
-reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``
+reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``; ``head``:
+           of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
-           put in; ``reload_at``: where the next changes are due
+           put in; ``reload_at``, ``reload_heads``: where the next changes are due
 end        state, message, done, error, position_known: last
 ========== =====================================================================================
 
@@ -174,6 +175,8 @@ class History:
         Command lines after which the last change was made; -1 for none.
     reload_at : tuple of int or None
         Where the next changes are due, since the last one.
+    reload_heads : tuple of int
+        Of several heads, whose.
     end : dict or None
         The end record; None when the link process died first.
     damaged : int
@@ -198,6 +201,7 @@ class History:
     syringe: Record | None = None
     reloaded: int = -1
     reload_at: tuple[int, ...] | None = None
+    reload_heads: tuple[int, ...] = ()
     end: Record | None = None
     damaged: int = 0
     gaps: int = 0
@@ -278,6 +282,7 @@ def _apply(history: History, record: Record | None) -> None:
         history.reload, history.syringe = record, None
     elif sort == "syringe":
         history.syringe, history.reload_at = record, tuple(record["reload_at"])
+        history.reload_heads = tuple(record.get("reload_heads", ()))
     elif sort == "end":
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]

@@ -62,7 +62,11 @@ _PLAIN = re.compile(rb"[ -~]{5,}$")
 
 _BANNER: Final = (b"Marlin ", b"echo: Last Updated")
 """What follows ``start``, which noise may have garbled."""
-_FAULTS: Final = (b"cold extrusion prevented", b"too long extrusion prevented")
+_FAULTS: Final = (
+    b"cold extrusion prevented",
+    b"too long extrusion prevented",
+    b"Invalid extruder",
+)
 
 ORDER_ERROR: Final = b"Line Number is not Last Line Number+1"
 """In the error that answers a line whose number is too high."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
+
+from printctl.link.heads import head_chosen
 
 _MOVE: Final = re.compile(rb"(?:G0*[0123]|G92)(?!\d|\.)")
 _HOME: Final = re.compile(rb"G0*2[89](?!\d)")
@@ -127,12 +130,16 @@ def named(lines: Sequence[bytes]) -> str:
 def relieved_mm(lines: Sequence[bytes], done: int) -> float:
     """How far the job itself has drawn the plunger back just before line ``done``, mm.
 
-    0 when its last plunger move pushed, or the count was set anew (G92) since.
+    0 when its last plunger move pushed, or the count was set anew (G92) since. Infinite where a
+    head was chosen since: it was relieved when it was left, or has pushed nothing yet.
     """
     now: float | None = None
-    for line in reversed(lines[:done]):
+    for index in range(done - 1, -1, -1):
+        line = lines[index]
         move = _MOVE.match(line)
         if not move:
+            if head_chosen(line) is not None:
+                return math.inf
             continue
         words = {word[1]: float(word[2]) for word in _WORD.finditer(line)}
         if b"E" not in words:
@@ -142,7 +149,8 @@ def relieved_mm(lines: Sequence[bytes], done: int) -> float:
         elif words[b"E"] != now:
             return max(0.0, words[b"E"] - now)
         if line.startswith(b"G92"):
-            return 0.0
+            changed = index > 0 and head_chosen(lines[index - 1]) is not None
+            return math.inf if changed else 0.0
     return 0.0
 
 

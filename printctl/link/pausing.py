@@ -1,8 +1,7 @@
-"""Pauses: where the print is held, how it is left and rejoined, and the change of syringe.
+"""Pauses: where the print is held, how it is left and rejoined.
 
 What other threads may call leaves a wish or a word; the streamer's thread looks at it between two
-lines. A change of syringe is journalled before each of its steps, so that a host that dies in the
-middle of it knows afterwards whether the plunger's count was set anew or not (`History`).
+lines. How a syringe is changed meanwhile is in `printctl.link.changing`.
 """
 
 from __future__ import annotations
@@ -11,16 +10,15 @@ from dataclasses import replace
 from typing import Final
 
 from printctl.link.care import Care, NewSyringe
+from printctl.link.changing import CHANGE, Changing
 from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError, Refused
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
-from printctl.link.measuring import Measuring
 from printctl.link.modal import Modal, last_of, relieved_mm
-from printctl.link.reloading import plan_reloads
-from printctl.link.retreat import count_from, heaters_off
+from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState, Status
-from printctl.link.watch import Due, Watch
+from printctl.link.watch import Due
 
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
@@ -28,13 +26,9 @@ _TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
 _HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
 """Firmwares that cut the motors' power some time after the last move, unless M84 S0 forbids it."""
 _NOTHING_TOLD: Final[tuple[NewSyringe | None, bool]] = None, False
-CHANGE: Final = (
-    "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "
-    "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if you didn't"
-)
 
 
-class Pausing(Measuring):
+class Pausing(Changing):
     """Holds a print and goes on with it.
 
     Parameters
@@ -45,10 +39,8 @@ class Pausing(Measuring):
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
-        super().__init__(wiring, job)
-        self.care = care or Care()
-        self.watch = Watch(job.marks, self.care)
-        self._changing = False
+        super().__init__(wiring, job, care)
+        self._reload_head: int | None = None
         self._told = _NOTHING_TOLD
 
     # --- for any thread --------------------------------------------------------------------
@@ -73,14 +65,23 @@ class Pausing(Measuring):
         self.watch.after = after
         self._wishes.append("look")
 
-    def reload(self) -> None:
+    def reload(self, head: int | None = None) -> None:
         """Ask for a change of syringe: at the next reload point, or here when it is paused.
+
+        Of several heads that of ``head``, or of the one in use there.
 
         Raises
         ------
         Refused
-            When the job has no reload point ahead.
+            When the job has no reload point ahead, or the printer no such head.
         """
+        count = len(self.wiring.printer.heads)
+        if head is not None and not 0 <= head < count:
+            raise Refused(
+                f"there is no head {head} to change the syringe of: {self.wiring.printer.name} "
+                + (f"has 0 to {count - 1}" if count else "has one alone; don't name it")
+            )
+        self._reload_head = head
         if self._state is LinkState.PAUSED:
             self._wishes.append("reload")
         else:
@@ -129,7 +130,8 @@ class Pausing(Measuring):
 
     def _waits_for(self) -> str:
         if self._changing:
-            return "syringe"
+            number = self._changed_head
+            return "syringe" if number is None else f"syringe {number}"
         after = self.watch.after
         if after is None:
             return ""
@@ -143,7 +145,9 @@ class Pausing(Measuring):
         due = self.watch.due(clock.now(), done)
         where = ", ".join(str(mark) for mark in self.job.marks.here(done)) or f"line {done}"
         if due is Due.RELOAD:
-            self._pause(f"paused at the {where}: {CHANGE}", changing=True)
+            planned = done in self.watch.reload_at
+            self._change_head = self.watch.reload_head(done) if planned else self._reload_head
+            self._pause(f"paused at the {where}: {self._what_to_change()}", changing=True)
         elif due is Due.PAUSE:
             self._pause(f"paused at the {where}")
         elif due is Due.DEADMAN:
@@ -170,7 +174,7 @@ class Pausing(Measuring):
         self._shut_valve()  # what was taken is written; nothing more
         at = self._where()
         self._verify(at)
-        retreat, printer = self.wiring.retreat, self.wiring.printer
+        retreat, printer = self._retreat, self.wiring.printer
         for command in retreat.leave(at, printer, relieved_mm(self.job.lines, done)):
             self._command(command)
         if changing:
@@ -182,15 +186,16 @@ class Pausing(Measuring):
         self._enter(LinkState.PAUSED, message)
         change = self._stay_paused(at)
         self._enter(LinkState.RESUMING, "returning to where the print was left")
-        if change:
-            self._count_new_syringe(at, change)
-        retreat = self.wiring.retreat
+        if change or (self._changing and self._is_idle(self._change_head)):
+            self._count_new_syringe(at, change or NewSyringe())
+        self._take_head()
+        retreat = self._retreat
         for command in retreat.rejoin(at, self.wiring.printer, retreat.prime_mm):
             self._command(command)
         self._command(b"M400")
         self._verify(at)
         self._let_motors_go()
-        self._changing = False
+        self._changing, self._change_head = False, None
         self.alive()
         self._enter(LinkState.PRINTING, "printing")
         self._open_valve()
@@ -210,8 +215,9 @@ class Pausing(Measuring):
                 self._heaters_off()
                 raise Over(LinkState.STOPPED, "stopped by the user while paused")
             if wish == "reload" and not self._changing:
+                self._change_head = self._reload_head
                 self._begin_change(at)
-                self._enter(LinkState.PAUSED, f"paused: {CHANGE}")
+                self._enter(LinkState.PAUSED, f"paused: {self._what_to_change()}")
             if wish == "resume":
                 change, unchanged = self._take_told()
                 problem = self._why_not_resume(at, change, unchanged)
@@ -235,18 +241,11 @@ class Pausing(Measuring):
             return f"not resumed: {wrong}; bring the needle back above that place first"
         if self._changing and change:
             try:
-                self.watch.reload_at = self._reloads_with(change)
+                at_lines, heads = self._reloads_with(change)
+                self.watch.reload_at, self.watch.reload_heads = at_lines, heads
             except LinkError as exc:
                 return f"not resumed: {exc}"
         return ""
-
-    def _reloads_with(self, change: NewSyringe) -> tuple[int, ...]:
-        """Where the syringe must be changed again, after this one."""
-        capacity = change.capacity_mm or self.care.capacity_mm
-        if not capacity or self.wiring.printer.pneumatic:  # no plunger tells what is used up
-            return self.watch.reload_at
-        done = self.protocol.lines_done
-        return plan_reloads(self.job, capacity, change.plunger_mm, done)
 
     def _hold_motors(self) -> None:
         """Keep the firmware from cutting the motors' power while the needle waits."""
@@ -270,57 +269,22 @@ class Pausing(Measuring):
         timeout = last_of(self.job.lines, self.protocol.lines_done, _TIMEOUTS)
         self._command(timeout or b"M105")
 
-    # --- the change of syringe ------------------------------------------------------------------
+    # --- the change of syringe, found again ---------------------------------------------------
 
-    def _begin_change(self, at: Modal) -> None:
-        """Write down that the plunger's count is about to lose its meaning, and make room."""
-        self._changing = True
-        self._record("reload", done=self.protocol.lines_done, e=at.e)
-        for command in self.wiring.retreat.rise(at, self.wiring.printer, self._room_mm):
-            self._command(command)
-
-    @property
-    def _room_mm(self) -> float:
-        return max(self.wiring.retreat.park_mm, self.wiring.retreat.lift_mm)
-
-    def _count_new_syringe(self, at: Modal, change: NewSyringe) -> None:
-        """Call the new plunger's place what the job goes on from, relieved like the old one.
-
-        A pneumatic head has none to count; its valve is shut once more, so that a host that dies
-        now finds by the number of that line that the change was told.
-        """
-        head = self.wiring.printer.pneumatic
-        if at.e is None and head is None:
-            return
-        relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
-        e = self.wiring.retreat.relieved_e(at.e or 0.0, relieved)
-        command = count_from(e) if head is None else head.closes.encode("ascii")
-        self._record(
-            "syringe",
-            n=self.protocol.number + 1,
-            command=command.decode(),
-            done=self.protocol.lines_done,
-            name=change.name or self.care.syringe,
-            plunger_mm=change.plunger_mm,
-            reload_at=self.watch.reload_at,
-        )
-        self._command(command)
-        if head is None:
-            self._verify(Modal(e=e))
-
-    def _await_syringe(self, at: Modal) -> None:
+    def _await_syringe(self, at: Modal, head: int | None = None) -> None:
         """Go on waiting for a syringe: the host died while it was changed.
 
         The plunger is left alone, since nobody knows what is in front of it.
         """
-        self._changing = True
+        self._changing, self._change_head = True, head
         self._hold_motors()
         z = self._compare(Modal())[1].get("Z")
         for command in self.wiring.retreat.rise(at, self.wiring.printer, self._room_mm):
             if z is None or at.z is None or z < at.z + self._room_mm:
                 self._command(command)
+        self._take_idle_head()
         self._command(b"M400")
-        self._wait_and_come_back(at, f"paused, found again: {CHANGE}")
+        self._wait_and_come_back(at, f"paused, found again: {self._what_to_change()}")
 
     # --- ends ------------------------------------------------------------------------------------
 
@@ -329,7 +293,7 @@ class Pausing(Measuring):
         self._enter(LinkState.STOPPING, message)
         self._fault = ""
         relieved = relieved_mm(self.job.lines, self.protocol.lines_done)
-        for command in self.wiring.retreat.leave(self._really(), self.wiring.printer, relieved):
+        for command in self._retreat.leave(self._really(), self.wiring.printer, relieved):
             self._command(command)
         self._heaters_off()
         self._command(b"M400")

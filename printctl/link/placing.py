@@ -14,8 +14,10 @@ from typing import Final
 
 from printctl.link.channel import EARLY, Channel, Over, Wiring
 from printctl.link.errors import PortLost
+from printctl.link.heads import choose, confirms, head_at, keep_raised
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, disagreement, parse_position
+from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.valve import reopen, shut, shut_and_wait
 
@@ -81,6 +83,46 @@ class Placing(Channel):
         self._verify(self._trail.at(self.protocol.lines_done))
         self.protocol.held = False
         self.protocol.go(self.wiring.clock.now())
+
+    # --- several heads ---------------------------------------------------------------------------
+
+    @property
+    def _head(self) -> int | None:
+        """The head that the job has in use; None where there is one alone, or none was chosen."""
+        if not self.wiring.printer.heads:
+            return None
+        return head_at(self.job.lines, self.protocol.lines_done)
+
+    @property
+    def _retreat(self) -> Retreat:
+        """Relief and prime of the head in use."""
+        return self.wiring.retreat.of_head(self._head)
+
+    def _take_head(self) -> None:
+        """Choose the head that the job has in use, and see that it is; the others are raised.
+
+        Before any move after a time in which somebody else may have chosen another.
+        """
+        number = self._head
+        if number is not None:
+            for command in keep_raised(
+                self.job.lines, self.protocol.lines_done, self.wiring.printer
+            ):
+                self._command(command)
+            self._choose(number)
+
+    def _choose(self, number: int) -> None:
+        """Have the firmware use a head, and say so."""
+        printer = self.wiring.printer
+        for _ in range(RETRIES):  # an answer may be garbled
+            if confirms(self._command(choose(printer, number)), printer, number):
+                return
+        raise Over(
+            LinkState.POSITION_UNKNOWN,
+            f"the firmware doesn't say that it uses head {number} ({choose(printer, number)!r}): "
+            "nothing was moved; see that it was built with so many, then `printctl recover`",
+            known=False,
+        )
 
     # --- a pneumatic head's valve --------------------------------------------------------------
 

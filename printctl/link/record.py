@@ -46,7 +46,7 @@ class LinkRecord:
     port: str
     started: float
     baud: int | None = None
-    retreat: dict[str, float] = field(default_factory=dict)
+    retreat: dict[str, Any] = field(default_factory=dict)
     care: dict[str, Any] = field(default_factory=dict)
     status: dict[str, Any] = field(default_factory=dict)
 

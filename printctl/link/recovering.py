@@ -16,6 +16,7 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.link.errors import LinkError
 from printctl.link.firmware import modes
+from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
@@ -29,6 +30,8 @@ TRAVEL_MM_S: Final = 20.0
 _MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
 _Z: Final = re.compile(rb"Z([+-]?\d*\.?\d+)")
 _PLACED: Final = re.compile(rb"G92\b.*[XYZ]|SET_KINEMATIC_POSITION\b")
+_OF_HEAD: Final = re.compile(rb"(?:M\d+ T|M\d+ D|G10 P)\d+(?= )")
+"""What is told of one of several heads: M218 T1 X0 ..., G10 P1 X0 ..."""
 _NO_SETUP: Final = re.compile(rb"(?:G0*[0-4]|G10|G11|G2[89]|G92|M400|M105|M114|M73)(?!\d|\.)")
 
 
@@ -104,7 +107,7 @@ def plan_recovery(
         )
     start = _declared(job, begin)
     gcode = _way_in(job, begin, at, printer, retreat, start) + _rest(job, data, begin)
-    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why))
+    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why, printer))
     return Recovery(begin, gcode, steps, start)
 
 
@@ -153,8 +156,11 @@ def _way_in(
 ) -> bytes:
     """Settings of the job so far; then up, across, down and prime.
 
-    A pneumatic head's valve is shut first of all, and opened once the tip is in place.
+    A pneumatic head's valve is shut first of all, and opened once the tip is in place. Of several
+    heads all are raised, the job's is chosen, and lowered above its place.
     """
+    head = head_at(job.lines, begin) if printer.heads else None
+    retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
     heights = [float(found[1]) for line in job.lines if (found := _Z.search(line))]
     top = max([z, *heights])
@@ -162,12 +168,15 @@ def _way_in(
     speed = printer.max_speed_mm_s
     level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
     commands = [*shut(printer), *_settings(job, begin, printer)]
+    if head is not None:
+        commands += [*all_raised(printer), choose(printer, head)]
     if not printer.pneumatic:
         commands.append(count_from(retreat.relieved_e(e, relieved_mm(job.lines, begin))))
     opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),
         b"G0 X%.4f Y%.4f F%.0f" % (x, y, level * 60),
+        *lowered(printer, head),
         *retreat.rejoin(at, printer, retreat.prime_mm),
         *([b"M400"] if opens else []),
         *opens,
@@ -179,11 +188,17 @@ def _way_in(
 def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
     """Modes, temperatures and the like as they stand, each as it was last given.
 
-    The valve isn't one of them: it would open before the needle is in place.
+    The valve isn't one of them: it would open before the needle is in place. Nor are the heads'
+    own commands; what is told of each head stands for itself.
     """
     last: dict[bytes, bytes] = {mode: mode for mode in modes(printer)}
     for line in job.lines[:begin]:
-        if is_about_valve(line, printer):
+        if is_about_valve(line, printer) or is_about_heads(line, printer):
+            continue
+        of_head = _OF_HEAD.match(line) if printer.heads else None
+        if of_head is not None:
+            last.pop(of_head[0], None)
+            last[of_head[0]] = line
             continue
         if _PLACED.match(line):
             last[b"placed"] = re.sub(rb" *E[+-]?[\d.]+", b"", line)
@@ -235,12 +250,15 @@ def _by_hand(
     return lift, place, plunger, limits
 
 
-def _what_is_there(job: Job, history: History, begin: int, why: str) -> tuple[str, ...]:
+def _what_is_there(
+    job: Job, history: History, begin: int, why: str, printer: Printer
+) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
     first = job.file_lines[begin]
     steps = [f"The file begins with line {first} of {job.name} ({why})."]
     if history.done > begin:
-        travel = plunger_travel(job.lines)
+        head = head_at(job.lines, begin) if printer.heads else None
+        travel = plunger_travel(job.lines, head)
         again = max(travel[begin : history.done + 1]) - travel[begin]
         amount = f" ({again:.3f} mm of plunger)" if again > 0 else ""
         steps.append(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from printctl.link.errors import LinkError
+from printctl.link.heads import head_chosen
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
 
@@ -16,11 +17,13 @@ _ROUNDING_MM: Final = 1e-4
 """Of E in the text; 2 nL in a syringe of 1 mL."""
 
 
-def plunger_travel(lines: Sequence[bytes]) -> list[float]:
+def plunger_travel(lines: Sequence[bytes], head: int | None = None) -> list[float]:
     """Plunger after each of the first 0, 1, ... lines, mm from the job's begin; (n + 1) values.
 
-    ``G92 E`` changes the count, not the plunger.
+    ``G92 E`` changes the count, not the plunger. Of several heads (``head`` given) one's alone.
     """
+    if head is not None:
+        return _of_head(lines, head)
     at, shift, travel = 0.0, 0.0, [0.0]
     for line in lines:
         found = _PLUNGER.match(line)
@@ -33,8 +36,50 @@ def plunger_travel(lines: Sequence[bytes]) -> list[float]:
     return travel
 
 
+def _of_head(lines: Sequence[bytes], head: int) -> list[float]:
+    """One head's; E goes on counting over changes of head, and moves another plunger."""
+    count, at, chosen, travel = 0.0, 0.0, 0, [0.0]
+    for line in lines:
+        number = head_chosen(line)
+        chosen = chosen if number is None else number
+        found = _PLUNGER.match(line)
+        if found:
+            value = float(found[2])
+            if found[1] != b"G92" and chosen == head:
+                at += value - count
+            count = value
+        travel.append(at)
+    return travel
+
+
+def plan_head_reloads(
+    job: Job,
+    capacity_mm: Sequence[float],
+    used_mm: Sequence[float] | None = None,
+    begin: int = 0,
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """`plan_reloads` for each of several heads; where, and whose syringe, in the job's order.
+
+    No two at the same point: a person changes one syringe at a time.
+    """
+    found: dict[int, int] = {}
+    used = used_mm or [0.0] * len(capacity_mm)
+    for head, (capacity, so_far) in enumerate(zip(capacity_mm, used, strict=True)):
+        if capacity > 0:
+            at = plan_reloads(job, capacity, so_far, begin, head=head, taken=tuple(found))
+            found |= dict.fromkeys(at, head)
+    order = sorted(found)
+    return tuple(order), tuple(found[index] for index in order)
+
+
 def plan_reloads(
-    job: Job, capacity_mm: float, used_mm: float = 0.0, begin: int = 0
+    job: Job,
+    capacity_mm: float,
+    used_mm: float = 0.0,
+    begin: int = 0,
+    *,
+    head: int | None = None,
+    taken: Sequence[int] = (),
 ) -> tuple[int, ...]:
     """Choose the fewest reload points, each as late as the syringe lasts.
 
@@ -47,6 +92,10 @@ def plan_reloads(
         Of the one in use, travel that is used up at ``begin``.
     begin : int
         Command lines that are done.
+    head : int, optional
+        Of several heads, whose.
+    taken : sequence of int
+        Points that another head's change has.
 
     Returns
     -------
@@ -58,8 +107,9 @@ def plan_reloads(
     LinkError
         When the stretch between two reload points needs more than a syringe holds.
     """
-    travel = plunger_travel(job.lines)
-    points = [mark.index for mark in job.marks.of(MarkKind.RELOAD) if mark.index > begin]
+    travel = plunger_travel(job.lines, head)
+    marks = {mark.index for mark in job.marks.of(MarkKind.RELOAD) if mark.index > begin}
+    points = sorted(marks.difference(taken))
     stops = [*points, len(job)]
     chosen: list[int] = []
     start, last, left, peak = begin, begin, capacity_mm - used_mm, travel[begin]

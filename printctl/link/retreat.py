@@ -35,6 +35,8 @@ class Retreat:
         Upwards for a change of syringe, ended by the top of the axis.
     prime_mm : float, mm
         Plunger travel pushed in addition on coming back from a pause.
+    others : tuple of Retreat
+        Those of the second and further heads, which have inks and syringes of their own.
     """
 
     relief_mm: float = 0.1
@@ -43,6 +45,15 @@ class Retreat:
     lift_mm_s: float = 5.0
     park_mm: float = 60.0
     prime_mm: float = 0.0
+    others: tuple[Retreat, ...] = ()
+
+    def __post_init__(self) -> None:
+        others = (Retreat(**one) if isinstance(one, dict) else one for one in self.others)
+        object.__setattr__(self, "others", tuple(others))  # JSON knows no dataclass
+
+    def of_head(self, number: int | None) -> Retreat:
+        """That of one head; the first one's where nobody said another."""
+        return self.others[number - 1] if number and number <= len(self.others) else self
 
     def leave(self, at: Modal, printer: Printer, relieved_mm: float = 0.0) -> list[bytes]:
         """Commands that leave ``at``; words that the job never gave are left out.
@@ -106,11 +117,13 @@ class Retreat:
 def heaters_off(printer: Printer) -> list[bytes]:
     """Commands of the safe state: ``safe_state_off``, then the heaters but for what must stay on.
 
-    ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's.
+    ``ink ...`` in ``safe_state_on`` keeps the tool's temperature, ``bath ...`` the bed's. Of
+    several heads each is told: without a number it is the one in use that goes off.
     """
     commands = [command.encode("ascii") for command in printer.safe_state_off]
     if not any(item.startswith("ink") for item in printer.safe_state_on):
-        commands.append(b"M104 S0")
+        each = range(len(printer.heads))
+        commands += [b"M104 T%d S0" % number for number in each] or [b"M104 S0"]
     if not any(item.startswith("bath") for item in printer.safe_state_on):
         commands.append(b"M140 S0")
     return commands

@@ -1,7 +1,8 @@
 """The door by which clients speak to the link process: JSON lines over a local socket.
 
 A client sends objects with ``do`` (and ``token`` where the socket is TCP): ``status``,
-``subscribe``, ``stop``, ``kill``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload``,
+``subscribe``, ``stop``, ``kill``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload``
+(with ``head``, of several),
 ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, ``detach``,
 ``command`` (with ``text``). The server sends ``{"event": "status", ...}`` and, to a command,
 ``{"event": "reply", "command": ..., "lines": [...]}``. What can't be done is answered by
@@ -31,6 +32,7 @@ from typing import Any, Final
 
 from printctl.link.care import NewSyringe
 from printctl.link.errors import LinkError
+from printctl.link.heads import head_chosen
 from printctl.link.marks import MarkKind
 from printctl.link.pausing import Pausing
 from printctl.link.states import Status
@@ -244,7 +246,8 @@ class Server:
         self.publish(self.channel.status)
 
     def _do_reload(self, guest: _Guest, wish: dict[str, Any]) -> None:
-        self.channel.reload()
+        head = wish.get("head")
+        self.channel.reload(*(() if head is None else (int(head),)))
         self.publish(self.channel.status)
 
     def _do_resume(self, guest: _Guest, wish: dict[str, Any]) -> None:
@@ -262,6 +265,13 @@ class Server:
         if not text.isascii() or not text.isprintable() or "*" in text or not text:
             raise ValueError(text)
         code = _CODE.match(text.upper())  # "g092E0" is read as G92 by a firmware
+        if head_chosen(text.upper().encode()) is not None and self.channel.wiring.printer.heads:
+            message = (
+                f"{text} would take another head than the job's; its syringe is changed by "
+                "`printctl reload RUN --head`, which takes it and gives it back"
+            )
+            self._post(guest, {"event": "refused", "message": message})
+            return
         if code and (code[1] + code[2] in _REFUSED or code[1] == "N"):
             message = f"{text} isn't for manual use: it would break the link's count or position"
             self._post(guest, {"event": "refused", "message": message})

@@ -59,7 +59,7 @@ class Status:
         Name of the error's class (`printctl.link.errors`) when the print failed by one.
     waits_for : str
         What will hold the print at a mark ("pause after layer", "reload"), or what a paused one
-        needs before it can be resumed ("syringe"); empty for nothing.
+        needs before it can be resumed ("syringe"; of several heads "syringe 1"); empty for nothing.
     deadman_left_s : float or None, s
         Time in which somebody must confirm (`printctl alive`), all of it while the print doesn't
         go on; None for an attended print.

@@ -264,6 +264,7 @@ class Streamer(Pausing):
                 f"{self.wiring.transport.name} answers M115 with {name!r}, the profile expects "
                 f"{self.wiring.printer.firmware}; choose the profile of this printer"
             )
+        self._check_heads()
         self._check_keepalive(journalled=False)
         if family.tells_steps:
             self._check_steps()
@@ -275,6 +276,16 @@ class Streamer(Pausing):
         self._check_at_rest()
         if not self._journal_lost:
             self._fault = ""  # a firmware without M113 says so; that is no fault of the job
+
+    def _check_heads(self) -> None:
+        """Refuse a firmware that was built for fewer heads: it would push one syringe for all."""
+        built, wanted = self.firmware.extruders, len(self.wiring.printer.heads)
+        if 0 < built < wanted:
+            raise HandshakeError(
+                f"the firmware was built for {built} (EXTRUDER_COUNT), the profile names {wanted} "
+                "heads: it would go on with one where the job takes another; build it with "
+                f"EXTRUDERS {wanted}, or choose the profile of this printer"
+            )
 
     def _check_keepalive(self, journalled: bool) -> None:
         """Have the firmware say every second that it is busy, and see that it will."""
@@ -335,13 +346,15 @@ class Streamer(Pausing):
         at = self._where()
         if history.reload_at is not None:
             self.watch.reload_at = history.reload_at
+            self.watch.reload_heads = history.reload_heads
         if history.reloaded == done:
             self.watch.paused(done)
         if history.changing(number):
-            self._await_syringe(at)
+            self._await_syringe(at, None if history.reload is None else history.reload.get("head"))
             return
+        self._take_head()
         self._verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
-        for command in self.wiring.retreat.rejoin(at, self.wiring.printer):
+        for command in self._retreat.rejoin(at, self.wiring.printer):
             self._command(command)
         self._command(b"M400")
         self._verify(at)

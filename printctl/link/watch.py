@@ -37,7 +37,7 @@ class Watch:
         What the user wants ended before the next pause.
     confirmed : float, s
         When somebody was last heard of; any thread may set it.
-    reload_at : tuple of int
+    reload_at, reload_heads : tuple of int
         As in `Care`.
     """
 
@@ -45,7 +45,7 @@ class Watch:
         self.marks, self.care = marks, care
         self.after: MarkKind | None = None
         self.confirmed = self._checkpoint_due = 0.0
-        self.reload_at = care.reload_at
+        self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
         self._seen = -1
 
     def begin(self, now: float) -> None:
@@ -96,7 +96,15 @@ class Watch:
     def paused(self, done: int) -> None:
         """Take notice that the print is held after ``done`` lines, for whatever reason."""
         self.after = None
-        self.reload_at = tuple(index for index in self.reload_at if index > done)
+        left = [k for k, index in enumerate(self.reload_at) if index > done]
+        self.reload_heads = tuple(self.reload_heads[k] for k in left if self.reload_heads)
+        self.reload_at = tuple(self.reload_at[k] for k in left)
+
+    def reload_head(self, done: int) -> int | None:
+        """Whose syringe is to be changed after ``done`` lines, of several heads; None else."""
+        if done not in self.reload_at or not self.reload_heads:
+            return None
+        return self.reload_heads[self.reload_at.index(done)]
 
     def checked(self, now: float, done: int) -> None:
         """Take notice that a checkpoint was made."""

@@ -19,6 +19,8 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
+from printctl.errors import UsageError
+from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
@@ -31,6 +33,15 @@ SOLID = "solid.stl"
 
 LIGHT_REACHES_MM = 3.5
 """Deeper parts are beyond OCT in scattering gels; the planar part, 3 mm, is at its limit."""
+
+
+@dataclass(frozen=True)
+class Filled:
+    """What a head holds, as far as a recipe says it: all of it."""
+
+    syringe: Syringe
+    ink: Ink
+    needle: Needle
 
 
 @dataclass
@@ -57,18 +68,56 @@ class RunContext:
 
     @cached_property
     def needle(self) -> Needle:
-        """The needle on it."""
-        return load(Needle, self.recipe.toolpath.needle)
+        """The needle on it; the first of several heads'."""
+        return self.loads[0].needle
 
     @cached_property
     def syringe(self) -> Syringe:
-        """The syringe in it."""
-        return load(Syringe, self.recipe.printer.syringe)
+        """The syringe in it; in the first of several heads."""
+        return self.loads[0].syringe
 
     @cached_property
     def ink(self) -> Ink:
-        """What is in the syringe."""
-        return load(Ink, self.recipe.printer.ink)
+        """What is in that syringe."""
+        return self.loads[0].ink
+
+    @cached_property
+    def loads(self) -> tuple[Filled, ...]:
+        """What each head holds; of a printer with one the recipe's syringe, ink and needle.
+
+        Raises
+        ------
+        UsageError
+            When the recipe names other heads than the printer has.
+        """
+        part, needle = self.recipe.printer, self.recipe.toolpath.needle
+        if not part.heads:
+            one = Filled(load(Syringe, part.syringe), load(Ink, part.ink), load(Needle, needle))
+            return (one,) * self.printer.head_count
+        if len(part.heads) != self.printer.head_count:
+            raise UsageError(
+                f"printer.heads names {len(part.heads)}, and {self.printer.name} has "
+                f"{self.printer.head_count}; name what each holds, or choose another profile"
+            )
+        return tuple(
+            Filled(
+                load(Syringe, head.syringe),
+                load(Ink, head.ink),
+                load(Needle, head.needle or needle),
+            )
+            for head in part.heads
+        )
+
+    @cached_property
+    def vessel_head(self) -> NDArray[np.int64]:
+        """The head that writes each vessel, (v,): by tree, else by kind, else the one for the rest.
+
+        Raises
+        ------
+        UsageError
+            For a vessel that no head is to write.
+        """
+        return vessel_heads(self.network, self.recipe.printer.heads)
 
     @cached_property
     def bath(self) -> Bath:

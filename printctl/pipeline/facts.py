@@ -43,6 +43,26 @@ def run_facts(context: RunContext) -> dict[str, Any]:
             "needle": context.needle.model_dump(mode="json"),
             "syringe": context.syringe.model_dump(mode="json"),
             "ink": context.ink.model_dump(mode="json"),
+            **heads_facts(context),
             "bath": context.bath.model_dump(mode="json"),
         },
     }
+
+
+def heads_facts(context: RunContext) -> dict[str, Any]:
+    """What each of several heads holds; nothing for a printer with one."""
+    return {"heads": heads_dump(context)} if context.printer.heads else {}
+
+
+def heads_dump(context: RunContext) -> list[dict[str, Any]]:
+    """Profiles of each of several heads' syringe, ink and needle; empty for a printer with one."""
+    if not context.printer.heads:
+        return []
+    return [
+        {
+            "syringe": one.syringe.model_dump(mode="json"),
+            "ink": one.ink.model_dump(mode="json"),
+            "needle": one.needle.model_dump(mode="json"),
+        }
+        for one in context.loads
+    ]

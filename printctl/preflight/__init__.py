@@ -5,6 +5,7 @@ from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, u
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
+from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
 from printctl.preflight.ink_use import InkUse, ink_use
 from printctl.preflight.material_checks import (
     bath_checks,
@@ -32,6 +33,7 @@ __all__ = [
     "Budget",
     "Check",
     "InkUse",
+    "Loaded",
     "PrintTime",
     "SetUp",
     "Standing",
@@ -46,9 +48,11 @@ __all__ = [
     "force_checks",
     "gcode_checks",
     "hardest_push",
+    "head_checks",
     "held_check",
     "ink_use",
     "needle_check",
+    "of_each_head",
     "refuse_failed",
     "step_checks",
     "syringe_check",

@@ -84,21 +84,38 @@ def _tips(run: DryRun) -> FloatArray:
     return np.stack([begins, ends], axis=1)
 
 
-def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
-    """Least distance between needle and wall; both ends of a move count if one is below the top.
+def wall_gap(
+    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, outer_mm: float
+) -> FloatArray:
+    """Distance of a needle to the wall in each move, (n,), mm; infinite where it is above it.
 
-    A dish is convex, so a move whose ends are inside is inside.
+    Both ends of a move count if one is below the top. A dish is convex, so a move whose ends are
+    inside is inside.
+
+    Parameters
+    ----------
+    tips : (n, 2, 3) float64, mm
+        Before and after each row, printer's frame.
+    moves : (n,) bool
+        Rows that count.
+    standing : Standing
+    outer_mm : float, mm
+        The needle's.
     """
-    dish, tips = standing.dish, _tips(run)
-    low = (tips[:, :, 2].min(axis=1) < standing.floor_mm + dish.wall_mm) & (
-        run.program.kind == MOVE
-    )
+    dish = standing.dish
+    low = (tips[:, :, 2].min(axis=1) < standing.floor_mm + dish.wall_mm) & moves
     off = np.abs(tips[:, :, :2] - standing.centre_mm)
     if dish.shape == "round":
         gap = dish.inner_x_mm / 2 - np.linalg.norm(off, axis=2)
     else:
         gap = np.minimum(dish.inner_x_mm / 2 - off[:, :, 0], dish.inner_y_mm / 2 - off[:, :, 1])
-    gap = np.where(low, gap.min(axis=1) - needle.outer_mm / 2, np.inf)
+    return np.where(low, gap.min(axis=1) - outer_mm / 2, np.inf)
+
+
+def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
+    """Least distance between needle and wall."""
+    dish = standing.dish
+    gap = wall_gap(_tips(run), run.program.kind == MOVE, standing, needle.outer_mm)
     row = int(gap.argmin()) if len(gap) else -1
     value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
     return Check(

@@ -167,8 +167,8 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
             "since that may run macros that move; see that it is",
         ),
     }
-    if printer.firmware not in asked:
-        return []
+    if printer.firmware not in asked or (printer.heads and printer.firmware == "reprapfirmware"):
+        return []  # a job of several heads chooses one itself, without its macros
     place, remedy = asked[printer.firmware]
     return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
 

@@ -7,10 +7,11 @@ import numpy as np
 from firmware_profiles import Printer
 from printctl.preflight.check import Check
 from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
 from sim.dryrun import DryRun
-from sim.dryrun_checks import Finding
+from sim.dryrun_finding import Finding
 from sim.gcode import code
 
 _COUNTED = {
@@ -40,19 +41,23 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *_pulled_back(run),
         _line_length(run, printer, found),
         _merged(run, printer),
-        *(_counted(code, name, run.findings) for code, name in _COUNTED.items()),
+        *(_counted(code, name, run.findings) for code, name in _counted_for(printer).items()),
         _probing(run),
         *firmware_checks(run, printer),
         *valve_checks(run, printer),
         *profile_checks(printer),
     ]
-    told = {*_COUNTED, "plunger_travel", "long_line"}
+    told = {*_counted_for(printer), "plunger_travel", "long_line"}
     others = [
         finding
         for code, finding in found.items()
         if code not in told and not code.startswith(("outside_", "speed_"))
     ]
     return checks + [_other(finding) for finding in others]
+
+
+def _counted_for(printer: Printer) -> dict[str, str]:
+    return {**_COUNTED, **ABOUT_HEADS} if printer.heads else _COUNTED
 
 
 def _line(finding: Finding | None) -> str:
@@ -102,20 +107,23 @@ def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
 
 
 def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
-    """None for a pneumatic head."""
-    if printer.plunger_travel_mm is None:
-        return []
-    return [
-        Check(
-            "plunger travel",
-            run.plunger_max_mm,
-            printer.plunger_travel_mm,
-            "mm",
-            "plunger_travel" not in found,
-            _line(found.get("plunger_travel")),
-            "use a wider syringe or a smaller part",
-        )
-    ]
+    """Each head's; none for a pneumatic one."""
+    if printer.heads:
+        return of_each_head(run, printer, lambda _, view, one: [_travelled(view, one, found)])
+    return [] if printer.plunger_travel_mm is None else [_travelled(run, printer, found)]
+
+
+def _travelled(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
+    limit = printer.plunger_travel_mm or np.inf
+    return Check(
+        "plunger travel",
+        run.plunger_max_mm,
+        limit,
+        "mm",
+        run.plunger_max_mm <= limit + _TINY_MM,
+        _line(found.get("plunger_travel")),
+        "use a wider syringe or a smaller part",
+    )
 
 
 def _pulled_back(run: DryRun) -> list[Check]:

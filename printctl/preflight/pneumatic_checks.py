@@ -40,7 +40,7 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
     moves = program.kind == MOVE
     unsaid = moves & (valve.before == UNKNOWN)
     travels = moves & (program.code == code("G0")) & valve.is_open
-    plunger = np.diff(program.plunger, prepend=0.0) != 0
+    plunger = program.pushed != 0
     between = np.zeros(len(program), dtype=np.bool_)
     between[valve.row[valve.state == BETWEEN]] = True
     rows = (

@@ -9,6 +9,7 @@ from printctl.preflight.check import Check
 from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
 from printctl.preflight.force_checks import force_checks
 from printctl.preflight.gcode_checks import gcode_checks
+from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
 from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
 from printctl.preflight.setup_checks import syringe_checks
 from printctl.preflight.step_checks import step_checks
@@ -29,6 +30,8 @@ class SetUp:
         None where nobody said it.
     standing : Standing or None
         The dish, where it stands and how high it is filled.
+    heads : tuple of Loaded
+        What each of several heads holds; syringe, ink and needle are then the first one's.
     """
 
     printer: Printer
@@ -37,33 +40,55 @@ class SetUp:
     needle: Needle | None = None
     bath: Bath | None = None
     standing: Standing | None = None
+    heads: tuple[Loaded, ...] = ()
+
+    def load_of(self, number: int) -> Loaded:
+        """What a head holds; the same in each where nobody said it of each."""
+        if number < len(self.heads):
+            return self.heads[number]
+        return Loaded(self.syringe, self.ink, self.needle)
 
 
 def file_checks(run: DryRun, setup: SetUp) -> list[Check]:
     """Every check of a dry run, passed or not; what can't be looked at is a warning."""
-    checks = [
-        *gcode_checks(run, setup.printer),
-        *syringe_checks(run, setup.printer, setup.syringe),
-        *step_checks(run, setup.printer, setup.syringe),
-        *viability_checks(PrintTime(run.duration_s), budget_of(setup.ink)),
-    ]
+    checks = gcode_checks(run, setup.printer)
     missing = [
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
     ]
-    if setup.needle is not None:
-        checks += force_checks(run, setup.ink, setup.needle, setup.syringe, setup.printer)
+    if setup.printer.heads:
+        checks += of_each_head(
+            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, setup.load_of(k))
+        )
+        needles = [setup.load_of(k).needle for k in range(setup.printer.head_count)]
+        checks += head_checks(run, setup.printer, setup.standing, needles)
+    else:
+        load = Loaded(setup.syringe, setup.ink, setup.needle)
+        checks += _of_head(run, setup.printer, setup, load)
     if setup.bath is not None:
-        checks += [
-            chemistry_check(setup.ink, setup.bath),
-            *bath_checks(setup.bath),
-            *temperature_checks(run, setup.ink, setup.bath),
-            floor_check(run, setup.bath, setup.printer.z_mm.low),
-        ]
-    if setup.needle is not None and setup.standing is not None:
-        checks += dish_checks(run, setup.standing, setup.needle)
-    elif setup.standing is None:
+        checks += bath_checks(setup.bath)
+    if setup.standing is None:
         checks.append(unknown_dish())
     return checks + ([_unnamed(missing)] if missing else [])
+
+
+def _of_head(run: DryRun, printer: Printer, setup: SetUp, load: Loaded) -> list[Check]:
+    """Checks of what one head holds, and of its needle's way."""
+    checks = [
+        *syringe_checks(run, printer, load.syringe),
+        *step_checks(run, printer, load.syringe),
+        *viability_checks(PrintTime(run.duration_s), budget_of(load.ink)),
+    ]
+    if load.needle is not None:
+        checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
+    if setup.bath is not None:
+        checks += [
+            chemistry_check(load.ink, setup.bath),
+            *temperature_checks(run, load.ink, setup.bath),
+            floor_check(run, setup.bath, printer.z_mm.low),
+        ]
+    if load.needle is not None and setup.standing is not None:
+        checks += dish_checks(run, setup.standing, load.needle)
+    return checks
 
 
 def _unnamed(missing: list[str]) -> Check:

@@ -2,7 +2,7 @@
 
 from printctl.printing.find import Order, find_or_start, running
 from printctl.printing.simulated import SIMULATED, simulated_printer
-from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads
+from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads, with_reloads_of
 from printctl.printing.watch import confirm, follow, retreat_for
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "simulated_printer",
     "usable_mm",
     "with_reloads",
+    "with_reloads_of",
 ]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from firmware_profiles import Printer, Syringe
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
-from printctl.link.reloading import plan_reloads
+from printctl.link.reloading import plan_head_reloads, plan_reloads
 from printctl.preflight import Check
 
 _ABOUT_THE_SYRINGE = ("plunger travel", "ink, with")
@@ -66,8 +67,47 @@ def with_reloads(
     return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], ()
 
 
+def with_reloads_of(
+    checks: list[Check],
+    job: Job,
+    usable: Sequence[float],
+    *,
+    wanted: bool,
+    by: str = "give --reload",
+) -> tuple[list[Check], tuple[int, ...], tuple[int, ...]]:
+    """`with_reloads` for one head or several; the third result says whose syringe each change is.
+
+    Parameters
+    ----------
+    checks : list of Check
+    job : Job
+    usable : sequence of float, mm
+        Plunger travel of a full syringe of each head.
+    wanted, by
+        As of `with_reloads`.
+    """
+    if len(usable) == 1:
+        return *with_reloads(checks, job, usable[0], wanted=wanted, by=by), ()
+    short = [check for check in checks if not check.passed and _is_about_it(check)]
+    if not short:
+        return checks, (), ()
+    try:
+        at, heads = plan_head_reloads(job, usable)
+    except LinkError as exc:
+        return [_told(check, f"{check.remedy}; {exc}", short) for check in checks], (), ()
+    if wanted:
+        passed = [replace(check, passed=True) if check in short else check for check in checks]
+        return passed, at, heads
+    lines = ", ".join(
+        f"{job.file_line(index + 1)} (head {head})" for index, head in zip(at, heads, strict=True)
+    )
+    offer = f"or {by}: the syringe is then changed before line {lines}"
+    return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], (), ()
+
+
 def _is_about_it(check: Check) -> bool:
-    return check.check.startswith(_ABOUT_THE_SYRINGE)
+    name = check.check.partition(": ")[2] if check.check.startswith("head ") else check.check
+    return name.startswith(_ABOUT_THE_SYRINGE)
 
 
 def _told(check: Check, remedy: str, short: list[Check]) -> Check:

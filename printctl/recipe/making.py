@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from printctl.recipe.care import CarePart
+from printctl.recipe.heads import HeadPart, check_heads
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.regions import FillingPart, RegionPart
 
@@ -97,7 +98,21 @@ class PrinterPart(Part):
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )
+    heads: tuple[HeadPart, ...] = Field(
+        default=(), description="Of a printer with several: what each holds and writes."
+    )
     care: CarePart = Field(default=CarePart(), description="How the print is watched over.")
+
+    @model_validator(mode="after")
+    def _heads_agree(self) -> PrinterPart:
+        check_heads(self.heads)
+        said = self.model_fields_set & {"syringe", "ink"}
+        if self.heads and said:
+            raise ValueError(
+                f"{' and '.join(sorted(said))} of the printer and its heads are both given; say it "
+                "in heads alone"
+            )
+        return self
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:

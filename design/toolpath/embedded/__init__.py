@@ -1,6 +1,7 @@
 """Embedded writing: filaments along the vessels' centrelines inside a bath."""
 
 from design.toolpath.embedded.filament import check_vessels
+from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.held import held_diameter_mm
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
@@ -8,6 +9,7 @@ from design.toolpath.embedded.report import Crossing, EmbeddedReport
 
 __all__ = [
     "Crossing",
+    "EmbeddedHeads",
     "EmbeddedOptions",
     "EmbeddedPlan",
     "EmbeddedReport",

@@ -7,7 +7,7 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.toolpath import FloatArray
+from design.toolpath.toolpath import FloatArray, IntArray
 
 
 def frustum_ul(points: FloatArray, radius: FloatArray) -> FloatArray:
@@ -22,8 +22,10 @@ def writing_speed(area_mm2: FloatArray, options: EmbeddedOptions) -> FloatArray:
     return np.minimum(options.write_speed_mm_s, options.max_flow_ul_s / area_mm2)
 
 
-def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
-    """Refuse vessels that the needle can't write.
+def check_vessels(
+    network: VesselNetwork, options: EmbeddedOptions, vessels: IntArray | None = None
+) -> None:
+    """Refuse vessels that the needle can't write; all of them, or some (``vessels``).
 
     Raises
     ------
@@ -32,8 +34,13 @@ def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
         flow exceeds `max_flow_ul_s` even at `min_speed_mm_s`.
     """
     thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
+    looked_at = np.ones(len(thinnest), dtype=np.bool_)
+    if vessels is not None:
+        looked_at = np.isin(np.arange(len(thinnest)), vessels)
+    if not looked_at.any():
+        return
     limit = options.smallest_lumen_mm
-    thin = np.flatnonzero(thinnest < limit * (1 - 1e-9))
+    thin = np.flatnonzero((thinnest < limit * (1 - 1e-9)) & looked_at)
     if len(thin):
         vessel = int(thin[np.argmin(thinnest[thin])])
         raise ToolpathError(
@@ -42,7 +49,7 @@ def check_vessels(network: VesselNetwork, options: EmbeddedOptions) -> None:
             f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels); use a "
             "finer needle or fix a larger smallest lumen in the design"
         )
-    thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1])
+    thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1]) * looked_at
     limit = options.largest_lumen_mm
     if thickest.max() > limit * (1 + 1e-9):
         vessel = int(np.argmax(thickest))

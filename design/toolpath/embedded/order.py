@@ -12,11 +12,15 @@ from design.toolpath.embedded.shaft import Conflicts
 from design.toolpath.toolpath import IntArray
 
 
-def order_pieces(pieces: list[Piece], conflicts: Conflicts) -> list[Piece]:
+def order_pieces(
+    pieces: list[Piece], conflicts: Conflicts, head: IntArray | None = None
+) -> list[Piece]:
     """Topological order (Kahn), the nearest free piece first.
 
-    Where only cycles are left, the piece of a foremost cycle (a strong component that waits for
-    no other) with the least harm goes first. Level pieces are turned to where they begin nearer.
+    Of several heads (``head`` of each piece) the one in use goes on as long as a piece of its own
+    is free: a change takes longer than any way. Where only cycles are left, the piece of a
+    foremost cycle (a strong component that waits for no other) with the least harm goes first.
+    Level pieces are turned to where they begin nearer.
     """
     start = np.array([piece.points[0] for piece in pieces])
     finish = np.array([piece.points[-1] for piece in pieces])
@@ -25,17 +29,21 @@ def order_pieces(pieces: list[Piece], conflicts: Conflicts) -> list[Piece]:
     waiting = np.bincount(conflicts.second, minlength=len(pieces))
     left = np.ones(len(pieces), dtype=bool)
     tip = start[np.argmin(start[:, 2])]
+    in_use = None if head is None else int(head.min(initial=0))
     placed: list[Piece] = []
     for _ in pieces:
         free = np.flatnonzero(left & (waiting == 0))
         if len(free) == 0:
             free = np.array([_least_harm(left, conflicts)])
+        if head is not None and (own := free[head[free] == in_use]).size:
+            free = own
         gap = np.linalg.norm(start[free] - tip, axis=1)
         back = np.where(either[free], np.linalg.norm(finish[free] - tip, axis=1), np.inf)
         best = int(np.argmin(np.minimum(gap, back)))
         chosen, turn = int(free[best]), bool(back[best] < gap[best])
         placed.append(pieces[chosen].reversed() if turn else pieces[chosen])
         tip = placed[-1].points[-1]
+        in_use = None if head is None else int(head[chosen])
         left[chosen] = False
         waiting[conflicts.second[rules[chosen]]] -= 1
     return placed

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.network import VesselNetwork
-from design.toolpath.embedded.filament import check_vessels, frustum_ul
+from design.toolpath.embedded.filament import frustum_ul
+from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.order import order_pieces
 from design.toolpath.embedded.pieces import Piece, cut
@@ -30,24 +31,30 @@ def embedded_toolpath(network: VesselNetwork, options: EmbeddedOptions) -> Toolp
     return plan_embedded(network, options).toolpath
 
 
-def plan_embedded(network: VesselNetwork, options: EmbeddedOptions) -> EmbeddedPlan:
+def plan_embedded(network: VesselNetwork, options: EmbeddedOptions | EmbeddedHeads) -> EmbeddedPlan:
     """Plan the writing of ``network`` from the bottom up and say what couldn't be avoided.
 
     Q = π d² v / 4; the speed is the highest that speed and flow limits allow. The shaft passes
     through nothing written before, except where the report names a crossing. Pieces are cut at
     turning points of their height and nowhere else: a cycle of pieces that each must come before
-    the next is broken where it does the least harm, not split.
+    the next is broken where it does the least harm, not split. Of several heads
+    (`EmbeddedHeads`) each writes its own vessels, with as few changes as the order allows; the
+    widest of their shafts is kept clear of what is written.
 
     Raises
     ------
     ToolpathError
         When a vessel is too thin for the needle or too thick for flow and speed.
     """
-    check_vessels(network, options)
+    heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
+    heads.check(network)
     pieces = cut(network)
-    needle = Needle(options.shaft_mm, options.overlap_radii)
-    ordered = order_pieces(pieces, find_conflicts(pieces, needle))
-    writer = FilamentWriter(ordered[0], options)
+    needle = Needle(heads.shaft_mm, heads.overlap_radii)
+    several = None
+    if len(heads.options) > 1:
+        several = np.array([heads.of(piece.vessel) for piece in pieces], dtype=np.int64)
+    ordered = order_pieces(pieces, find_conflicts(pieces, needle), several)
+    writer = FilamentWriter(ordered[0], heads)
     paths = [writer.write(piece) for piece in ordered]
     # Once more on what is really written: directions and overlaps are known only now.
     crossings = _crossings(ordered, find_conflicts(ordered, needle, paths))

@@ -2,12 +2,14 @@
 
 from design.toolpath.gcode.grain import clear_mm, least_move_mm
 from design.toolpath.gcode.job import Gcode, GcodeOptions
+from design.toolpath.gcode.load import HeadLoad
 from design.toolpath.gcode.save import save_gcode
 from design.toolpath.gcode.write import stream_gcode, write_gcode
 
 __all__ = [
     "Gcode",
     "GcodeOptions",
+    "HeadLoad",
     "clear_mm",
     "least_move_mm",
     "save_gcode",

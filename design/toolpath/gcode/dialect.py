@@ -14,6 +14,10 @@ Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common t
 - M220 and M221 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an
   earlier job left goes on silently. All families know the first two, all but Klipper M200 D0
   (linear E).
+- Several heads: M218 T (https://marlinfw.org/docs/gcode/M218.html) and G10 P
+  (https://docs.duet3d.com/User_manual/Reference/Gcodes/G10) give the firmware an offset that it
+  adds at each change; ours is in the places already. M221 and M200 hold for one head each.
+  Klipper's ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
 - Smoothieware, https://smoothieware.org/supported-g-codes: no timeout; extrudes cold.
 """
 
@@ -49,6 +53,8 @@ class Dialect:
         Tells where the tip stands, ``{x} {y} {z}``; empty where G92 does.
     zero_is_off : bool
         Whether a timeout of 0 s may be written, to switch it off.
+    of_each_head, of_others : tuple of str
+        What each of several heads is told, ``{head}``; what all but the first are: no offset.
     """
 
     idle_timeout: str = ""
@@ -56,6 +62,8 @@ class Dialect:
     clean: tuple[str, ...] = ("M220 S100", "M221 S100", "M200 D0")
     declares: str = ""
     zero_is_off: bool = True
+    of_each_head: tuple[str, ...] = ()
+    of_others: tuple[str, ...] = ()
 
     def header(self, printer: Printer, start: Place | None = None) -> list[str]:
         """Lines before the first move: timeout, units, absolute positions, absolute linear E.
@@ -70,6 +78,7 @@ class Dialect:
         return [
             *([self.idle_timeout.format(seconds=f"{seconds:.0f}")] if timed else []),
             *self._dispenser(printer),
+            *self._heads(printer),
             *([self.declares.format(x=x, y=y, z=z)] if placed else []),
         ]
 
@@ -81,15 +90,29 @@ class Dialect:
         cold = [self.cold_extrusion] if self.cold_extrusion else []
         return ["G21", "G90", "M82", *self.clean, *cold]
 
+    def _heads(self, printer: Printer) -> list[str]:
+        """The firmware adds no offset of its own, and takes each head's E as it is."""
+        numbers = range(len(printer.heads))
+        return [
+            *(text.format(head=number) for number in numbers for text in self.of_each_head),
+            *(text.format(head=number) for number in numbers[1:] for text in self.of_others),
+        ]
+
     def footer(self) -> list[str]:
         """Lines after the last move: wait until it has ended."""
         return ["M400"]
 
 
 DIALECTS: Final[dict[str, Dialect]] = {
-    "marlin": Dialect("M85 S{seconds}", "M302 P1"),
+    "marlin": Dialect(
+        "M85 S{seconds}",
+        "M302 P1",
+        of_others=("M218 T{head} X0 Y0 Z0", "M221 T{head} S100", "M200 T{head} D0"),
+    ),
     "prusa": Dialect("M85 S{seconds}", "M302 S0"),
-    "reprapfirmware": Dialect(cold_extrusion="M302 P1"),
+    "reprapfirmware": Dialect(
+        cold_extrusion="M302 P1", of_each_head=("G10 P{head} X0 Y0 Z0", "M221 D{head} S100")
+    ),
     "klipper": Dialect(
         "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
         clean=("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0"),

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from design.toolpath.checks import require_not_negative, require_positive
+from design.toolpath.gcode.load import HeadLoad
 from design.toolpath.toolpath import IntArray
 
 
@@ -80,6 +81,11 @@ class GcodeOptions:
     standing_doses : bool
         Whether a pneumatic head's valve opens for primes, each for its time: a weighing. Else
         they are left out.
+    heads : tuple of HeadLoad
+        What each of several heads holds; empty for one, or for the same in each.
+    safe_z_mm : float or None, mm
+        Height, printer's frame, below which no tip may be where heads are changed: the dish's wall
+        and more. None where only what is written counts.
     """
 
     start_mm: tuple[float, float, float] | None = None
@@ -91,6 +97,8 @@ class GcodeOptions:
     flow_ul_s: float | None = None
     ink_speed_mm_s: tuple[float, float] | None = None
     standing_doses: bool = False
+    heads: tuple[HeadLoad, ...] = ()
+    safe_z_mm: float | None = None
 
     def __post_init__(self) -> None:
         where = "G-code options"

@@ -15,6 +15,10 @@ from firmware_profiles import Printer
 
 _X, _Y, _Z, _E, _F, _P = range(6)
 _DWELL, _SET = 4, 92
+_NONE = np.zeros(0, dtype=np.int64)
+_NOTHING = Table(
+    _NONE, np.zeros((0, 6), dtype=np.int64), np.zeros((0, 6), dtype=np.bool_), _NONE, _NONE
+)
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,25 @@ class Reached:
     def at(position: FloatArray, printer: Printer) -> Reached:
         """The begin of a job, ``position`` (4,) in mm."""
         return Reached(_quanta(position[None], decimals_for(printer))[0])
+
+    def position(self, printer: Printer) -> FloatArray:
+        """The same in mm, (4,)."""
+        return np.asarray(self.quanta / _scale(decimals_for(printer)))
+
+
+def counted_from(reached: Reached, printer: Printer) -> tuple[Table, Reached]:
+    """Count E from where a head's plunger stands, less whole mm; the row, and what is reached.
+
+    Whole millimetres are whole motor steps, as where E is counted anew in mid-run: no part of a
+    step is lost at a change of head.
+    """
+    whole = 10 ** decimals_for(printer).e
+    travel = int(reached.quanta[_E])
+    base = travel // whole * whole
+    words = np.zeros((1, 4), dtype=np.int64)
+    words[0, _E] = travel - base
+    row = _with_sets(_NOTHING, np.zeros(1, np.int64), words, position=False, plunger=True)
+    return row, Reached(reached.quanta, reached.feed, base)
 
 
 def tabulate(
@@ -100,8 +123,11 @@ def place_text(begin: Reached, printer: Printer) -> tuple[str, str, str]:
 
 def _quanta(position: FloatArray, digits: Decimals) -> IntArray:
     """Positions in their last digit, (n, 4); each rounded by itself, so nothing accumulates."""
-    scale = 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
-    return np.rint(position * scale).astype(np.int64)
+    return np.rint(position * _scale(digits)).astype(np.int64)
+
+
+def _scale(digits: Decimals) -> FloatArray:
+    return 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
 
 
 def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -> IntArray:
@@ -111,7 +137,7 @@ def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -
     stay as they are. What counts is the way as written, which rounding may have tilted. Rounded
     down, but never to nothing.
     """
-    scale = 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
+    scale = _scale(digits)
     written = np.diff(_quanta(stops.position, digits), axis=0, prepend=reached.quanta[None])
     change = np.abs(written) / scale
     length = np.linalg.norm(change[:, :3], axis=1)

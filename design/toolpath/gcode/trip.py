@@ -29,8 +29,8 @@ def way_in(
     rise, to = min(options.travel_speed_mm_s, limits.z), np.append(first, 0.0)
     return joined(
         [
-            Stops.to(_at_height(begin, high), rise, 0),
-            Stops.to(_at_height(to, high), level, 0),
+            Stops.to(at_height(begin, high), rise, 0),
+            Stops.to(at_height(to, high), level, 0),
             Stops.to(to, rise, 0),
         ]
     )
@@ -46,12 +46,13 @@ def way_out(
     return joined(
         [
             Stops.to(relieved, options.plunger_ul_s * per_ul, 1),
-            Stops.to(_at_height(relieved, top), rise, 0),
+            Stops.to(at_height(relieved, top), rise, 0),
         ]
     )
 
 
-def _at_height(position: FloatArray, z_mm: float) -> FloatArray:
+def at_height(position: FloatArray, z_mm: float) -> FloatArray:
+    """The same place, (4,), at another height."""
     moved = position.copy()
     moved[2] = z_mm
     return moved

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from design.errors import ToolpathError
+from design.toolpath.gcode.heads import HeadsWriter
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, Toolpath
@@ -34,6 +35,9 @@ def write_gcode(
     A pneumatic head's job has no E: a valve opens before each written path and closes after it,
     and the speed of each move follows from the flow (`design.toolpath.gcode.air`).
 
+    Of several heads the toolpath says which makes each move, the options what each holds; how they
+    are changed says `design.toolpath.gcode.heads`.
+
     Parameters
     ----------
     toolpath : Toolpath
@@ -46,9 +50,9 @@ def write_gcode(
     Raises
     ------
     ToolpathError
-        For a second head (not written yet), a line longer than the firmware takes, one move
-        that pushes more than E can hold, or a speed that a pneumatic head's flow asks for and
-        printer or ink don't bear.
+        For a head that the printer hasn't, a change of heads above the end of z, a line longer
+        than the firmware takes, one move that pushes more than E can hold, or a speed that a
+        pneumatic head's flow asks for and printer or ink don't bear.
     """
     top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
     return Gcode.joined(list(stream_gcode([toolpath], printer, syringe, place_mm, options, top)))
@@ -87,7 +91,8 @@ def stream_gcode(
     ahead = next(parts, None)
     if ahead is None:
         raise ToolpathError("the toolpath has no moves; there is nothing to write")
-    writer = Writer(printer, syringe, place, options or GcodeOptions(), top_mm)
+    kind = HeadsWriter if printer.heads else Writer
+    writer = kind(printer, syringe, place, options or GcodeOptions(), top_mm)
     while ahead is not None:
         part, ahead = ahead, next(parts, None)
         yield writer.write(part, last=ahead is None)

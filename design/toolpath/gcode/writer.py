@@ -84,8 +84,12 @@ class Writer:
         heads = np.unique(toolpath.tool)
         if len(heads) > 1:
             raise ToolpathError(
-                f"toolpath uses heads {heads.tolist()}; only one can be written yet"
+                f"toolpath uses heads {heads.tolist()}; {self._printer.name} has one: take a "
+                "printer whose profile names heads"
             )
+        self._check_height(toolpath)
+
+    def _check_height(self, toolpath: Toolpath) -> None:
         highest = float(toolpath.end[:, 2].max()) + float(self._place[2])
         if highest > self._path_top + 1e-9:
             raise ToolpathError(

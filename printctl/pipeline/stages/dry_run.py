@@ -6,12 +6,16 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from design.files import write_text
+from firmware_profiles import Printer
 from printctl.link.job import parse_job
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE
+from printctl.pipeline.stages.toolpath import GCODE, of_heads
 from printctl.preflight import (
+    Budget,
     Check,
     PrintTime,
     Standing,
@@ -23,9 +27,11 @@ from printctl.preflight import (
     floor_check,
     force_checks,
     gcode_checks,
+    head_checks,
     held_check,
     ink_use,
     needle_check,
+    of_each_head,
     refuse_failed,
     step_checks,
     syringe_checks,
@@ -35,7 +41,7 @@ from printctl.preflight import (
     viability_facts,
     warnings,
 )
-from printctl.printing import usable_mm, with_reloads
+from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from sim.dryrun import DryRun, dry_run
@@ -50,6 +56,7 @@ def depends(context: RunContext) -> Any:
     return [
         part,
         [profile.model_dump(mode="json") for profile in profiles],
+        *of_heads(context),
         context.start_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
         [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
@@ -59,41 +66,57 @@ def depends(context: RunContext) -> Any:
 
 def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
-    low, high = context.tissue.bounds
-    ink, bath, needle = context.ink, context.bath, context.needle
-    return [
-        *gcode_checks(run, context.printer),
-        *syringe_checks(run, context.printer, context.syringe),
-        *step_checks(run, context.printer, context.syringe),
-        needle_check(float(high[2] - low[2]), needle),
-        *force_checks(run, ink, needle, context.syringe, context.printer),
-        chemistry_check(ink, bath),
-        *bath_checks(bath),
-        *temperature_checks(run, ink, bath),
-        held_check(widest_filament_mm(context), ink, bath),
-        floor_check(run, bath, context.printer.z_mm.low),
-        *in_the_dish(context, run),
+    printer, dish = context.printer, standing(context)
+    common = [
+        *bath_checks(context.bath),
+        *([] if dish else [unknown_dish()]),
         *crossings(context),
+    ]
+    if not printer.heads:
+        return [*gcode_checks(run, printer), *of_head(context, run, printer, 0), *common]
+    needles = [one.needle for one in context.loads]
+    return [
+        *gcode_checks(run, printer),
+        *of_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k)),
+        *head_checks(run, printer, dish, needles),
+        *common,
     ]
 
 
-def widest_filament_mm(context: RunContext) -> float:
-    """Thickest filament that is written: a vessel, or in layers a line."""
+def of_head(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
+    """What a head holds and where its needle goes; the printer has that head alone."""
+    low, high = context.tissue.bounds
+    load, bath, dish = context.loads[number], context.bath, standing(context)
+    return [
+        *syringe_checks(run, printer, load.syringe),
+        *step_checks(run, printer, load.syringe),
+        needle_check(float(high[2] - low[2]), load.needle),
+        *force_checks(run, load.ink, load.needle, load.syringe, printer),
+        chemistry_check(load.ink, bath),
+        *temperature_checks(run, load.ink, bath),
+        held_check(widest_filament_mm(context, number), load.ink, bath),
+        floor_check(run, bath, printer.z_mm.low),
+        *([] if dish is None else dish_checks(run, dish, load.needle)),
+    ]
+
+
+def widest_filament_mm(context: RunContext, number: int = 0) -> float:
+    """Thickest filament that a head writes: a vessel, or in layers a line."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         return part.line_um * 1e-3
-    return 2.0 * float(context.network.radius.max())
+    own = np.repeat(context.vessel_head == number, np.diff(context.network.offset))
+    return 2.0 * float(context.network.radius[own].max(initial=0.0))
 
 
-def in_the_dish(context: RunContext, run: DryRun) -> list[Check]:
-    """Walls and depth of the dish that the recipe names."""
+def standing(context: RunContext) -> Standing | None:
+    """The dish that the recipe names, where it stands."""
     part = context.recipe.printer
     if context.dish is None:
-        return [unknown_dish()]
+        return None
     x, y, _ = context.start_mm.tolist()
     centre = part.dish_centre_mm or (x, y)
-    standing = Standing(context.dish, centre, context.printer.z_mm.low, part.bath_depth_mm)
-    return dish_checks(run, standing, context.needle)
+    return Standing(context.dish, centre, context.printer.z_mm.low, part.bath_depth_mm)
 
 
 def crossings(context: RunContext) -> list[Check]:
@@ -110,26 +133,25 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     x, y, z = context.start_mm.tolist()
     data = (context.folder / GCODE).read_bytes()
     run = dry_run(data, context.printer, (x, y, z))
-    checks, reload_at = with_reloads(
+    machines = [context.printer.of_head(k) for k in range(context.printer.head_count)]
+    checks, reload_at, reload_heads = with_reloads_of(
         all_checks(context, run),
         parse_job(data, GCODE, context.printer.max_line_bytes),
-        usable_mm(context.syringe, context.printer),
+        [usable_mm(one.syringe, of) for one, of in zip(context.loads, machines, strict=True)],
         wanted=context.recipe.printer.care.reload,
         by="say printer.care.reload: true",
     )
     care = context.recipe.printer.care
     time = PrintTime(run.duration_s, len(reload_at), care.reload_min)
-    budget = budget_of(context.ink, care.viability_min, care.viability_source)
+    budget = shortest_budget(context)
     checks += viability_checks(time, budget)
-    ink = ink_use(
-        run, context.printer, context.syringe, context.needle, context.flow_ul_s, len(reload_at)
-    )
     summary = {
         "duration_s": run.duration_s,
         **viability_facts(time, budget),
-        **ink.facts(),
+        **ink_facts(context, run, reload_at, reload_heads),
         "merged_moves": run.merged_moves,
         "reload_at": list(reload_at),
+        "reload_heads": list(reload_heads),
         "checks": [check.as_dict() for check in checks],
     }
     write_text(context.folder / CHECKS, json.dumps(summary, indent=1) + "\n")
@@ -137,6 +159,38 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     for text in warnings(checks):
         context.bars.remark("dry run", text)
     return summary, [CHECKS]
+
+
+def shortest_budget(context: RunContext) -> Budget | None:
+    """How long the cells have; of several inks those that have least time."""
+    care = context.recipe.printer.care
+    inks = {one.ink.name: one.ink for one in context.loads}.values()
+    found = [budget_of(ink, care.viability_min, care.viability_source) for ink in inks]
+    return min((one for one in found if one), key=lambda one: one.minutes, default=None)
+
+
+def ink_facts(
+    context: RunContext, run: DryRun, reload_at: Sequence[int], reload_heads: Sequence[int]
+) -> dict[str, Any]:
+    """Ink that is taken; of several heads of each, and of all together."""
+    printer, flow = context.printer, context.flow_ul_s
+    if not printer.heads:
+        load, count = context.loads[0], len(reload_at)
+        return ink_use(run, printer, load.syringe, load.needle, flow, count).facts()
+    each = [
+        ink_use(
+            run.of_head(number),
+            printer.of_head(number),
+            load.syringe,
+            load.needle,
+            None,
+            list(reload_heads).count(number),
+        ).facts()
+        for number, load in enumerate(context.loads)
+    ]
+    whole = {key: round(sum(one[key] for one in each), 3) for key in each[0]}
+    whole["ink_left_per_filling_ul"] = max(one["ink_left_per_filling_ul"] for one in each)
+    return {**whole, "ink_of_heads": each}
 
 
 STAGE = Stage("dry run", depends, (GCODE, NETWORK), ("kernels", "sim", "firmware_profiles"), work)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care
 from printctl.link.finding import named_port
+from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
@@ -45,6 +47,12 @@ def planned_reloads(context: RunContext) -> list[int]:
     return found
 
 
+def planned_heads(context: RunContext) -> list[int]:
+    """Of several heads, whose syringe each of those changes is."""
+    found: list[int] = context.manifest.stages["dry run"].summary["reload_heads"]
+    return found
+
+
 def care_of(context: RunContext) -> Care:
     """How the recipe wants the print to be watched over."""
     part = context.recipe.printer
@@ -52,10 +60,34 @@ def care_of(context: RunContext) -> Care:
         checkpoint_s=part.care.checkpoint_every_s,
         deadman_s=60.0 * part.care.deadman_min,
         deadman_stops=part.care.deadman_stops,
-        syringe=part.syringe,
-        capacity_mm=usable_mm(context.syringe, context.printer),
+        syringe=part.heads[0].syringe if part.heads else part.syringe,
+        capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
+        **heads_care(context),
     )
+
+
+def heads_care(context: RunContext) -> dict[str, Any]:
+    """What is in each of several heads; nothing for one."""
+    if not context.printer.heads:
+        return {}
+    part, machine = context.recipe.printer, context.printer
+    names = tuple(head.syringe for head in part.heads) or (part.syringe,) * machine.head_count
+    usable = (usable_mm(one.syringe, machine.of_head(k)) for k, one in enumerate(context.loads))
+    return {
+        "reload_heads": tuple(planned_heads(context)),
+        "head_syringes": names,
+        "head_capacity_mm": tuple(usable),
+    }
+
+
+def retreat_of(context: RunContext, lift_mm: float) -> Retreat:
+    """How the needle leaves the bath, by each head's ink."""
+    prime = context.recipe.printer.care.prime_ul
+    first, *others = (
+        retreat_for(one.syringe, one.ink, lift_mm, prime_ul=prime) for one in context.loads
+    )
+    return replace(first, others=tuple(others))
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -76,7 +108,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     low, high = context.tissue.bounds
     lift = float(high[2] - low[2]) + 5.0
-    retreat = retreat_for(context.syringe, context.ink, lift, prime_ul=part.care.prime_ul)
+    retreat = retreat_of(context, lift)
     gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     client = find_or_start(order, port)

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
 
 from design.toolpath import Toolpath
-from design.toolpath.embedded import EmbeddedOptions, EmbeddedReport, plan_embedded
+from design.toolpath.embedded import (
+    EmbeddedHeads,
+    EmbeddedOptions,
+    EmbeddedReport,
+    plan_embedded,
+)
 from design.toolpath.fresh import Compensation, FreshLayers, FreshOptions, FreshReport, check_lumens
-from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
+from design.toolpath.gcode import (
+    GcodeOptions,
+    HeadLoad,
+    clear_mm,
+    least_move_mm,
+    save_gcode,
+    stream_gcode,
+)
 from firmware_profiles import Ink
-from printctl.pipeline.context import NETWORK, SOLID, RunContext
+from printctl.pipeline.context import NETWORK, SOLID, Filled, RunContext
+from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
+ABOVE_WALL_MM: Final = 2.0
+"""Between the dish's wall and the tips of heads that are changed."""
 
 
 def depends(context: RunContext) -> Any:
@@ -26,9 +41,18 @@ def depends(context: RunContext) -> Any:
     return [
         context.recipe.toolpath.model_dump(mode="json"),
         [profile.model_dump(mode="json") for profile in profiles],
+        *of_heads(context),
         context.place_mm.tolist(),
         context.digests(context.recipe.toolpath.files()),
     ]
+
+
+def of_heads(context: RunContext) -> list[Any]:
+    """What several heads hold and write, and the dish above which they are changed."""
+    if not context.printer.heads:
+        return []
+    heads = [head.model_dump(mode="json") for head in context.recipe.printer.heads]
+    return [heads, heads_dump(context), context.dish and context.dish.model_dump(mode="json")]
 
 
 @dataclass(frozen=True)
@@ -77,21 +101,38 @@ def plan(context: RunContext) -> Planned:
             layers = FreshLayers(context.solid, options, regions)
             return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
-            embedded = plan_embedded(
-                context.network,
-                EmbeddedOptions(
-                    needle_inner_mm=context.needle.inner_mm,
-                    needle_outer_mm=context.needle.outer_mm,
-                    write_speed_mm_s=part.write_speed_mm_s,
-                    travel_speed_mm_s=part.travel_speed_mm_s,
-                    overlap_radii=part.overlap_radii,
-                    retract_ul=ink.retract_ul,
-                    plunger_ul_s=ink.plunger_ul_s,
-                ),
-            )
+            heads = tuple(embedded_options(part, one) for one in context.loads)
+            embedded = plan_embedded(context.network, EmbeddedHeads(heads, context.vessel_head))
             toolpath = embedded.toolpath
             top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
             return Planned([toolpath], top, lambda: embedded.report)
+
+
+def embedded_options(part: Embedded, filled: Filled) -> EmbeddedOptions:
+    """The planner's choices for a head, by its needle and ink."""
+    return EmbeddedOptions(
+        needle_inner_mm=filled.needle.inner_mm,
+        needle_outer_mm=filled.needle.outer_mm,
+        write_speed_mm_s=part.write_speed_mm_s,
+        travel_speed_mm_s=part.travel_speed_mm_s,
+        overlap_radii=part.overlap_radii,
+        retract_ul=filled.ink.retract_ul,
+        plunger_ul_s=filled.ink.plunger_ul_s,
+    )
+
+
+def head_options(context: RunContext) -> dict[str, Any]:
+    """The writer's choices for several heads: what each holds, and how high they are changed."""
+    if not context.printer.heads:
+        return {}
+    loads = tuple(
+        HeadLoad(one.syringe, one.ink.flow_factor, one.ink.retract_ul, one.ink.plunger_ul_s)
+        for one in context.loads
+    )
+    safe = None
+    if context.dish is not None:
+        safe = context.printer.z_mm.low + context.dish.wall_mm + ABOVE_WALL_MM
+    return {"heads": loads, "safe_z_mm": safe}
 
 
 def gcode_options(
@@ -137,6 +178,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     x, y, z = context.start_mm.tolist()
     travel = context.recipe.toolpath.travel_speed_mm_s
     options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
+    options = replace(options, **head_options(context))
     machine = (context.printer, context.syringe, context.place_mm, options)
     lines = save_gcode(
         context.folder / GCODE,

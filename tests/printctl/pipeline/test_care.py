@@ -12,10 +12,11 @@ import pytest
 import yaml
 from rich.console import Console
 
-from firmware_profiles import Ink, Printer, Syringe, load
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.link.care import Care
 from printctl.pipeline import toolpath_recipe
+from printctl.pipeline.context import Filled
 from printctl.pipeline.stages import printing
 from printctl.printing import Order, usable_mm
 from printctl.recipe import Recipe, parse_recipe
@@ -44,7 +45,7 @@ def ordered(
         folder=folder,
         printer=PRINTER,
         syringe=SYRINGE,
-        ink=load(Ink, "collagen_fresh"),
+        loads=(Filled(SYRINGE, load(Ink, "collagen_fresh"), load(Needle, "fresh_150um")),),
         tissue=SimpleNamespace(bounds=np.array([[0.0, 0, 0], [16, 8, 3]])),
         start_mm=np.array([100.0, 100, 20]),
         bars=None,

@@ -27,10 +27,13 @@ def test_what_comes_out_is_laid_and_not_what_is_pushed(
     monkeypatch.setattr(scan.ExecutedMotion, "load", lambda path: None)
     context: Any = SimpleNamespace(
         folder=tmp_path,
-        syringe=SimpleNamespace(inner_mm=2.0),
-        ink=SimpleNamespace(flow_factor=factor),
+        loads=[
+            SimpleNamespace(
+                syringe=SimpleNamespace(inner_mm=2.0), ink=SimpleNamespace(flow_factor=factor)
+            )
+        ],
         flow_ul_s=None,
-        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=6400.0)),
+        printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=6400.0), heads=()),
     )
     with pytest.raises(LaidError) as laid:
         scan.simulate(context, SimulatedScan(simulated="oct"), lambda *told: None)

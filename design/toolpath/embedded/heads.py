@@ -1,0 +1,66 @@
+"""Which head writes which vessel, each with a needle and an ink of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.toolpath.embedded.filament import check_vessels
+from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.toolpath import IntArray
+
+
+@dataclass(frozen=True)
+class EmbeddedHeads:
+    """Several heads, or one.
+
+    Attributes
+    ----------
+    options : tuple of EmbeddedOptions
+        Of each head: its needle, its ink's relief, its speeds.
+    vessel_head : (n,) int64
+        The head of each vessel of the network.
+
+    Raises
+    ------
+    ToolpathError
+        For a vessel whose head isn't there.
+    """
+
+    options: tuple[EmbeddedOptions, ...]
+    vessel_head: IntArray
+
+    def __post_init__(self) -> None:
+        wrong = np.flatnonzero((self.vessel_head < 0) | (self.vessel_head >= len(self.options)))
+        if len(wrong):
+            raise ToolpathError(
+                f"vessel {int(wrong[0])} is given to head {int(self.vessel_head[wrong[0]])}; there "
+                f"are {len(self.options)} (0 to {len(self.options) - 1})"
+            )
+
+    @staticmethod
+    def one(options: EmbeddedOptions, network: VesselNetwork) -> EmbeddedHeads:
+        """A single head writes all."""
+        return EmbeddedHeads((options,), np.zeros(len(network.vessel_nodes), dtype=np.int64))
+
+    def of(self, vessel: int) -> int:
+        """The head that writes a vessel."""
+        return int(self.vessel_head[vessel])
+
+    @property
+    def shaft_mm(self) -> float:
+        """Radius that must stay free around any head's shaft, mm."""
+        return max(one.shaft_mm for one in self.options)
+
+    @property
+    def overlap_radii(self) -> float:
+        """The longest overlap of a joint, in radii."""
+        return max(one.overlap_radii for one in self.options)
+
+    def check(self, network: VesselNetwork) -> None:
+        """Refuse vessels that their own head's needle can't write."""
+        for number, options in enumerate(self.options):
+            check_vessels(network, options, np.flatnonzero(self.vessel_head == number))
