@@ -2,12 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+SLAB_BYTES = 256 << 20
+"""About what a slab holds unless told otherwise."""
+
+Bins = tuple[int, int, int]
+Where = tuple[slice, slice, slice]
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A part of a volume that fits into memory.
+
+    Attributes
+    ----------
+    where : (slice, slice, slice)
+        Where it lies on the binned grid, as z, y, x: ``out[slab.where] = bin(slab.voxels)``, where
+        ``bin`` leaves out a rest that fills no bin.
+    voxels : (nz, ny, nx), contiguous, in the machine's byte order
+        The scan's voxels there; a view where the scan lies so in memory, else a copy.
+    """
+
+    where: Where
+    voxels: NDArray[np.generic]
 
 
 @dataclass(frozen=True)
@@ -21,7 +45,7 @@ class Scan:
     Attributes
     ----------
     volume : (nz, ny, nx), any real dtype
-        Intensity.
+        Intensity. A volume that is too large for memory is a view of a file; read it by `slabs`.
     voxel_mm : (dz, dy, dx), mm
         Geometric; where `optical_depth` is set, dz still is optical and must be divided by
         `refractive_index` before use.
@@ -37,6 +61,16 @@ class Scan:
         Whether growing depth index goes down into the sample.
     came_from : Path
         The file.
+    handedness : "right" or "unknown"
+        "right" where the file says how its axes lie in space (a mirrored order has then been
+        turned round by reversing y); else a mirrored volume can only be told by its shape.
+    origins : mapping of str to str
+        Where each of the values above was found: "file", "sidecar" or "option".
+    notes : tuple of str
+        What a reader did that a user should know of.
+    depth_standard : bool
+        Whether a step of known height in the sample's medium stands behind the depth. Without
+        one shrinkage along depth and an error of the index look the same.
     """
 
     volume: NDArray[np.generic]
@@ -47,9 +81,43 @@ class Scan:
     modality: Literal["oct", "microct", "confocal"]
     depth_down: bool
     came_from: Path
+    handedness: Literal["right", "unknown"] = "unknown"
+    origins: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    depth_standard: bool = False
 
     @property
     def geometric_voxel_mm(self) -> tuple[float, float, float]:
         """(dz, dy, dx) with the depth divided by the index where it was optical, mm."""
         dz, dy, dx = self.voxel_mm
         return (dz / self.refractive_index if self.optical_depth else dz, dy, dx)
+
+    def slabs(self, bins: Bins = (1, 1, 1), slab_bytes: int = SLAB_BYTES) -> Iterator[Slab]:
+        """The volume part by part, each of whole `bins` and about `slab_bytes`.
+
+        The cuts run along the axis that is slowest in the file, so that a file is read once and
+        in order: along y for depth-fastest OCT files, along z for stacks of pages. Voxels that
+        fill no whole bin at an end are left out.
+
+        Parameters
+        ----------
+        bins : (bz, by, bx)
+            Voxels that will be averaged into one.
+        slab_bytes : int
+            About what one slab may hold; at least one bin's thickness is given.
+        """
+        shape = self.volume.shape
+        counts = [size // count for size, count in zip(shape, bins, strict=True)]
+        if min(counts) == 0:
+            return
+        axis = int(np.argmax(np.abs(self.volume.strides)))
+        thick = self.volume.itemsize * bins[axis] * self.volume.size // shape[axis]
+        step = max(1, slab_bytes // max(1, thick))
+        for first in range(0, counts[axis], step):
+            last = min(counts[axis], first + step)
+            where, part = [slice(0, count) for count in counts], [slice(None)] * 3
+            where[axis] = slice(first, last)
+            part[axis] = slice(first * bins[axis], last * bins[axis])
+            voxels = self.volume[tuple(part)]
+            plain = np.ascontiguousarray(voxels, dtype=voxels.dtype.newbyteorder("="))
+            yield Slab((where[0], where[1], where[2]), plain)

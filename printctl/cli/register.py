@@ -13,7 +13,8 @@ from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
-from printctl.cli.options import JsonFlag, print_json, print_lines, three_numbers
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.scan_options import corrected_scan, voxel_mm
 from printctl.errors import UsageError
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
@@ -26,13 +27,19 @@ from printctl.pipeline.stages.registration import (
 )
 from printctl.pipeline.stages.report import HTML
 from printctl.pipeline.verdict import verdict
-from registration import RegistrationReport, read_scan, register_scan, report_dict
+from registration import RegistrationReport, register_scan, report_dict
 from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
 
 
 def register(
-    scan: Annotated[Path, typer.Argument(help="TIFF stack or .npz.", show_default=False)],
+    scan: Annotated[
+        Path,
+        typer.Argument(
+            help="A scan of any known format, or a mosaic's YAML (docs/scans.md).",
+            show_default=False,
+        ),
+    ],
     model: Annotated[
         Path,
         typer.Option("--model", help="A run folder, or the design's STL.", show_default=False),
@@ -60,6 +67,28 @@ def register(
         Literal["oct", "microct", "confocal"] | None, typer.Option("--modality")
     ] = None,
     scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
+    ] = None,
+    depth_down: Annotated[
+        bool | None,
+        typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
+    ] = None,
+    mirrored: Annotated[
+        bool | None,
+        typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
+    ] = None,
+    oct_calibration: Annotated[
+        Path | None,
+        typer.Option("--oct-calibration", help="File of `printctl calibrate oct`."),
+    ] = None,
+    air_above: Annotated[
+        bool,
+        typer.Option(
+            "--air-above", help="Air lies above the sample: undo refraction at its surface."
+        ),
+    ] = False,
     tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
     diameter_tolerance_percent: Annotated[
         float, typer.Option("--diameter-tolerance-percent", min=0.1)
@@ -72,19 +101,25 @@ def register(
     """
     surface, vessels = _design(model, network, lumens, unit)
     overrides = ScanOverrides(
-        voxel_mm=_voxel_mm(voxel_um),
+        voxel_mm=voxel_mm(voxel_um),
         refractive_index=refractive_index,
         optical_depth=optical_depth,
         modality=modality,
         scale=scale,
+        axes=axes,
+        depth_down=depth_down,
+        mirrored=mirrored,
     )
-    found = register_scan(read_scan(scan, overrides), surface, vessels)
+    measured = corrected_scan(scan, overrides, oct_calibration, air_above)
+    for note in measured.notes:
+        messages().print(f"note: {note}", markup=False)
+    found = register_scan(measured, surface, vessels)
     numbers = {**report_dict(found), "sign_convention": SIGN}
     data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
         "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
-        "scan": {"source": str(scan)},
+        "scan": {"source": str(scan), "notes": list(measured.notes)},
         "registration": numbers,
     }
     _write(out, data, found, surface, vessels)
@@ -113,14 +148,6 @@ def _write(
         ReportSurface("As designed", surface.vertices, surface.faces),
     ]
     write_report_html(out / HTML, data, shown, vessels)
-
-
-def _voxel_mm(text: str | None) -> tuple[float, float, float] | None:
-    """``X,Y,Z`` in µm to (dz, dy, dx) in mm."""
-    if text is None:
-        return None
-    x, y, z = three_numbers(text, "--voxel-um")
-    return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
 def _design(

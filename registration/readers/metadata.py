@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
+from registration.readers.found import Array, Found
+from registration.readers.orient import is_axes, is_even, renamed, to_scan_axes, unmirrored
+from registration.readers.storage import native
 from registration.scan import Scan
 
 SCHEMA = "printctl-scan-1"
 
 _CHOICES = {"scale": ("linear", "db"), "modality": ("oct", "microct", "confocal")}
 _LONGEST_VOXEL_MM = 5.0
+_OPTIONS = {"voxel_mm": "--voxel-um (sidecar: voxel_mm)"}
+_MOST_CHECKED_BYTES = 8 << 30
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,10 @@ class ScanOverrides:
         What measured.
     depth_down : bool or None
         Whether growing depth index goes down into the sample.
+    axes : str or None
+        Order of the file's axes, slowest first, like "zyx" or "yxz".
+    mirrored : bool or None
+        Whether x, y, z as named make a left-handed frame; y is then reversed.
     """
 
     voxel_mm: tuple[float, float, float] | None = None
@@ -47,15 +55,28 @@ class ScanOverrides:
     scale: Literal["linear", "db"] | None = None
     modality: Literal["oct", "microct", "confocal"] | None = None
     depth_down: bool | None = None
+    axes: str | None = None
+    mirrored: bool | None = None
 
 
 NAMES = tuple(item.name for item in fields(ScanOverrides))
+_FRAME = ("axes", "mirrored")
+_OF_SCAN = tuple(name for name in NAMES if name not in _FRAME)
 
 
 def describe(scan: Scan) -> str:
-    """The scan's metadata as ASCII JSON."""
-    plain = {name: getattr(scan, name) for name in NAMES}
-    return json.dumps({"schema": SCHEMA, **plain}, sort_keys=True)
+    """The scan's metadata as ASCII JSON, for a file whose axes are z, y, x."""
+    return json.dumps(
+        {"schema": SCHEMA, "axes": "zyx", **metadata_of(scan)}, sort_keys=True, allow_nan=False
+    )
+
+
+def metadata_of(scan: Scan) -> dict[str, Any]:
+    """What a scan says of itself, but for the order of its axes in some file."""
+    plain: dict[str, Any] = {name: getattr(scan, name) for name in _OF_SCAN}
+    if scan.handedness == "right":
+        plain["mirrored"] = False
+    return plain
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
@@ -70,25 +91,29 @@ def parse(text: str, source: str) -> dict[str, Any]:
         found = json.loads(text)
     except ValueError as exc:
         raise ScanFileError(f"{source}: not JSON ({exc}); mend or remove it") from exc
+    return known_keys(found, source)
+
+
+def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    """A mapping whose keys are all known, less the name of its schema.
+
+    Raises
+    ------
+    ScanFileError
+        When it is no mapping, or holds a key that isn't known.
+    """
+    allowed = (*NAMES, *more)
     if not isinstance(found, dict):
-        raise ScanFileError(f"{source}: holds no JSON object; give keys {', '.join(NAMES)}")
-    found.pop("schema", None)
-    unknown = sorted(set(found) - set(NAMES))
+        raise ScanFileError(f"{source}: holds no JSON object; give keys {', '.join(allowed)}")
+    left = {name: value for name, value in found.items() if name != "schema"}
+    unknown = sorted(str(name) for name in set(left) - set(allowed))
     if unknown:
-        raise ScanFileError(f"{source}: unknown key {unknown[0]}; known are {', '.join(NAMES)}")
-    return found
-
-
-def sidecar(path: Path) -> dict[str, Any]:
-    """Metadata in ``NAME.json`` beside the scan, if there is one."""
-    beside = path.with_suffix(".json")
-    if not beside.is_file():
-        return {}
-    return parse(beside.read_text(encoding="utf-8"), str(beside))
+        raise ScanFileError(f"{source}: unknown key {unknown[0]}; known are {', '.join(allowed)}")
+    return left
 
 
 def build_scan(
-    volume: NDArray[np.generic], found: Mapping[str, Any], overrides: ScanOverrides, path: Path
+    found: Found, beside: Mapping[str, Any], overrides: ScanOverrides, path: Path
 ) -> Scan:
     """Check and join what is known of a scan.
 
@@ -98,32 +123,81 @@ def build_scan(
         When something needed is missing or impossible, naming the option that gives it.
     """
     said = {name: value for name, value in asdict(overrides).items() if value is not None}
-    known = {**found, **said}
+    in_file = _redivided(_renamed(found.known, {**beside, **said}), {**beside, **said}, path)
+    known = {**in_file, **beside, **said}
+    origins = dict.fromkeys(in_file, "file") | dict.fromkeys(beside, "sidecar")
+    origins |= dict.fromkeys(said, "option")
     known.setdefault("depth_down", known.get("modality") == "oct" or None)
     if known.get("modality") != "oct":
-        # Only light has an optical path of another length.
-        known = {"refractive_index": 1.0, "optical_depth": False, "depth_down": False} | {
-            name: value for name, value in known.items() if value is not None
-        }
-    missing = [name for name in NAMES if known.get(name) is None]
-    if missing:
-        options = ", ".join("--" + name.replace("_", "-") for name in missing)
-        raise ScanFileError(f"{path}: doesn't say {', '.join(missing)}; give {options}")
-    _check_volume(volume, path)
+        # Only light has an optical path of another length, and only stacks of slices are common.
+        plain = {"refractive_index": 1.0, "optical_depth": False, "depth_down": False}
+        known = {**plain, "axes": "zyx"} | {n: v for n, v in known.items() if v is not None}
+    _refuse_missing(known, path)
+    _check_volume(found.volume, path)
     _check_choices(known, path)
+    voxel = _voxel(known["voxel_mm"], path)
+    _check_swapped(voxel, in_file.get("voxel_mm"), path)
+    volume, handedness, turned = _oriented(found, known, path)
+    _check_finite(volume, path)
     return Scan(
-        volume=_native(volume),
-        voxel_mm=_voxel(known["voxel_mm"], path),
+        volume=volume,
+        voxel_mm=voxel,
         refractive_index=_index(known["refractive_index"], path),
-        optical_depth=bool(known["optical_depth"]),
+        optical_depth=known["optical_depth"],
         scale=known["scale"],
         modality=known["modality"],
-        depth_down=bool(known["depth_down"]),
+        depth_down=known["depth_down"],
         came_from=path,
+        handedness=handedness,
+        origins={name: origins[name] for name in _OF_SCAN if name in origins},
+        notes=(*found.notes, *turned),
     )
 
 
-def _check_volume(volume: NDArray[np.generic], path: Path) -> None:
+def _renamed(in_file: Mapping[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
+    """What the file says of its axes' sizes, for the names that the user gives the axes."""
+    old, new, sizes = in_file.get("axes"), said.get("axes"), in_file.get("voxel_mm")
+    if is_axes(old) and is_axes(new) and _are_sizes(sizes):
+        return {**in_file, "voxel_mm": renamed(sizes, str(old), str(new))}
+    return dict(in_file)
+
+
+def _redivided(in_file: dict[str, Any], said: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Depth that the program divided by one index, for the other index that the user says."""
+    was, now = in_file.get("refractive_index"), said.get("refractive_index")
+    depth_from_file = not ({"voxel_mm", "optical_depth"} & set(said))
+    divided = in_file.get("optical_depth") is False and _are_sizes(in_file.get("voxel_mm"))
+    if was and now and divided and depth_from_file and in_file.get("modality") == "oct":
+        dz, dy, dx = in_file["voxel_mm"]
+        return {**in_file, "voxel_mm": (dz * _index(was, path) / _index(now, path), dy, dx)}
+    return in_file
+
+
+def _refuse_missing(known: Mapping[str, Any], path: Path) -> None:
+    needed = (*_OF_SCAN, "axes")
+    missing = [name for name in needed if known.get(name) is None]
+    if missing:
+        options = ", ".join(_OPTIONS.get(n, "--" + n.replace("_", "-")) for n in missing)
+        raise ScanFileError(f"{path}: doesn't say {', '.join(missing)}; give {options}")
+
+
+def _oriented(
+    found: Found, known: Mapping[str, Any], path: Path
+) -> tuple[Array, Literal["right", "unknown"], tuple[str, ...]]:
+    """The volume as z, y, x of a right-handed frame, and what was turned."""
+    volume = to_scan_axes(found.volume, known["axes"], path)
+    mirrored = known.get("mirrored")
+    if mirrored is None and found.right_handed is not None:
+        # The file spoke of axes as it names them; the user may name them otherwise.
+        kept = is_even(found.known.get("axes", known["axes"]), known["axes"])
+        mirrored = found.right_handed is not kept
+    if mirrored:
+        note = "its axes are mirrored (left-handed): y was reversed"
+        return native(unmirrored(volume)), "right", (note,)
+    return native(volume), "unknown" if mirrored is None else "right", ()
+
+
+def _check_volume(volume: Array, path: Path) -> None:
     if volume.ndim != 3:
         raise ScanFileError(
             f"{path}: holds an array of shape {volume.shape}, not a stack of grey images; "
@@ -133,33 +207,60 @@ def _check_volume(volume: NDArray[np.generic], path: Path) -> None:
         raise ScanFileError(f"{path}: grey values of type {volume.dtype} aren't real numbers")
 
 
-def _native(volume: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Contiguous, in the machine's byte order, and no float16: what the kernels take."""
-    kind = np.dtype(np.float32) if volume.dtype == np.float16 else volume.dtype.newbyteorder("=")
-    return np.ascontiguousarray(volume, dtype=kind)
+def _check_finite(volume: Array, path: Path) -> None:
+    """Refuse NaN and infinities; a volume too large for memory is probed, not read through."""
+    if volume.dtype.kind != "f":
+        return
+    probe = volume if volume.nbytes <= _MOST_CHECKED_BYTES else volume[::16, ::4, ::4]
+    bad = sum(int(part.size - np.count_nonzero(np.isfinite(part))) for part in probe)
+    if bad:
+        raise ScanFileError(
+            f"{path}: {bad} of {probe.size} voxels are NaN or infinite; export it again, with "
+            "empty places as 0"
+        )
 
 
 def _check_choices(known: Mapping[str, Any], path: Path) -> None:
     for name, allowed in _CHOICES.items():
         if known[name] not in allowed:
             raise ScanFileError(f"{path}: {name} is {known[name]!r}; known are {allowed}")
-    for name in ("optical_depth", "depth_down"):
-        if not isinstance(known[name], bool):
+    for name in ("optical_depth", "depth_down", "mirrored"):
+        if not isinstance(known.get(name, False), bool | None):
             raise ScanFileError(f"{path}: {name} is {known[name]!r}; it must be true or false")
+    if not isinstance(known["axes"], str):
+        raise ScanFileError(f"{path}: axes is {known['axes']!r}; it must be a text like zyx")
 
 
 def _voxel(value: Any, path: Path) -> tuple[float, float, float]:
-    sizes = value if isinstance(value, list | tuple) else [value]
-    good = len(sizes) == 3 and all(
-        isinstance(size, int | float) and math.isfinite(size) and 0 < size <= _LONGEST_VOXEL_MM
-        for size in sizes
-    )
-    if not good:
+    if not _are_sizes(value):
         raise ScanFileError(
             f"{path}: voxel_mm is {value!r}; it must be three sizes dz, dy, dx in mm above 0 and "
-            f"at most {_LONGEST_VOXEL_MM:g}; give --voxel-mm"
+            f"at most {_LONGEST_VOXEL_MM:g}; give {_OPTIONS['voxel_mm']}"
         )
-    return (float(sizes[0]), float(sizes[1]), float(sizes[2]))
+    return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def _are_sizes(value: Any) -> TypeGuard[Sequence[float]]:
+    return (
+        isinstance(value, list | tuple)
+        and len(value) == 3
+        and all(
+            isinstance(size, int | float) and math.isfinite(size) and 0 < size <= _LONGEST_VOXEL_MM
+            for size in value
+        )
+    )
+
+
+def _check_swapped(voxel: tuple[float, float, float], in_file: Any, path: Path) -> None:
+    """Refuse sizes that are those of the file in another order."""
+    if not _are_sizes(in_file):
+        return
+    same = np.allclose(voxel, in_file, rtol=0.01)
+    if not same and np.allclose(sorted(voxel), sorted(in_file), rtol=0.01):
+        raise ScanFileError(
+            f"{path}: its axes and the voxel size that was given are swapped: the file says dz, "
+            f"dy, dx = {tuple(in_file)} mm, --voxel-um or the sidecar {voxel} mm; mend their order"
+        )
 
 
 def _index(value: Any, path: Path) -> float:

@@ -2,36 +2,53 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib import format as npy
 
 from registration.errors import ScanFileError
+from registration.readers.broken import reading
+from registration.readers.found import Array, Found
+from registration.readers.limits import check_available
 from registration.readers.metadata import NAMES
+from registration.readers.storage import empty
+from registration.readers.zipped import available_bytes, read_into
 
-MAGIC = (b"PK\x03\x04",)
 
-
-def read_npz(path: Path) -> tuple[NDArray[np.generic], dict[str, Any]]:
-    """Volume and the metadata in an ``.npz`` archive.
+def read_npz(path: Path) -> Found:
+    """Volume (axes z, y, x unless ``axes`` says otherwise) and the metadata in an archive.
 
     Raises
     ------
     ScanFileError
         When the archive is broken or has no ``volume``.
     """
-    try:
-        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as archive:
-            if "volume" not in archive.files:
-                raise ScanFileError(
-                    f"{path}: has no array 'volume' (it has: {', '.join(archive.files)})"
-                )
-            found = {name: archive[name].tolist() for name in NAMES if name in archive.files}
-            return archive["volume"], found
-    except ScanFileError:
-        raise
-    except Exception as exc:
-        # zipfile, zlib and NumPy each raise their own on broken bytes.
-        raise ScanFileError(f"{path}: broken archive ({exc}); write it again") from exc
+    with reading(path, "archive"), zipfile.ZipFile(path) as archive:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        if "volume" not in members:
+            raise ScanFileError(f"{path}: has no array 'volume' (it has: {', '.join(members)})")
+        known = {name: _scalar(archive, members[name]) for name in NAMES if name in members}
+        return Found(_volume(archive, members["volume"], path), {"axes": "zyx", **known})
+
+
+def _scalar(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
+    if info.file_size > 4096:
+        raise ValueError(f"{info.filename} holds {info.file_size} bytes, not a few numbers")
+    with archive.open(info) as handle:
+        return npy.read_array(handle, allow_pickle=False).tolist()
+
+
+def _volume(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> Array:
+    with archive.open(info) as handle:
+        version = npy.read_magic(handle)
+        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, by_columns, dtype = read(handle)
+        if dtype.hasobject:
+            raise ValueError("'volume' holds Python objects, not numbers")
+        check_available(shape, dtype, available_bytes(info), path)
+        out = empty(shape[::-1] if by_columns else shape, dtype, path)
+        read_into(handle, out)
+    return np.asarray(out.T if by_columns else out)

@@ -1,56 +1,110 @@
-"""TIFF stacks, with the scan's metadata as JSON in the first ImageDescription."""
+"""TIFF stacks: our own, OME-TIFF, ImageJ's, and bare ones.
+
+Ours carry the scan's metadata as JSON in the first ImageDescription.
+"""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
 from design.files import replacing
 from registration.errors import ScanFileError
+from registration.readers.broken import reading
+from registration.readers.found import Array, Found
+from registration.readers.limits import (
+    ANY_RATIO,
+    DEFLATE_RATIO,
+    IN_MEMORY_BYTES,
+    bytes_of,
+    check_available,
+)
 from registration.readers.metadata import SCHEMA, describe, parse
+from registration.readers.ome import of_ome_xml
+from registration.readers.storage import filled, mapped
+from registration.readers.units import millimetres
 from registration.scan import Scan
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """TIFF and BigTIFF, little and big endian."""
 
+_MOST_PAGES = 100_000
+_DEFLATE = (8, 32946)
 
-def read_tiff(path: Path) -> tuple[NDArray[np.generic], dict[str, Any]]:
-    """Volume (pages become z) and the metadata that the file itself gives.
+
+def read_tiff(path: Path) -> Found:
+    """Volume (pages are its slowest axis) and the metadata that the file itself gives.
 
     Raises
     ------
     ScanFileError
         When the file is truncated or isn't a stack of equal grey images.
     """
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            volume = _volume(tiff, path)
-            text = tiff.pages.first.description
-    except ScanFileError:
-        raise
-    except Exception as exc:
-        # The library raises whatever the broken bytes happen to trip.
-        raise ScanFileError(f"{path}: broken TIFF ({exc}); export or copy it again") from exc
-    return volume, parse(text, str(path)) if SCHEMA in text else {}
+    # Other files that an OME-TIFF names are never followed.
+    with reading(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
+        return Found(_volume(tiff, path), _known(tiff, path))
 
 
-def _volume(tiff: tifffile.TiffFile, path: Path) -> NDArray[np.generic]:
+def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     pages = len(tiff.pages)
-    shapes = {page.shape for page in tiff.pages} if pages < 100_000 else set()
+    first = tiff.pages.first
+    shapes = {page.shape for page in tiff.pages} if pages < _MOST_PAGES else {first.shape}
     if len(shapes) > 1:
         raise ScanFileError(
             f"{path}: {pages} images of {len(shapes)} different sizes aren't a stack"
         )
-    volume = tiff.asarray()
-    expected = pages * int(np.prod(tiff.pages.first.shape))
-    if volume.size < expected:
+    series = tiff.series[0]
+    whole = tuple(series.shape)
+    kind = np.dtype(first.dtype).newbyteorder(tiff.byteorder)
+    if math.prod(whole) < pages * math.prod(first.shape):
         # Several series: read the pages as they come.
-        volume = np.stack([page.asarray() for page in tiff.pages])
-    return np.asarray(volume)
+        whole = (pages, *first.shape)
+        _check_size(tiff, whole, path)
+        return filled((page.asarray() for page in tiff.pages), whole, first.dtype, path)
+    _check_size(tiff, whole, path)
+    if bytes_of(whole, kind, path) <= IN_MEMORY_BYTES:
+        return np.asarray(series.asarray())
+    if series.dataoffset is not None:
+        return mapped(path, kind, series.dataoffset, whole)
+    return filled((page.asarray() for page in series.pages), whole, first.dtype, path)
+
+
+def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> None:
+    """Hold the sizes against the file."""
+    first, size = tiff.pages.first, path.stat().st_size
+    bounds = {1: 1, **dict.fromkeys(_DEFLATE, DEFLATE_RATIO)}
+    check_available(shape, first.dtype, size * bounds.get(first.compression, ANY_RATIO), path)
+
+
+def _known(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
+    text = tiff.pages.first.description
+    if SCHEMA in text:
+        return {"axes": "zyx", **parse(text, str(path))}
+    if tiff.is_ome and tiff.ome_metadata:
+        return of_ome_xml(tiff.ome_metadata, path)
+    if tiff.is_imagej:
+        return _of_imagej(tiff, path)
+    return {}
+
+
+def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
+    """ImageJ: slices are z; spacing and unit in its own text, pixels by the resolution tags."""
+    said = tiff.imagej_metadata or {}
+    tags = tiff.pages.first.tags
+    unit = millimetres(said.get("unit"), path)
+    known: dict[str, Any] = {"axes": "zyx"}
+    if unit and said.get("spacing") and "XResolution" in tags and "YResolution" in tags:
+        across, down = (tags[name].value for name in ("XResolution", "YResolution"))
+        known["voxel_mm"] = [
+            float(said["spacing"]) * unit,
+            down[1] / down[0] * unit,
+            across[1] / across[0] * unit,
+        ]
+    return known
 
 
 def write_scan_tiff(path: Path, scan: Scan, *, compress: bool = False) -> None:

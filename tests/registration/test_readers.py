@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
+from registration.readers.metadata import describe
 
 
 def scan(**changes: Any) -> Scan:
@@ -66,7 +67,7 @@ def bare_tiff(path: Path) -> Path:
 
 
 def test_bare_stack_asks_for_its_units_by_option(tmp_path: Path) -> None:
-    with pytest.raises(ScanFileError, match="--voxel-mm"):
+    with pytest.raises(ScanFileError, match="--voxel-um"):
         read_scan(bare_tiff(tmp_path / "s.tif"))
 
 
@@ -116,6 +117,17 @@ def test_impossible_metadata_is_refused(
         read_scan(path)
 
 
+@pytest.mark.parametrize("wrong", [0.1, [0.1, 0.1], ["a", "b", "c"], {"z": 1}, None, "0.1"])
+def test_nonsense_in_the_file_gives_way_to_the_user(tmp_path: Path, wrong: object) -> None:
+    path = tmp_path / "s.tif"
+    text = json.dumps(json.loads(describe(scan(optical_depth=False))) | {"voxel_mm": wrong})
+    tifffile.imwrite(path, scan().volume, description=text, metadata=None)
+    said = ScanOverrides(voxel_mm=(0.1, 0.2, 0.3), refractive_index=1.4, axes="zxy")
+    assert read_scan(path, said).voxel_mm == (0.1, 0.2, 0.3)
+    with pytest.raises(ScanFileError, match="voxel_mm"):
+        read_scan(path, ScanOverrides(refractive_index=1.4, axes="zxy"))
+
+
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
 def test_truncated_tiff_is_refused(tmp_path: Path, share: float) -> None:
     path = tmp_path / "s.tif"
@@ -129,7 +141,7 @@ def test_truncated_tiff_is_refused(tmp_path: Path, share: float) -> None:
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     path.write_bytes(b"solid block")
-    with pytest.raises(ScanFileError, match="neither TIFF nor"):
+    with pytest.raises(ScanFileError, match="no known format"):
         read_scan(path)
     with pytest.raises(ScanFileError, match="no such scan"):
         read_scan(tmp_path / "none.tif")

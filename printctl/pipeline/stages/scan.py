@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from design.files import write_text
-from printctl.pipeline.context import RunContext
+from printctl.pipeline.context import NETWORK, Filled, RunContext
 from printctl.pipeline.manifest import digest_file
+from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
-from registration import Scan, read_scan, write_scan_tiff
-from registration.readers import ScanOverrides
-from sim.deposit import deposit
+from registration import Scan, ScanOverrides, read_scan
+from registration.errors import RegistrationError
+from registration.readers import is_mosaic, listed_files, read_mosaic
+from registration.writers import write_scan
+from sim.deposit import Deposit, deposit, deposit_of_heads, united
 from sim.deposit_air import pneumatic_deposit
 from sim.executed import ExecutedMotion
 from sim.scanner import (
@@ -27,6 +31,7 @@ from sim.scanner import (
     Scanned,
     simulate_microct,
     simulate_oct,
+    with_defects,
 )
 
 SCAN, TRUTH = "scan.tif", "scan_truth.json"
@@ -43,10 +48,25 @@ def depends(context: RunContext) -> Any:
     part = context.scan_part
     found = part.model_dump(mode="json")
     if isinstance(part, FileScan):
-        path = context.recipe_folder / part.file
-        return [found, digest_file(path) if path.is_file() else ""]
-    laid = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
+        return [found, digest_scan(context.recipe_folder / part.file)]
+    laid: list[Any] = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
+    if context.printer.heads:
+        laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
     return [found, context.recipe.seed, *laid]
+
+
+def digest_scan(path: Path) -> list[str]:
+    """What a user's scan is made of: a file, a folder's files, or a list and the scans it names."""
+    try:
+        listed = listed_files(path) if is_mosaic(path) else ()
+    except RegistrationError:
+        listed = ()  # reading it will say what is wrong
+    return [digest for place in (path, *listed) for digest in _digests(place)]
+
+
+def _digests(path: Path) -> list[str]:
+    places = sorted(path.rglob("*")) if path.is_dir() else [path]
+    return [digest_file(place) if place.is_file() else "" for place in places]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -57,23 +77,30 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     scanned = simulate(context, part, report)
     report(0.8, "writing")
     scan = to_scan(scanned, context)
-    write_scan_tiff(context.folder / SCAN, scan)
+    write_scan(context.folder / SCAN, scan)
     write_truth(context, scanned)
-    return describe(scan, f"simulated {_NAMES[part.simulated]}"), [SCAN, TRUTH]
+    found = describe(scan, f"simulated {_NAMES[part.simulated]}")
+    if part.defects:
+        ordered = [f"{defect.defect} in vessel {defect.vessel}" for defect in part.defects]
+        found["defects_on_order"] = ordered
+    return found, [SCAN, TRUTH]
 
 
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
     """Lay the ink where the printer's motors went, and scan it."""
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
-    # What comes out for a way of the plunger: the writer pushes more where less comes out.
-    area = math.pi / 4 * context.syringe.inner_mm**2 * context.ink.flow_factor
+    area = area_mm2(context.loads[0])
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
-    if context.flow_ul_s is None:
+    if context.printer.heads:
+        ink = united(inks_of(context, motion, fine))
+    elif context.flow_ul_s is None:
         ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
     else:
         gcode = (context.folder / GCODE).read_bytes()
         ink = pneumatic_deposit(motion, gcode, context.printer, context.flow_ul_s, fine)
+    if part.defects:
+        ink = with_defects(ink, scan_defects(part.defects, context.network, context.place_mm))
     report(0.4, "scanning")
     left = 1 - part.shrink_percent / 100
     seed = part.seed if part.seed is not None else context.recipe.seed
@@ -82,6 +109,33 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
         return simulate_oct(ink, OctOptions(voxel_mm=(dz, dy, dx), placing=placing), seed)
     placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
     return simulate_microct(ink, MicroCtOptions(voxel_mm=dx, placing=placing), seed)
+
+
+def area_mm2(filled: Filled) -> float:
+    """What comes out for a way of the plunger: the writer pushes more where less comes out."""
+    return math.pi / 4 * filled.syringe.inner_mm**2 * filled.ink.flow_factor
+
+
+def inks_of(context: RunContext, motion: ExecutedMotion, voxel_mm: float) -> tuple[Deposit, ...]:
+    """The ink of each head that wrote, on one grid."""
+    printer = context.printer
+    pairs = [
+        (k, motion.of_head(k, head.offset_mm.mm))
+        for k, head in enumerate(printer.heads)
+        if (motion.tool == k).any()
+    ]
+    pairs = [(k, one) for k, one in pairs if _writes(one)]
+    return deposit_of_heads(
+        [one for _, one in pairs],
+        [area_mm2(context.loads[k]) for k, _ in pairs],
+        voxel_mm,
+        plunger_step_mm=[1 / printer.of_head(k).steps_per_mm.e for k, _ in pairs],
+    )
+
+
+def _writes(motion: ExecutedMotion) -> bool:
+    moved = (motion.end != motion.start).any(axis=1)
+    return bool((moved & (motion.plunger_end > motion.plunger_start)).any())
 
 
 def to_scan(scanned: Scanned, context: RunContext) -> Scan:
@@ -117,7 +171,8 @@ def load_scan(context: RunContext) -> Scan:
     overrides = ScanOverrides(
         voxel_mm=voxel, refractive_index=part.refractive_index, modality=part.modality
     )
-    return read_scan(context.recipe_folder / part.file, overrides)
+    path = context.recipe_folder / part.file
+    return read_mosaic(path, overrides) if is_mosaic(path) else read_scan(path, overrides)
 
 
 def describe(scan: Scan, source: str) -> dict[str, Any]:
@@ -136,7 +191,12 @@ def describe(scan: Scan, source: str) -> dict[str, Any]:
 
 def reads(context: RunContext) -> tuple[str, ...]:
     """The executed motion and the G-code, where the scan is simulated from them."""
-    return (EXECUTED, GCODE) if isinstance(context.scan_part, SimulatedScan) else ()
+    part = context.scan_part
+    if not isinstance(part, SimulatedScan):
+        return ()
+    return (EXECUTED, GCODE, NETWORK) if part.defects else (EXECUTED, GCODE)
 
 
-STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration/readers"), work)
+STAGE = Stage(
+    "scan", depends, reads, ("kernels", "sim", "registration/readers", "registration/writers"), work
+)

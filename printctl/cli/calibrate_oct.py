@@ -1,0 +1,154 @@
+"""`printctl calibrate oct`: fan, bow, lateral scale and depth scale of an OCT device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from printctl.calibration import Estimate
+from printctl.cli.calibrate_options import tell
+from printctl.cli.options import JsonFlag, messages
+from printctl.cli.scan_options import voxel_mm
+from printctl.errors import UsageError
+from registration import Scan, ScanOverrides, read_scan
+from registration.optics import (
+    GridFit,
+    OctCalibration,
+    Step,
+    find_grid,
+    fit_grid,
+    measure_step,
+    with_step,
+    write_calibration,
+)
+
+_MEANING = {
+    "scale_x": ("scale along x", ""), "shear": ("shear of y along x", ""),
+    "scale_y": ("scale along y", ""), "bow_xx": ("bow along x", "1/mm"),
+    "bow_xy": ("bow, mixed", "1/mm"), "bow_yy": ("bow along y", "1/mm"),
+    "fan_x": ("fan along x", "1/mm"), "fan_y": ("fan along y", "1/mm"),
+    "depth_scale": ("scale of depth in air", ""),
+    "refractive_index": ("group index of the medium", ""),
+}  # fmt: skip
+
+
+def oct_device(
+    grid: Annotated[
+        list[Path] | None,
+        typer.Option("--grid", help="Scan of a flat dot grid in air; again at another height."),
+    ] = None,
+    pitch_um: Annotated[
+        float | None, typer.Option("--pitch-um", min=10, help="Of the grid's dots.")
+    ] = None,
+    step: Annotated[
+        Path | None, typer.Option("--step", help="Scan of a step of known height.")
+    ] = None,
+    height_um: Annotated[
+        float | None, typer.Option("--height-um", min=10, help="Of the step.")
+    ] = None,
+    immersed: Annotated[
+        bool,
+        typer.Option("--immersed/--in-air", help="The step lay in the medium of the prints."),
+    ] = False,
+    voxel_um: Annotated[
+        str | None,
+        typer.Option(
+            "--voxel-um", metavar="X,Y,Z", help="Where the files don't say; Z as optical path."
+        ),
+    ] = None,
+    axes: Annotated[
+        str | None, typer.Option("--axes", metavar="ZYX", help="Order of axes, slowest first.")
+    ] = None,
+    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
+    write: Annotated[
+        Path | None,
+        typer.Option("--write", help="YAML file for `register --oct-calibration`."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Fan, bow and scales of an OCT device, from a dot grid and a step of known height.
+
+    Scan the grid in air at two heights at least 0.5 mm apart: one height can't show the fan.
+    The step in air gives the scale of depth; under the medium (--immersed) its group index.
+    """
+    said = ScanOverrides(
+        voxel_mm=voxel_mm(voxel_um), refractive_index=1.0, scale=scale, modality="oct", axes=axes
+    )
+    if said.voxel_mm is not None:
+        said = ScanOverrides(**{**said.__dict__, "optical_depth": True})
+    if not grid and step is None:
+        raise UsageError("give scans of a grid (--grid) or of a step (--step), or both")
+    found, notes = OctCalibration(), []
+    if step is not None:
+        measured, found = _step(_read(step, said), height_um, found, immersed)
+        notes.append(_told_step(measured, immersed))
+    if grid:
+        fit = _grid([_read(path, said) for path in grid], pitch_um, found)
+        found = fit.calibration
+        notes.append(_told_grid(fit))
+    if not found.depth_standard:
+        notes.append(
+            "no step in the medium: depth has no standard, so an error of the index and shrinkage "
+            "along depth look the same"
+        )
+    tell(_estimates(found), notes, as_json)
+    if write is not None:
+        write_calibration(write, found)
+        messages().print(f"wrote {write}", markup=False)
+
+
+def _read(path: Path, said: ScanOverrides) -> Scan:
+    """A target's scan, in air: the path is the depth."""
+    return read_scan(path, said)
+
+
+def _step(
+    scan: Scan, height_um: float | None, base: OctCalibration, immersed: bool
+) -> tuple[Step, OctCalibration]:
+    if height_um is None:
+        raise UsageError("--step needs the step's height: give --height-um")
+    measured = measure_step(scan)
+    return measured, with_step(base, measured, height_um * 1e-3, immersed=immersed)
+
+
+def _grid(scans: list[Scan], pitch_um: float | None, base: OctCalibration) -> GridFit:
+    if pitch_um is None:
+        raise UsageError("--grid needs the distance of its dots: give --pitch-um")
+    views = [find_grid(scan, pitch_um * 1e-3) for scan in scans]
+    return fit_grid(views, pitch_um * 1e-3, base)
+
+
+def _estimates(found: OctCalibration) -> dict[str, Estimate]:
+    (scale_x, shear), (_, scale_y) = found.lateral
+    values = {
+        "scale_x": scale_x, "shear": shear, "scale_y": scale_y,
+        "bow_xx": found.bow_per_mm[0], "bow_xy": found.bow_per_mm[1],
+        "bow_yy": found.bow_per_mm[2], "fan_x": found.fan_per_mm[0], "fan_y": found.fan_per_mm[1],
+        "depth_scale": found.depth_scale, "refractive_index": found.refractive_index,
+    }  # fmt: skip
+    lines = {}
+    for name, (low, high) in found.intervals.items():
+        value = values[name]
+        if value is not None:
+            meaning, unit = _MEANING[name]
+            lines[meaning] = Estimate(value, low, high, unit)
+    return lines
+
+
+def _told_step(step: Step, immersed: bool) -> str:
+    where = "in the medium" if immersed else "in air"
+    return (
+        f"step {where}: {1e3 * step.path_mm:.1f} µm of path, columns scatter by "
+        f"{1e3 * step.scatter_mm:.1f} µm, tilted by {step.tilt_deg:.1f}°; its height is taken as "
+        "exact"
+    )
+
+
+def _told_grid(fit: GridFit) -> str:
+    fan = "" if fit.fan_known else "; one height, so the fan is unknown and taken as 0"
+    return (
+        f"grid: {fit.dots} dots, {fit.before_um:.1f} µm off as the device says, "
+        f"{fit.lateral_um:.1f} µm in the plane and {fit.depth_um:.1f} µm in depth after it{fan}"
+    )

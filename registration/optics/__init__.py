@@ -1,0 +1,30 @@
+"""The optics of an OCT device: refraction, fan and bow, and their calibration."""
+
+from registration.optics.beam import Beam, OctCalibration
+from registration.optics.file import read_calibration, write_calibration
+from registration.optics.fit import GridFit, fit_grid, with_step
+from registration.optics.grid_target import GridView, find_grid
+from registration.optics.refraction import refract, refraction_bound
+from registration.optics.step import Step, measure_step
+from registration.optics.surface import Surface, find_surface, fit_surface
+from registration.optics.undistort import undistort
+
+__all__ = [
+    "Beam",
+    "GridFit",
+    "GridView",
+    "OctCalibration",
+    "Step",
+    "Surface",
+    "find_grid",
+    "find_surface",
+    "fit_grid",
+    "fit_surface",
+    "measure_step",
+    "read_calibration",
+    "refract",
+    "refraction_bound",
+    "undistort",
+    "with_step",
+    "write_calibration",
+]

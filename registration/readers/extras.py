@@ -1,0 +1,25 @@
+"""Libraries of the extra ``scans``, imported only where a file needs them."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+from registration.errors import ScanFileError
+
+
+def need(module: str, path: Path) -> Any:
+    """A module that only some formats need.
+
+    Raises
+    ------
+    ScanFileError
+        When it isn't installed; the message names the extra that brings it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as exc:
+        raise ScanFileError(
+            f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[scans]'"
+        ) from exc

@@ -1,0 +1,35 @@
+"""What a reader hands on before anything is checked or asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A volume as it lies in its file, and what the file says of it.
+
+    Attributes
+    ----------
+    volume : array of three axes, any strides
+        A view of the file where that is possible, so that nothing is read twice.
+    known : mapping
+        What the file says, by the names of `ScanOverrides` (``axes`` included).
+    right_handed : bool or None
+        Whether x, y, z (as `axes` names them) make a right-handed frame in space; None where the
+        file doesn't say.
+    notes : tuple of str
+        What the user should know of this reading.
+    """
+
+    volume: Array
+    known: Mapping[str, Any] = field(default_factory=dict)
+    right_handed: bool | None = None
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,47 @@
+"""What stands beside a scan: ``NAME.json`` or ``NAME.yaml``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from registration.errors import ScanFileError
+from registration.readers.metadata import known_keys, parse
+
+RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order")
+"""What a raw file's sidecar says besides: how its numbers lie."""
+
+_SUFFIXES = (".json", ".yaml", ".yml")
+
+
+def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Metadata in a JSON or YAML file of the scan's name, if there is one.
+
+    Raises
+    ------
+    ScanFileError
+        When it can't be parsed, or holds a key that isn't known.
+    """
+    found = beside(path)
+    if found is None:
+        return {}
+    text = found.read_text(encoding="utf-8")
+    if found.suffix == ".json" and not more:
+        return parse(text, str(found))
+    try:
+        # JSON is YAML.
+        plain = yaml.safe_load(text)
+    except yaml.YAMLError as exc:
+        raise ScanFileError(f"{found}: not YAML ({exc}); mend or remove it") from exc
+    return known_keys(plain, str(found), more)
+
+
+def beside(path: Path) -> Path | None:
+    """The sidecar file of a scan, or None."""
+    for suffix in _SUFFIXES:
+        place = path.with_suffix(suffix)
+        if place != path and place.is_file():
+            return place
+    return None

@@ -1,0 +1,7 @@
+"""Scan files written: Thorlabs ``.oct``, OME-Zarr, and (with its reader) TIFF."""
+
+from registration.writers.ome_zarr import write_scan_zarr
+from registration.writers.thorlabs import write_scan_oct
+from registration.writers.write import write_scan
+
+__all__ = ["write_scan", "write_scan_oct", "write_scan_zarr"]

@@ -1,0 +1,132 @@
+"""`printctl calibrate oct`, and the options of `register` that say how a scan is read."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printctl.cli.scan_options import corrected_scan, voxel_mm
+from printctl.errors import UsageError
+from registration import ScanOverrides, write_scan_tiff
+from registration.errors import ScanFileError
+from registration.optics import OctCalibration, read_calibration, write_calibration
+from registration.writers import write_scan_oct
+from tests.printctl.cli.shell import Shell
+from tests.registration.optics.optical import FAULT, blank, dots, reflecting
+from tests.registration.readers.crafted import counts, scan
+
+VOXEL = (0.02, 0.03, 0.03)
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys, "calibrate", "oct")
+
+
+@pytest.fixture
+def targets(tmp_path: Path) -> Path:
+    """Two views of a grid and a step of 1 mm, as .oct files."""
+    for name, height in (("low", 0.6), ("high", 1.6)):
+        shown = reflecting(
+            blank((100, 120, 120), VOXEL),
+            FAULT,
+            lambda x, y, h=height: h + 0.01 * x,
+            dots(0.5, 0.05),
+        )
+        write_scan_oct(tmp_path / f"{name}.oct", shown)
+    step = reflecting(
+        blank((100, 40, 60), VOXEL),
+        OctCalibration(),
+        lambda x, y: 0.4 + np.where(x > 0.9, 1.0, 0.0),
+        lambda x, y: 40 + 0 * x,
+    )
+    write_scan_oct(tmp_path / "step.oct", step)
+    return tmp_path
+
+
+def test_grid_and_step_make_a_file_that_register_reads(run: Shell, targets: Path) -> None:
+    out = targets / "device.yaml"
+    code, text, _ = run(
+        "--grid", f"{targets / 'low.oct'}", "--grid", f"{targets / 'high.oct'}",
+        "--pitch-um", "500", "--step", f"{targets / 'step.oct'}", "--height-um", "1000",
+        "--write", f"{out}", "--json",
+    )  # fmt: skip
+    assert code == 0
+    told = json.loads(text)
+    fan = told["estimates"]["fan along x"]
+    assert fan["value"] == pytest.approx(FAULT.fan_per_mm[0], abs=0.001)
+    assert fan["low"] < fan["value"] < fan["high"]
+    assert told["estimates"]["scale of depth in air"]["value"] == pytest.approx(1.0, abs=0.002)
+    found = read_calibration(out)
+    assert found.depth_scale == pytest.approx(1.0, abs=0.002)
+    assert not found.depth_standard
+    np.testing.assert_allclose(found.lateral, FAULT.lateral, atol=0.002)
+
+
+def test_without_a_step_depth_has_no_standard(run: Shell, targets: Path) -> None:
+    code, text, _ = run("--grid", f"{targets / 'low.oct'}", "--pitch-um", "500")
+    assert code == 0
+    assert "no step in the medium" in text
+    assert "one height" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ([], "--grid"),
+        (["--grid", "low.oct"], "--pitch-um"),
+        (["--step", "step.oct"], "--height-um"),
+        (["--step", "step.oct", "--height-um", "5000"], "depth scale"),
+        (["--step", "none.oct", "--height-um", "500"], "no such scan"),
+        (["--step", "step.oct", "--height-um", "500", "--voxel-um", "a,b"], "--voxel-um"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_named(
+    run: Shell, targets: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(targets)
+    code, text, said = run(*options)
+    assert code in (1, 2)
+    assert text == ""
+    assert reason in said
+
+
+def test_a_scan_is_corrected_by_its_devices_calibration(tmp_path: Path) -> None:
+    path, device = tmp_path / "s.tif", tmp_path / "device.yaml"
+    write_scan_tiff(path, scan(volume=counts(20, 20, 20)))
+    write_calibration(device, replace(FAULT, refractive_index=1.40, depth_standard=True))
+    plain = corrected_scan(path, ScanOverrides(), None, False)
+    found = corrected_scan(path, ScanOverrides(), device, False)
+    assert plain.optical_depth
+    assert not found.optical_depth
+    assert found.depth_standard
+    assert any("not corrected" in note for note in plain.notes)
+    assert found.voxel_mm[0] == pytest.approx(0.02 / 1.40)
+    assert "index 1.4 " in found.notes[-1]
+    with pytest.raises(ScanFileError, match="no calibration"):
+        corrected_scan(path, ScanOverrides(), tmp_path / "none.yaml", False)
+
+
+def test_voxels_are_given_as_x_y_z() -> None:
+    assert voxel_mm("30,20,10") == pytest.approx((0.01, 0.02, 0.03))
+    assert voxel_mm(None) is None
+    with pytest.raises(UsageError):
+        voxel_mm("30,20")
+
+
+def test_register_takes_what_a_file_may_not_say(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    register = Shell(monkeypatch, capsys, "register")
+    options = (
+        "--voxel-um 30,30,20 --refractive-index 1.34 --optical-depth --scale db --modality oct "
+        "--axes yxz --depth-down --not-mirrored --oct-calibration device.yaml --air-above"
+    )
+    where = ["s.raw", "--model", f"{tmp_path / 'none'}", "--out", f"{tmp_path}"]
+    code, _, said = register(*where, *options.split())
+    assert code == 2
+    assert "doesn't exist; give a run folder" in said

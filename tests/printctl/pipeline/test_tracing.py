@@ -1,0 +1,95 @@
+"""From a place of the print back to the lines that made it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from design.network import VesselNetwork
+from printctl.pipeline.tracing import Job, by_layer, made_by
+from printctl.pipeline.tracing import _spans as spans
+
+NETWORK = VesselNetwork.from_segments(
+    np.array([[0.0, 0, 0.5], [10, 0, 0.5]]),
+    np.array([[0, 1]]),
+    np.array([0.2]),
+    np.zeros(1),
+    np.zeros(1),
+)
+
+
+def job(of_vessels: bool = False) -> Job:
+    """Ten layers of 0.1 mm; in each a line on either side of the vessel, at y = ±0.3."""
+    start, end, line, source = [], [], [], []
+    for layer in range(10):
+        z = 0.1 * (layer + 1)
+        for side in (-0.3, 0.3):
+            start.append((0.0, side, z))
+            end.append((10.0, side, z))
+            line.append(10 * layer + (3 if side < 0 else 6))
+            source.append(layer)
+    first = 10 * np.arange(10) + 1
+    return Job(
+        np.array(start), np.array(end), np.array(line), np.array(source), of_vessels, first,
+        first + 9,
+    )  # fmt: skip
+
+
+def defect(kind: str = "stenosis", **more: object) -> dict[str, object]:
+    return {"kind": kind, "vessel": 0, "from_mm": 4.0, "to_mm": 5.0, **more}
+
+
+def test_lines_beside_a_stenosis_are_those_of_its_layers() -> None:
+    found = made_by(defect(), job(), NETWORK, 0.1)
+    # Within 0.2 + 0.15 mm of the axis at z = 0.5: the walls at 0.3 mm, 0.18 mm up and down.
+    assert found["layers"] == [3, 4, 5]
+    assert (found["first_line"], found["last_line"], found["line_count"]) == (33, 56, 6)
+
+
+def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
+    one = Job(
+        np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
+        np.array([7, 9]), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
+    )  # fmt: skip
+    found = made_by(defect("occlusion"), one, NETWORK, 0.0)
+    assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
+
+
+def test_a_leak_is_traced_at_its_own_place() -> None:
+    leak = defect("leak", point_mm=(5.0, 0.3, 0.9), size_um=100.0)
+    found = made_by(leak, job(), NETWORK, 0.05)
+    assert found["layers"] == [7, 8, 9]
+
+
+def test_where_nothing_was_written_no_line_is_named() -> None:
+    far = defect("leak", point_mm=(5.0, 5.0, 0.5), size_um=100.0)
+    assert made_by(far, job(), NETWORK, 0.1) == {
+        "layers": [], "first_line": 0, "last_line": 0, "line_count": 0,
+    }  # fmt: skip
+
+
+def test_deviation_goes_to_the_layer_it_lies_in() -> None:
+    vertices = np.array([[0, 0, 0.05], [0, 0, 0.08], [0, 0, 0.55], [0, 0, 0.56]])
+    report = SimpleNamespace(
+        transform_scan_to_part=np.eye(4),
+        scaled_scan_to_part=np.eye(4),
+        vertices=vertices,
+        seen=np.array([True, True, True, False]),
+        scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
+    )
+    rows = by_layer(report, job(), 0.0, 0.1)  # type: ignore[arg-type]
+    assert len(rows) == 10
+    assert (rows[0]["points"], rows[0]["mean_um"]) == (2, -10.0)
+    assert rows[0]["rms_um"] == pytest.approx(np.sqrt(500))
+    assert (rows[5]["mean_um"], rows[5]["rms_um"]) == (7.0, 7.0)
+    assert rows[3]["mean_um"] is None
+    assert (rows[5]["first_line"], rows[5]["last_line"]) == (51, 60)
+    assert rows[5]["z_mm"] == pytest.approx(0.6)
+
+
+def test_spans_of_a_line_map() -> None:
+    first, last = spans(np.array([-1, 0, 0, 2, 2, -1, 2]))
+    assert first.tolist() == [2, 0, 4]
+    assert last.tolist() == [3, 0, 7]

@@ -1,0 +1,265 @@
+"""OME-TIFF, ImageJ, NIfTI, NRRD, raw, npz: axes, units, handedness, broken files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import tifffile
+
+from registration import ScanOverrides, read_scan
+from registration.errors import ScanFileError
+from tests.registration.readers.crafted import MODALITY, OCT, counts
+
+
+def same(path: Path, voxel: tuple[float, float, float], said: ScanOverrides = MODALITY) -> None:
+    found = read_scan(path, said)
+    np.testing.assert_array_equal(found.volume, counts())
+    assert found.voxel_mm == pytest.approx(voxel)
+    assert found.volume.flags.c_contiguous
+    assert found.volume.dtype.isnative
+
+
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+def test_ome_tiff_says_its_sizes(tmp_path: Path, byteorder: Any) -> None:
+    sizes = {
+        "PhysicalSizeX": 1.5, "PhysicalSizeXUnit": "µm", "PhysicalSizeY": 2500.0,
+        "PhysicalSizeYUnit": "nm", "PhysicalSizeZ": 0.003, "PhysicalSizeZUnit": "mm",
+    }  # fmt: skip
+    path = tmp_path / "s.ome.tif"
+    tifffile.imwrite(path, counts(), byteorder=byteorder, metadata={"axes": "ZYX", **sizes})
+    same(path, (0.003, 0.0025, 0.0015))
+
+
+def test_ome_tiff_with_channels_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.ome.tif"
+    tifffile.imwrite(path, np.stack([counts()] * 2), metadata={"axes": "CZYX"})
+    with pytest.raises(ScanFileError, match="2 channels"):
+        read_scan(path, MODALITY)
+
+
+def test_ome_unit_that_isnt_known_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.ome.tif"
+    said = {"axes": "ZYX", "PhysicalSizeX": 1.0, "PhysicalSizeXUnit": "parsec"}
+    tifffile.imwrite(path, counts(), metadata=said)
+    with pytest.raises(ScanFileError, match="parsec"):
+        read_scan(path, MODALITY)
+
+
+def test_imagej_stack_says_its_sizes(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    said = {"spacing": 10.0, "unit": "um", "axes": "ZYX"}
+    tifffile.imwrite(path, counts(), imagej=True, resolution=(1 / 4, 1 / 5), metadata=said)
+    same(path, (0.01, 0.005, 0.004))
+
+
+def test_bare_oct_stack_is_asked_for_the_order_of_its_axes(tmp_path: Path) -> None:
+    path = tmp_path / "s.tif"
+    pages_of_b_scans = np.ascontiguousarray(counts().transpose(1, 0, 2))
+    tifffile.imwrite(path, pages_of_b_scans, photometric="minisblack", metadata=None)
+    size = {"voxel_mm": (0.01, 0.02, 0.03), "scale": "linear", "modality": "oct"}
+    size |= {"refractive_index": 1.34, "optical_depth": True}
+    with pytest.raises(ScanFileError, match="--axes"):
+        read_scan(path, ScanOverrides(**size))  # type: ignore[arg-type]
+    same(path, (0.01, 0.02, 0.03), ScanOverrides(**size, axes="yzx"))  # type: ignore[arg-type]
+    with pytest.raises(ScanFileError, match="order of x, y and z"):
+        read_scan(path, ScanOverrides(**size, axes="zzx"))  # type: ignore[arg-type]
+
+
+def nifti(path: Path, affine: Any, volume: Any = None) -> Path:
+    data = counts() if volume is None else volume
+    image = nibabel.Nifti1Image(np.asfortranarray(data.T), affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["s.nii", "s.nii.gz"])
+def test_nifti_comes_back(tmp_path: Path, name: str) -> None:
+    path = nifti(tmp_path / name, np.diag([0.03, 0.02, 0.01, 1]))
+    same(path, (0.01, 0.02, 0.03))
+    assert read_scan(path, MODALITY).handedness == "right"
+
+
+def test_mirrored_nifti_is_recognised(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "s.nii", np.diag([-0.03, 0.02, 0.01, 1]))
+    found = read_scan(path, MODALITY)
+    np.testing.assert_array_equal(found.volume, counts()[:, ::-1, :])
+    assert "mirrored" in found.notes[0]
+    # The user knows better.
+    np.testing.assert_array_equal(
+        read_scan(path, ScanOverrides(modality="microct", scale="linear", mirrored=False)).volume,
+        counts(),
+    )
+
+
+def test_nifti_without_unit_asks_for_the_voxel(tmp_path: Path) -> None:
+    image = nibabel.Nifti1Image(counts().T, np.eye(4))
+    nibabel.save(image, tmp_path / "s.nii")
+    with pytest.raises(ScanFileError, match="--voxel-um"):
+        read_scan(tmp_path / "s.nii", MODALITY)
+
+
+@pytest.mark.parametrize("name", ["s.nii", "s.nii.gz"])
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_truncated_nifti_is_refused(tmp_path: Path, name: str, share: float) -> None:
+    path = nifti(tmp_path / name, np.eye(4))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(ScanFileError):
+        read_scan(path, MODALITY)
+
+
+def test_giant_nifti_header_is_refused(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "s.nii", np.eye(4))
+    data = bytearray(path.read_bytes())
+    data[40:48] = np.array([3, 32000, 32000, 32000], "<i2").tobytes()
+    path.write_bytes(data)
+    with pytest.raises(ScanFileError, match=r"truncated|no scan is larger"):
+        read_scan(path, MODALITY)
+
+
+def write_nrrd(path: Path, **changes: Any) -> Path:
+    header = {
+        "space": "right-anterior-superior", "space directions": np.diag([0.03, 0.02, 0.01]),
+        "space units": ["mm"] * 3, "encoding": "raw",
+    }  # fmt: skip
+    nrrd.write(str(path), counts(), {**header, **changes}, index_order="C")
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+@pytest.mark.parametrize("name", ["s.nrrd", "s.nhdr"])
+def test_nrrd_comes_back(tmp_path: Path, encoding: str, name: str) -> None:
+    same(write_nrrd(tmp_path / name, encoding=encoding), (0.01, 0.02, 0.03))
+
+
+@pytest.mark.parametrize(
+    ("space", "first", "mirrored"),
+    [
+        ("left-posterior-superior", 0.03, False),
+        ("left-posterior-superior", -0.03, True),
+        ("left-anterior-superior", 0.03, True),
+    ],
+)
+def test_nrrd_orientation_is_heeded(
+    tmp_path: Path, space: str, first: float, mirrored: bool
+) -> None:
+    directions = np.diag([first, 0.02, 0.01])
+    path = write_nrrd(tmp_path / "s.nrrd", **{"space": space, "space directions": directions})
+    found = read_scan(path, MODALITY)
+    expected = counts()[:, ::-1] if mirrored else counts()
+    np.testing.assert_array_equal(found.volume, expected)
+    assert found.handedness == "right"
+
+
+def test_nrrd_data_elsewhere_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    path = write_nrrd(tmp_path / "in" / "s.nhdr")
+    (tmp_path / "in" / "s.raw").rename(tmp_path / "s.raw")
+    path.write_text(path.read_text().replace("s.raw", "../s.raw"))
+    with pytest.raises(ScanFileError, match="isn't in its folder"):
+        read_scan(path, MODALITY)
+
+
+def test_truncated_nrrd_is_refused(tmp_path: Path) -> None:
+    for encoding in ("raw", "gzip"):
+        path = write_nrrd(tmp_path / "s.nrrd", encoding=encoding)
+        path.write_bytes(path.read_bytes()[:-100])
+        with pytest.raises(ScanFileError):
+            read_scan(path, MODALITY)
+
+
+RAW = {
+    "shape": [8, 7, 9], "axes": "yxz", "dtype": "uint16", "byte_order": "big",
+    "offset_bytes": 5, "voxel_mm": [0.01, 0.02, 0.03], "modality": "microct", "scale": "linear",
+}  # fmt: skip
+
+
+def raw(path: Path, **changes: Any) -> Path:
+    path.write_bytes(b"12345" + counts().transpose(1, 2, 0).astype(">u2").tobytes())
+    path.with_suffix(".yaml").write_text(json.dumps(RAW | changes))
+    return path
+
+
+def test_raw_numbers_are_read_by_their_sidecar(tmp_path: Path) -> None:
+    same(raw(tmp_path / "s.raw"), (0.01, 0.02, 0.03), ScanOverrides())
+
+
+@pytest.mark.parametrize("axes", ["zyx", "zxy", "yzx", "yxz", "xzy", "xyz"])
+def test_every_order_of_axes_comes_back(tmp_path: Path, axes: str) -> None:
+    volume = counts().transpose(["zyx".index(name) for name in axes])
+    (tmp_path / "s.raw").write_bytes(np.ascontiguousarray(volume).tobytes())
+    said = {"shape": list(volume.shape), "axes": axes, "byte_order": "little", "offset_bytes": 0}
+    (tmp_path / "s.json").write_text(json.dumps(RAW | said))
+    same(tmp_path / "s.raw", (0.01, 0.02, 0.03), ScanOverrides())
+
+
+@pytest.mark.parametrize(("axes", "mirrored"), [("yzx", True), ("yxz", False), ("zyx", False)])
+def test_axes_named_otherwise_keep_their_handedness(
+    tmp_path: Path, axes: str, mirrored: bool
+) -> None:
+    path = nifti(tmp_path / "s.nii", np.diag([0.03, 0.02, 0.01, 1]))
+    found = read_scan(path, ScanOverrides(modality="microct", scale="linear", axes=axes))
+    named = counts().transpose([axes.index(name) for name in "zyx"])
+    np.testing.assert_array_equal(found.volume, named[:, ::-1] if mirrored else named)
+    # Each size stays with its axis, whatever that is called.
+    sizes = dict(zip(axes, (0.01, 0.02, 0.03), strict=True))
+    assert found.voxel_mm == pytest.approx([sizes[name] for name in "zyx"])
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("shape", [8, 7, 10], "holds 1008 bytes"),
+        ("shape", [8, 7], "three whole numbers"),
+        ("shape", [8, 7, -9], "three whole numbers"),
+        ("shape", [10**9, 10**9, 10**9], "no scan is larger"),
+        ("dtype", "float16", "known are"),
+        ("dtype", "object", "known are"),
+        ("byte_order", None, "little or big"),
+        ("axes", "yx", "order of x, y and z"),
+        ("colour", "red", "unknown key"),
+    ],
+)
+def test_a_sidecar_that_doesnt_fit_is_refused(
+    tmp_path: Path, key: str, value: Any, reason: str
+) -> None:
+    with pytest.raises(ScanFileError, match=reason):
+        read_scan(raw(tmp_path / "s.raw", **{key: value}))
+
+
+def test_raw_numbers_without_a_sidecar_are_of_no_known_format(tmp_path: Path) -> None:
+    (tmp_path / "s.raw").write_bytes(bytes(100))
+    with pytest.raises(ScanFileError, match="sidecar"):
+        read_scan(tmp_path / "s.raw")
+
+
+def test_broken_sidecar_is_refused(tmp_path: Path) -> None:
+    raw(tmp_path / "s.raw").with_suffix(".yaml").write_text("a: [")
+    with pytest.raises(ScanFileError, match="not YAML"):
+        read_scan(tmp_path / "s.raw")
+
+
+def test_npz_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.npz"
+    np.savez(path, volume=counts(), voxel_mm=[0.1] * 3)
+    path.write_bytes(path.read_bytes().replace(b"(9, 8, 7), ", b"(99999, 8, 7),"[:11]))
+    with pytest.raises(ScanFileError):
+        read_scan(path, MODALITY)
+
+
+def test_npz_of_python_objects_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "s.npz", volume=np.array([[[{"a": 1}]]]))
+    with pytest.raises(ScanFileError, match="Python objects"):
+        read_scan(tmp_path / "s.npz", OCT)
+
+
+def test_npz_in_columns_is_read(tmp_path: Path) -> None:
+    np.savez(tmp_path / "s.npz", volume=np.asfortranarray(counts()), voxel_mm=[0.1, 0.2, 0.3])
+    same(tmp_path / "s.npz", (0.1, 0.2, 0.3))
