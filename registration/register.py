@@ -8,12 +8,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from registration.alignment import Alignment, AlignmentOptions, align
+from registration.alignment import Alignment, AlignmentOptions, Fit, align
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
-from registration.gauging import VesselGauge, deviations, gauge_vessels, summarise
+from registration.findings import Inspection, inspect
+from registration.gauging import (
+    TOLERANCES_UM,
+    ScannedSurface,
+    VesselGauge,
+    deviations,
+    hausdorff_p95_um,
+    summarise,
+    surface_points,
+    within,
+)
+from registration.gauging.changes import FALSE_ALARM
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions, segment
@@ -21,6 +33,8 @@ from registration.segmentation import SegmentationOptions, segment
 FloatArray = NDArray[np.float64]
 
 HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
+CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
+"""Tolerances for which the share within is told."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,12 @@ class RegistrationOptions:
         Against the gel (micro-CT and confocal).
     section_mm : float or None, mm
         Between sections along a vessel; None takes a quarter of the thinnest lumen.
+    tolerances_um : tuple of float, µm
+        For which the share of the surface within is told.
+    false_alarm : float
+        Probability that a scan without defects shows a bulge or a stenosis.
+    flow : FlowConditions or None
+        What drives the printed network; None for 1 µL/s of water, which gives the same split.
     alignment : AlignmentOptions
         Of the search.
     """
@@ -46,6 +66,9 @@ class RegistrationOptions:
     smoothing_mm: float | None = None
     lumens: Literal["dark", "bright"] = "dark"
     section_mm: float | None = None
+    tolerances_um: tuple[float, ...] = TOLERANCES_UM
+    false_alarm: float = FALSE_ALARM
+    flow: FlowConditions | None = None
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
 
 
@@ -84,12 +107,26 @@ def register_scan(
     points = segmentation.vertices[segmentation.seen]
     blur = segmentation.field.blur_mm
     alignment = align(surface, points, scan.depth_down, options.alignment, blur_mm=blur)
-    rigid = deviations(surface, alignment.rigid.apply(segmentation.vertices), is_lumen)
-    scaled = deviations(surface, alignment.scaled.apply(segmentation.vertices), is_lumen)
-    vessels = gauge_vessels(
-        network, segmentation, alignment.scaled, scaled, options.section_mm or thinnest / 4
+    spread = surface_points(surface)
+    scanned = ScannedSurface.of(segmentation)
+    rigid, scaled = (
+        _both_ways(surface, scanned, fit, spread, is_lumen)
+        for fit in (alignment.rigid, alignment.scaled)
     )
-    seen = segmentation.seen
+    found = inspect(
+        Inspection(
+            network,
+            surface,
+            is_lumen,
+            segmentation,
+            alignment,
+            scaled.all_mm,
+            options.section_mm or thinnest / 4,
+            options.false_alarm,
+            options.flow,
+        )
+    )
+    seen, limits = segmentation.seen, options.tolerances_um
     return RegistrationReport(
         transform_scan_to_part=alignment.rigid.matrix,
         scaled_scan_to_part=alignment.scaled.matrix,
@@ -98,20 +135,55 @@ def register_scan(
         offset_um=1e3 * alignment.scaled.offset_mm * (1 if is_lumen else -1),
         margin=alignment.margin,
         ambiguous=alignment.ambiguous,
-        rigid=summarise(rigid[seen]),
-        scaled=summarise(scaled[seen]),
+        uncertainty=alignment.uncertainty,
+        rigid=summarise(rigid.there_mm, limits),
+        scaled=summarise(scaled.there_mm, limits),
+        rigid_back=summarise(rigid.back_mm, limits),
+        scaled_back=summarise(scaled.back_mm, limits),
+        hausdorff_p95_um=rigid.hausdorff_um,
+        scaled_hausdorff_p95_um=scaled.hausdorff_um,
+        model_seen_fraction=len(scaled.back_mm) / len(spread),
         vertices=alignment.rigid.apply(segmentation.vertices),
         faces=segmentation.faces,
-        deviation_um=1e3 * rigid,
-        scaled_deviation_um=1e3 * scaled,
+        deviation_um=1e3 * rigid.all_mm,
+        scaled_deviation_um=1e3 * scaled.all_mm,
         seen=seen,
         histogram_edges_um=HISTOGRAM_EDGES_UM,
-        histogram_counts=_histogram(scaled[seen]),
-        histogram_counts_rigid=_histogram(rigid[seen]),
-        vessels=vessels,
-        all_open=_all_open(vessels),
-        notes=_notes(scan, alignment, vessels, float(seen.mean())),
+        histogram_counts=_histogram(scaled.there_mm),
+        histogram_counts_rigid=_histogram(rigid.there_mm),
+        curve_um=CURVE_UM,
+        curve_rigid=_curve(rigid.there_mm),
+        curve_scaled=_curve(scaled.there_mm),
+        vessels=found.vessels,
+        all_open=_all_open(found.vessels),
+        defects=found.defects,
+        topology=found.topology,
+        overlap_rigid=found.overlap_rigid,
+        overlap_scaled=found.overlap_scaled,
+        perfusion=found.perfusion,
+        notes=_notes(scan, alignment, found.vessels, float(seen.mean())),
     )
+
+
+@dataclass(frozen=True)
+class _BothWays:
+    """Deviations after one fit, mm: at all scanned vertices, the seen ones, and the way back."""
+
+    all_mm: FloatArray
+    there_mm: FloatArray
+    back_mm: FloatArray
+
+    @property
+    def hausdorff_um(self) -> float:
+        return hausdorff_p95_um(self.there_mm, self.back_mm)
+
+
+def _both_ways(
+    surface: ModelSurface, scanned: ScannedSurface, fit: Fit, spread: FloatArray, is_lumen: bool
+) -> _BothWays:
+    segmentation = scanned.segmentation
+    there = deviations(surface, fit.apply(segmentation.vertices), is_lumen)
+    return _BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 
 def _segmentation_options(options: RegistrationOptions, thinnest: float) -> SegmentationOptions:
@@ -140,9 +212,14 @@ def _histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
     return np.histogram(clipped, HISTOGRAM_EDGES_UM)[0].astype(np.int64)
 
 
+def _curve(deviation_mm: FloatArray) -> FloatArray:
+    """Share within each tolerance of `CURVE_UM`."""
+    return np.array([within(deviation_mm, limit) for limit in CURVE_UM])
+
+
 def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:
-    known = [vessel.open for vessel in vessels if vessel.open is not None]
-    return bool(known) and all(known)
+    """Every vessel, end to end; what wasn't seen isn't called open."""
+    return all(vessel.open is True for vessel in vessels)
 
 
 def _notes(
@@ -168,12 +245,22 @@ def _notes(
     if seen < 0.98:
         notes.append(f"{100 * (1 - seen):.0f} % of the surface lies where light failed; left out.")
     closed = [str(vessel.vessel) for vessel in vessels if vessel.open is False]
-    unseen = [str(vessel.vessel) for vessel in vessels if vessel.open is None]
-    bare = [str(v.vessel) for v in vessels if v.open is not None and v.sections == 0]
+    unseen = [str(vessel.vessel) for vessel in vessels if vessel.seen_fraction == 0]
+    partly = [
+        f"{vessel.vessel} ({100 * vessel.seen_fraction:.0f} %)"
+        for vessel in vessels
+        if 0 < vessel.seen_fraction < 1
+    ]
+    bare = [str(v.vessel) for v in vessels if v.seen_fraction > 0 and v.sections == 0]
     if closed:
         notes.append(f"Closed vessels: {', '.join(closed)}.")
     if unseen:
-        notes.append(f"Vessels outside the field of view: {', '.join(unseen)}.")
+        notes.append(f"Vessels not seen, neither open nor closed: {', '.join(unseen)}.")
+    if partly:
+        notes.append(
+            f"Vessels seen in part, of which the rest is neither open nor closed: "
+            f"{', '.join(partly)}."
+        )
     if bare:
         notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
     return tuple(notes)

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.gauging import Deviation, VesselGauge
+from registration.alignment import Uncertainty
+from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
+from registration.topology import Overlap, Topology
 
 FloatArray = NDArray[np.float64]
 
@@ -38,8 +40,16 @@ class RegistrationReport:
         inf when there was none.
     ambiguous : bool
         Margin too small to be sure of the pose.
+    uncertainty : Uncertainty
+        95 % intervals of the scaled fit.
     rigid, scaled : Deviation
-        Of the seen surface after each fit.
+        Of the seen scanned surface, to the design, after each fit.
+    rigid_back, scaled_back : Deviation
+        Of points spread over the design's surface, to the scanned one.
+    hausdorff_p95_um, scaled_hausdorff_p95_um : float, µm
+        The larger of both directions' 95th percentiles, rigid and scaled fit.
+    model_seen_fraction : float
+        Share of the design's surface whose counterpart was seen (scaled fit).
     vertices : (n, 3) float64, mm
         Scanned surface after the rigid fit.
     faces : (m, 3) int32
@@ -51,10 +61,20 @@ class RegistrationReport:
     histogram_edges_um, histogram_counts, histogram_counts_rigid : arrays
         Of the seen vertices after the scaled and the rigid fit; the outermost bins hold what lies
         beyond.
+    curve_um, curve_rigid, curve_scaled : (k,) float64
+        Tolerances, and the share of the seen surface within each.
     vessels : tuple of VesselGauge
         One each, in the network's order.
     all_open : bool
-        Every vessel that was seen is open, and at least one was seen.
+        Every vessel was seen from end to end and is open.
+    defects : tuple of Defect
+        By vessel and place.
+    topology : Topology
+        How the lumens hang together.
+    overlap_rigid, overlap_scaled : Overlap
+        Dice and volume ratio of the lumens after each fit.
+    perfusion : Perfusion or None
+        Flow through the lumens as printed; None where the design itself has none.
     notes : tuple of str
         What a reader must know.
     """
@@ -66,8 +86,14 @@ class RegistrationReport:
     offset_um: float
     margin: float
     ambiguous: bool
+    uncertainty: Uncertainty
     rigid: Deviation
     scaled: Deviation
+    rigid_back: Deviation
+    scaled_back: Deviation
+    hausdorff_p95_um: float
+    scaled_hausdorff_p95_um: float
+    model_seen_fraction: float
     vertices: FloatArray
     faces: NDArray[np.int32]
     deviation_um: FloatArray
@@ -76,40 +102,122 @@ class RegistrationReport:
     histogram_edges_um: FloatArray
     histogram_counts: NDArray[np.int64]
     histogram_counts_rigid: NDArray[np.int64]
+    curve_um: FloatArray
+    curve_rigid: FloatArray
+    curve_scaled: FloatArray
     vessels: tuple[VesselGauge, ...]
     all_open: bool
+    defects: tuple[Defect, ...]
+    topology: Topology
+    overlap_rigid: Overlap
+    overlap_scaled: Overlap
+    perfusion: Perfusion | None
     notes: tuple[str, ...]
 
 
 def report_dict(report: RegistrationReport) -> dict[str, Any]:
     """JSON-ready numbers (no mesh); what isn't known or finite is None."""
     plain: dict[str, Any] = {
-        "rigid": asdict(report.rigid),
-        "scaled": asdict(report.scaled),
+        "rigid": _deviation_dict(report.rigid),
+        "scaled": _deviation_dict(report.scaled),
         "transform_scan_to_part": report.transform_scan_to_part.tolist(),
         "scaled_scan_to_part": report.scaled_scan_to_part.tolist(),
         "scale": report.scale.tolist(),
         "depth_scale_fitted": report.depth_scale_fitted,
         "offset_um": report.offset_um,
+        "interval_95": {
+            "rotation_deg": report.uncertainty.rotation_deg.tolist(),
+            "shift_um": (1e3 * report.uncertainty.shift_mm).tolist(),
+            "scale": report.uncertainty.scale.tolist(),
+            "offset_um": 1e3 * report.uncertainty.offset_mm,
+        },
         "ambiguity": {"margin": report.margin, "flag": report.ambiguous},
         "histogram": {
             "edges_um": report.histogram_edges_um.tolist(),
             "counts": report.histogram_counts.tolist(),
             "counts_rigid": report.histogram_counts_rigid.tolist(),
         },
+        "rigid_model_to_scan": _deviation_dict(report.rigid_back),
+        "scaled_model_to_scan": _deviation_dict(report.scaled_back),
+        "hausdorff_p95_um": {
+            "rigid": report.hausdorff_p95_um,
+            "scaled": report.scaled_hausdorff_p95_um,
+        },
+        "model_seen_fraction": report.model_seen_fraction,
+        "within_curve": {
+            "tolerance_um": report.curve_um.tolist(),
+            "rigid": _rounded(report.curve_rigid, 5),
+            "scaled": _rounded(report.curve_scaled, 5),
+        },
+        "overlap": {"rigid": asdict(report.overlap_rigid), "scaled": asdict(report.overlap_scaled)},
+        "topology": _topology_dict(report.topology),
+        "perfusion": None if report.perfusion is None else _perfusion_dict(report.perfusion),
         "vessels": [_vessel_dict(vessel) for vessel in report.vessels],
         "all_open": report.all_open,
+        "defects": [asdict(defect) for defect in report.defects],
         "notes": list(report.notes),
     }
     cleaned: dict[str, Any] = _clean(plain)
     return cleaned
 
 
+_DECIMALS = {
+    "along_mm": 4,
+    "diameter_um": 2,
+    "area_mm2": 6,
+    "ovality_along": 4,
+    "offset_along_um": 2,
+    "noise_um": 2,
+}
+"""Of the numbers along a vessel: far below what they are good for, and half the file."""
+
+
 def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     plain = asdict(vessel)
-    plain["along_mm"] = vessel.along_mm.tolist()
-    plain["diameter_um"] = vessel.diameter_um.tolist()
+    for name, decimals in _DECIMALS.items():
+        plain[name] = _rounded(plain[name], decimals)
     return plain
+
+
+def _deviation_dict(deviation: Deviation) -> dict[str, Any]:
+    plain = asdict(deviation)
+    plain["within"] = {f"{limit:g}": share for limit, share in deviation.within.items()}
+    return plain
+
+
+def _topology_dict(topology: Topology) -> dict[str, Any]:
+    plain = asdict(topology)
+    for name in ("designed", "drawn", "printed", "expected"):
+        plain[name]["euler"] = getattr(topology, name).euler
+    return plain
+
+
+def _perfusion_dict(flow: Perfusion) -> dict[str, Any]:
+    return {
+        "perfused": flow.perfused,
+        "inflow_ul_s": flow.inflow_ul_s,
+        "pressure_drop_pa": flow.pressure_drop_pa,
+        "designed_pressure_drop_pa": flow.designed_pressure_drop_pa,
+        "vessels": [
+            {
+                "vessel": vessel,
+                "resistance_pa_s_ul": float(flow.resistance_pa_s_ul[vessel]),
+                "designed_resistance_pa_s_ul": float(flow.designed_resistance_pa_s_ul[vessel]),
+                "flow_ul_s": float(flow.flow_ul_s[vessel]),
+                "designed_flow_ul_s": float(flow.designed_flow_ul_s[vessel]),
+                "share": float(flow.share[vessel]),
+                "designed_share": float(flow.designed_share[vessel]),
+                "measured": bool(flow.measured[vessel]),
+                "fed": bool(flow.fed[vessel]),
+            }
+            for vessel in range(len(flow.share))
+        ],
+    }
+
+
+def _rounded(values: FloatArray, decimals: int) -> list[float]:
+    rounded: list[float] = np.round(values, decimals).tolist()
+    return rounded
 
 
 def _clean(value: Any) -> Any:

@@ -24,6 +24,7 @@ from printctl.pipeline.stages.registration import (
     SIGN,
     load_deviation,
     write_deviation,
+    write_exports,
 )
 from printctl.pipeline.stages.report import HTML
 from printctl.pipeline.verdict import verdict
@@ -123,6 +124,7 @@ def register(
         "registration": numbers,
     }
     _write(out, data, found, surface, vessels)
+    write_exports(out, measured, vessels, found)
     if as_json:
         print_json(data)
     else:

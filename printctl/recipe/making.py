@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from printctl.recipe.care import CarePart
+from printctl.recipe.defects import DefectPart
 from printctl.recipe.heads import HeadPart, check_heads
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -128,6 +129,9 @@ class SimulatedScan(Part):
     voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
     shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
     seed: Seed | None = Field(default=None, description="Of the noise and the pose; else derived.")
+    defects: Annotated[tuple[DefectPart, ...], Field(max_length=100)] = Field(
+        default=(), description="Put into the deposit before it is scanned."
+    )
 
     @model_validator(mode="after")
     def _voxels_are_sensible(self) -> SimulatedScan:

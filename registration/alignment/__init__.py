@@ -2,6 +2,7 @@
 
 from registration.alignment.align import Alignment, align
 from registration.alignment.fit import Fit
+from registration.alignment.intervals import Uncertainty
 from registration.alignment.options import AlignmentOptions
 
-__all__ = ["Alignment", "AlignmentOptions", "Fit", "align"]
+__all__ = ["Alignment", "AlignmentOptions", "Fit", "Uncertainty", "align"]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from registration.alignment.contest import contest, residuals, winner
 from registration.alignment.fit import RIGID, Fit, Freedom, refine
+from registration.alignment.intervals import Uncertainty, uncertainty
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
@@ -32,6 +33,8 @@ class Alignment:
         other pose was found.
     ambiguous : bool
         Margin below the limit.
+    uncertainty : Uncertainty
+        95 % intervals of the scaled fit.
     """
 
     rigid: Fit
@@ -39,6 +42,7 @@ class Alignment:
     depth_fitted: bool
     margin: float
     ambiguous: bool
+    uncertainty: Uncertainty
 
 
 RIVALS = 4
@@ -93,7 +97,8 @@ def align(
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
     rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
-    return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below)
+    sure = uncertainty(surface, many[kept], scaled, free, blur_mm)
+    return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below, sure)
 
 
 def _rigid(fit: Fit) -> Fit:

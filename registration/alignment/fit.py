@@ -108,19 +108,65 @@ def refine(
     fit = start
     reach = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2
     for _ in range(steps):
-        rigid = points @ fit.rotation.T + fit.shift
-        near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre))
-        residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
-        spread = 1.4826 * float(np.median(np.abs(residual)))
-        scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
-        weight = (scale**2 / (scale**2 + residual**2)) ** 2
-        jacobian = _jacobian(near.direction, rigid, fit, freedom)
-        step = _solve(jacobian, residual, weight, _priors(fit, freedom, scale))
+        step = linearised(surface, points, fit, freedom, kernel_mm, blur_mm).step
         fit = _advance(fit, step, freedom)
         largest = max(np.abs(step[:3]).max() * reach, np.abs(step[3:6]).max(), 0.0)
         if max(largest, np.abs(step[6:]).max(initial=0.0) * reach) < 1e-5:
             break
     return fit
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A fit's least squares about where it is, over n points and k parameters.
+
+    Attributes
+    ----------
+    jacobian : (n, k) float64
+        Derivatives of the residuals by rotation about the centre, shift, log stretches, offset.
+    residual, weight : (n,) float64
+        Signed distance less what the blur and the offset explain, mm; and its robust weight.
+    normal : (k, k) float64
+        Normal matrix, priors included.
+    step : (k,) float64
+        To the next fit.
+    direction : (n, 3) float64
+        Of growing distance.
+    bends : (n,) float64, 1/mm
+        The model's curvature there.
+    """
+
+    jacobian: FloatArray
+    residual: FloatArray
+    weight: FloatArray
+    normal: FloatArray
+    step: FloatArray
+    direction: FloatArray
+    bends: FloatArray
+
+
+def linearised(
+    surface: ModelSurface,
+    points: FloatArray,
+    fit: Fit,
+    freedom: Freedom,
+    kernel_mm: float | None = None,
+    blur_mm: float = 0.0,
+) -> Linearised:
+    """One Gauss-Newton step of `refine`, and what it was made of."""
+    rigid = points @ fit.rotation.T + fit.shift
+    near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre))
+    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
+    spread = 1.4826 * float(np.median(np.abs(residual)))
+    scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
+    weight = (scale**2 / (scale**2 + residual**2)) ** 2
+    jacobian = _jacobian(near.direction, rigid, fit, freedom)
+    prior, pull = _priors(fit, freedom, scale)
+    weighted = jacobian * weight[:, None]
+    normal = weighted.T @ jacobian + np.diag(prior + 1e-9)
+    step = np.asarray(np.linalg.solve(normal, pull - weighted.T @ residual), dtype=np.float64)
+    bends = surface.curvature[near.face]
+    return Linearised(jacobian, residual, weight, normal, step, near.direction, bends)
 
 
 def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: Freedom) -> FloatArray:
@@ -143,17 +189,6 @@ def _priors(fit: Fit, freedom: Freedom, noise: float) -> tuple[FloatArray, Float
         sigma.append(_OFFSET_PRIOR_MM)
     weight = (noise / np.array(sigma)) ** 2
     return weight, -weight * np.array(now)
-
-
-def _solve(
-    jacobian: FloatArray,
-    residual: FloatArray,
-    weight: FloatArray,
-    priors: tuple[FloatArray, FloatArray],
-) -> FloatArray:
-    weighted = jacobian * weight[:, None]
-    normal = weighted.T @ jacobian + np.diag(priors[0] + 1e-9)
-    return np.asarray(np.linalg.solve(normal, priors[1] - weighted.T @ residual))
 
 
 def _advance(fit: Fit, step: FloatArray, freedom: Freedom) -> Fit:

@@ -1,6 +1,39 @@
-"""Numbers of the aligned scan: deviation from the model, and every vessel along its length."""
+"""Numbers of the aligned scan: deviation both ways, every vessel along its length, defects."""
 
-from registration.gauging.deviation import Deviation, deviations, summarise
+from registration.gauging.back import ScannedSurface, surface_points
+from registration.gauging.changes import find_changes
+from registration.gauging.closures import find_closures
+from registration.gauging.defect import Defect, DefectKind
+from registration.gauging.deviation import (
+    TOLERANCES_UM,
+    Deviation,
+    deviations,
+    hausdorff_p95_um,
+    summarise,
+    within,
+)
+from registration.gauging.perfusion import Perfusion, perfusion, printed_network
+from registration.gauging.trace import VesselTrace, trace_vessels
 from registration.gauging.vessels import VesselGauge, gauge_vessels
 
-__all__ = ["Deviation", "VesselGauge", "deviations", "gauge_vessels", "summarise"]
+__all__ = [
+    "TOLERANCES_UM",
+    "Defect",
+    "DefectKind",
+    "Deviation",
+    "Perfusion",
+    "ScannedSurface",
+    "VesselGauge",
+    "VesselTrace",
+    "deviations",
+    "find_changes",
+    "find_closures",
+    "gauge_vessels",
+    "hausdorff_p95_um",
+    "perfusion",
+    "printed_network",
+    "summarise",
+    "surface_points",
+    "trace_vessels",
+    "within",
+]

@@ -3,11 +3,12 @@
 Sign: **positive where the lumen (or the space outside) reaches beyond the design**: the lumen is
 wider, the outer face worn; negative where gel stands in what should be free: the lumen is
 narrower, the part too large. The sign is the same whether the model is the construct (gel) or the
-lumens.
+lumens, and in both directions of measuring.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from registration.distance import ModelSurface
 
 FloatArray = NDArray[np.float64]
 
-TOLERANCES_UM = (25, 50, 100)
+TOLERANCES_UM = (25.0, 50.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -28,10 +29,10 @@ class Deviation:
     ----------
     rms_um, mean_um, median_um, sd_um : float
         Of the signed deviation.
-    p95_um : float
-        95th percentile of its size.
+    p95_um, max_um : float
+        95th percentile and largest of its size.
     within : dict
-        Share of the surface within 25, 50 and 100 µm.
+        Share of the surface within each tolerance in µm.
     """
 
     rms_um: float
@@ -39,7 +40,8 @@ class Deviation:
     median_um: float
     sd_um: float
     p95_um: float
-    within: dict[int, float]
+    max_um: float
+    within: dict[float, float]
 
 
 def deviations(surface: ModelSurface, points: FloatArray, model_is_lumen: bool) -> FloatArray:
@@ -48,9 +50,11 @@ def deviations(surface: ModelSurface, points: FloatArray, model_is_lumen: bool) 
     return distance if model_is_lumen else -distance
 
 
-def summarise(deviation_mm: FloatArray) -> Deviation:
-    """Summary of deviations given in mm, at least one."""
-    um = 1e3 * deviation_mm
+def summarise(
+    deviation_mm: FloatArray, tolerances_um: Sequence[float] = TOLERANCES_UM
+) -> Deviation:
+    """Summary of deviations given in mm; NaN throughout when there are none."""
+    um = 1e3 * deviation_mm if len(deviation_mm) else np.array([np.nan])
     size = np.abs(um)
     return Deviation(
         rms_um=float(np.sqrt(np.mean(um**2))),
@@ -58,5 +62,23 @@ def summarise(deviation_mm: FloatArray) -> Deviation:
         median_um=float(np.median(um)),
         sd_um=float(um.std()),
         p95_um=float(np.percentile(size, 95)),
-        within={limit: float((size <= limit).mean()) for limit in TOLERANCES_UM},
+        max_um=float(size.max()),
+        within={limit: within(deviation_mm, limit) for limit in tolerances_um},
     )
+
+
+def within(deviation_mm: FloatArray, tolerance_um: float) -> float:
+    """Share of deviations (mm) no larger than a tolerance in µm; NaN when there are none."""
+    if len(deviation_mm) == 0:
+        return float("nan")
+    return float((1e3 * np.abs(deviation_mm) <= tolerance_um).mean())
+
+
+def hausdorff_p95_um(there_mm: FloatArray, back_mm: FloatArray) -> float:
+    """95 % Hausdorff distance, µm: the larger of the two directions' 95th percentiles.
+
+    After Huttenlocher et al. 1993 (doi 10.1109/34.232073), the quantile taken in each direction.
+    """
+    if len(there_mm) == 0 or len(back_mm) == 0:
+        return float("nan")
+    return 1e3 * max(float(np.percentile(np.abs(d), 95)) for d in (there_mm, back_mm))

@@ -61,6 +61,14 @@ class Sections:
         Share of the rays that met it.
     offset : (n,) float64, mm
         Distance of the outline's centroid from the designed centreline, NaN without an outline.
+    shift : (n, 2) float64, mm
+        That centroid in the plane's own directions.
+    rays : (n, `RAYS`) float64, mm
+        From the centroid to the wall at equal angles, blur not undone; NaN where none was met.
+    ovality : (n,) float64
+        Longest over shortest axis of the ellipse of the same second harmonic, at least 1.
+    noise : (n,) float64, mm
+        Standard error of the diameter, by the scatter of the rays about a smooth outline.
     """
 
     in_field: BoolArray
@@ -70,6 +78,15 @@ class Sections:
     median: FloatArray
     met: FloatArray
     offset: FloatArray
+    shift: FloatArray
+    rays: FloatArray
+    ovality: FloatArray
+    noise: FloatArray
+
+    @property
+    def area(self) -> FloatArray:
+        """Of the lumen, (n,), mm²; 0 where closed, NaN without an outline."""
+        return np.asarray(np.pi / 4 * self.diameter**2)
 
 
 def cut(field: GelField, planes: Planes) -> Sections:
@@ -91,8 +108,37 @@ def cut(field: GelField, planes: Planes) -> Sections:
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))
     offset = np.where(outline, np.linalg.norm(shift, axis=1), np.nan)
     median = _unblurred(2 * np.median(radii, axis=1), field.blur_mm)
-    inside = _in_field(field, planes, circle)
-    return Sections(inside, is_open, outline, diameter, median, met, offset)
+    oval, noise = _shape(radii, field.blur_mm)
+    return Sections(
+        in_field=_in_field(field, planes, circle),
+        open=is_open,
+        closed_outline=outline,
+        diameter=diameter,
+        median=median,
+        met=met,
+        offset=offset,
+        shift=shift,
+        rays=rays,
+        ovality=np.where(outline, oval, np.nan),
+        noise=np.where(outline, noise, np.nan),
+    )
+
+
+def _shape(radii: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
+    """Ovality, and the diameter's standard error, of outlines (n, `RAYS`).
+
+    With r(φ) = r₀ + r₂ cos 2(φ - φ₂) the axes are 2 (r₀ ± r₂). What harmonics above the second
+    leave is noise or roughness; it is as correlated along the wall as the field is blurred: a
+    Gaussian of σ has the correlation length 2 √π σ, so that 2 π r₀ / (2 √π σ) rays are independent.
+    """
+    spectrum = np.fft.rfft(radii, axis=1) / radii.shape[1]
+    mean = np.maximum(spectrum[:, 0].real, 1e-9)
+    second = np.minimum(2 * np.abs(spectrum[:, 2]), 0.9 * mean)
+    rest = np.sqrt(2 * (np.abs(spectrum[:, 3:]) ** 2).sum(axis=1))
+    independent = np.clip(np.sqrt(np.pi) * mean / max(blur, 1e-9), 6.0, radii.shape[1])
+    # Harmonics 0 to 2 have taken five degrees of freedom.
+    error = rest / np.sqrt(independent - 5.0)
+    return (mean + second) / (mean - second), 2 * error
 
 
 def _unblurred(diameter: FloatArray, blur: float) -> FloatArray:

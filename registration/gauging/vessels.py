@@ -1,8 +1,8 @@
-"""Every vessel along its length: diameter, offset, openness, resistance."""
+"""Every vessel in numbers: diameter, offset, openness, resistance, and how much of it was seen."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,17 +10,12 @@ from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit
-from registration.gauging.neighbours import Neighbours
-from registration.gauging.planes import clearances, stations, to_scan
-from registration.gauging.sections import Planes, Sections, cut
+from registration.gauging.planes import stations
+from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
-from registration.segmentation.volume import sample
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-_FREE_WALL = 0.95
-"""Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
 
 @dataclass(frozen=True)
@@ -34,31 +29,39 @@ class VesselGauge:
     kind : str
         "artery", "vein", ...
     designed_um, measured_um : float, µm
-        Mean diameter over the sections that lie clear of junctions and ends; measured from
-        equal area. Of a vessel too short for a clear section: twice the median radius in its
-        middle third, where by design at least `_FREE_WALL` of the wall is its own. NaN when
-        nothing of the kind is seen.
+        Mean diameter over the open sections that lie clear of junctions and ends, measured from
+        equal area; 0 when all of them are closed. Of a vessel too short for a clear section:
+        twice the median radius in its middle third, where by design (nearly) all of the wall is
+        its own. NaN when nothing of the kind is seen.
     error_percent : float
         Of the measured over the designed diameter.
-    narrowest_um : float, µm
-        Smallest measured diameter; 0 where closed.
+    narrowest_um, narrowest_at_mm : float
+        Smallest measured diameter, 0 where closed, and how far from the first node it is.
+    ovality : float
+        Median over the sections, of longest over shortest axis.
     open : bool or None
-        Whether every seen section is free somewhere within the designed lumen; None if unseen.
+        False where a seen section is free nowhere within the designed lumen; True where all were
+        seen and are free; None where none is closed but not all were seen.
     offset_um : float, µm
         Mean distance of the lumen's centroid from the designed centreline.
     rms_um : float, µm
         RMS deviation of the scanned wall after the scaled fit.
     length_mm : float, mm
         Designed.
-    seen_fraction : float
-        Share of all sections in the field of view and, in OCT, reached by light.
+    seen_fraction, gauged_fraction : float
+        Share of the length in the field of view and, in OCT, reached by light; and share of it
+        with a measured section.
+    unseen_mm : tuple of (from, to), mm
+        Stretches that weren't seen.
     sections : int
         Number measured.
     resistance_ratio : float
         Poiseuille resistance as printed over as designed, over the clear sections: the ratio of
         the means of 1/d⁴; inf when closed.
-    along_mm, diameter_um : (n,) float64
-        The sections measured: distance from the first node, and diameter.
+    along_mm, diameter_um, area_mm2, ovality_along, offset_along_um, noise_um : (n,) float64
+        The sections measured: distance from the first node, diameter, area, ovality, the
+        centroid's offset, and the diameter's standard error. NaN where closed (diameter and
+        area 0).
     """
 
     vessel: int
@@ -67,143 +70,126 @@ class VesselGauge:
     measured_um: float
     error_percent: float
     narrowest_um: float
+    narrowest_at_mm: float
+    ovality: float
     open: bool | None
     offset_um: float
     rms_um: float
     length_mm: float
     seen_fraction: float
+    gauged_fraction: float
+    unseen_mm: tuple[tuple[float, float], ...]
     sections: int
     resistance_ratio: float
     along_mm: FloatArray
     diameter_um: FloatArray
+    area_mm2: FloatArray
+    ovality_along: FloatArray
+    offset_along_um: FloatArray
+    noise_um: FloatArray
 
 
 def gauge_vessels(
     network: VesselNetwork,
+    traces: tuple[VesselTrace, ...],
     segmentation: Segmentation,
     fit: Fit,
     deviation_mm: FloatArray,
-    spacing_mm: float,
 ) -> tuple[VesselGauge, ...]:
-    """Gauge every vessel of a network in an aligned scan.
+    """Sum up the traces of a network's vessels.
 
     Parameters
     ----------
     network : VesselNetwork
         The design.
+    traces : tuple of VesselTrace
+        One a vessel, from `trace_vessels`.
     segmentation : Segmentation
         Of the scan.
     fit : Fit
-        Scan to part; the scaled one, so that sections follow the print.
+        Scan to part, with which the traces were made.
     deviation_mm : (n,) float64, mm
         Of the segmentation's vertices after that fit.
-    spacing_mm : float, mm
-        Between sections.
     """
-    clear, neighbours = clearances(network), Neighbours(network)
     rms = _wall_rms(network, segmentation, fit, deviation_mm)
-    degree = network.degree()[network.vessel_nodes]
-    # An end face is rounded by the smoothing, a junction's rim as well.
-    border = 2 * float(segmentation.field.voxel_mm.max())
-    trim = np.where(degree > 1, 1.05 * clear + border, 2 * border)
-    lengths = network.lengths()
     return tuple(
-        _gauge(
-            network,
-            neighbours,
-            vessel,
-            segmentation,
-            fit,
-            trim[vessel],
-            spacing_mm,
-            rms[vessel],
-            lengths,
-        )
-        for vessel in range(network.vessel_count)
+        _gauge(trace, VesselKind(int(network.kind[trace.vessel])), float(rms[trace.vessel]))
+        for trace in traces
     )
 
 
-def _gauge(
-    network: VesselNetwork,
-    neighbours: Neighbours,
-    vessel: int,
-    segmentation: Segmentation,
-    fit: Fit,
-    trim: FloatArray,
-    spacing: float,
-    rms: float,
-    lengths: FloatArray,
-) -> VesselGauge:
-    along, centre, tangent, radius = stations(network, vessel, spacing)
-    planes = to_scan(centre, tangent, radius, fit)
-    sections = cut(segmentation.field, planes)
-    length = float(lengths[vessel])
-    apart = (along > trim[0]) & (along < length - trim[1])
-    # Within a junction there is no gel around to send light back.
-    seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
-    counted = seen & apart & (sections.closed_outline | ~sections.open)
-    if not apart.any():
-        own = neighbours.free_wall(vessel, centre, tangent, radius) >= _FREE_WALL
-        sections, counted = _between_junctions(sections, seen & own, along, length)
+def _gauge(trace: VesselTrace, kind: VesselKind, rms: float) -> VesselGauge:
+    sections, counted = trace.sections, trace.counted
     return VesselGauge(
-        vessel=vessel,
-        kind=VesselKind(int(network.kind[vessel])).name.lower(),
-        open=bool(sections.open[seen].all()) if seen.any() else None,
-        rms_um=float(rms),
-        length_mm=length,
-        seen_fraction=float(seen.mean()),
+        vessel=trace.vessel,
+        kind=kind.name.lower(),
+        open=_is_open(trace),
+        rms_um=rms,
+        length_mm=trace.length,
+        seen_fraction=float(trace.seen.mean()),
+        gauged_fraction=float(counted.mean()),
+        unseen_mm=stretches(~trace.seen, trace.spacing),
         sections=int(counted.sum()),
-        along_mm=along[counted],
-        diameter_um=1e3 * sections.diameter[counted],
-        **_diameters(sections, 2 * radius, counted),
+        along_mm=trace.along[counted],
+        diameter_um=1e3 * trace.diameter[counted],
+        area_mm2=np.pi / 4 * trace.diameter[counted] ** 2,
+        ovality_along=sections.ovality[counted],
+        offset_along_um=1e3 * sections.offset[counted],
+        noise_um=1e3 * sections.noise[counted],
+        **_summary(trace),
     )
 
 
-def _between_junctions(
-    sections: Sections, seen: BoolArray, along: FloatArray, length: float
-) -> tuple[Sections, BoolArray]:
-    """For a vessel so short that no section lies clear: its middle third, by median radius.
-
-    Half of the rays must meet the wall; those that look into a neighbour don't sway the median.
-    """
-    middle = np.abs(along - length / 2) <= length / 6
-    counted = seen & middle & ((sections.met >= 0.5) | ~sections.open)
-    return replace(sections, diameter=np.where(sections.open, sections.median, 0.0)), counted
+def stretches(flags: BoolArray, spacing: float) -> tuple[tuple[float, float], ...]:
+    """From and to (mm) of each run of flagged stations, half a spacing to either side."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return tuple(
+        (float(first * spacing), float(last * spacing))
+        for first, last in edges.reshape(-1, 2).tolist()
+    )
 
 
-def _diameters(sections: Sections, designed: FloatArray, counted: BoolArray) -> dict[str, float]:
+def _is_open(trace: VesselTrace) -> bool | None:
+    """What is unseen is called neither open nor closed."""
+    if (trace.seen & ~trace.sections.open).any():
+        return False
+    return True if trace.seen.all() else None
+
+
+def _summary(trace: VesselTrace) -> dict[str, float]:
     """Numbers over the counted sections; NaN when there are none."""
+    counted = trace.counted
     if not counted.any():
-        names = ("measured_um", "error_percent", "narrowest_um", "offset_um", "resistance_ratio")
-        return {"designed_um": 1e3 * float(designed.mean())} | dict.fromkeys(names, float("nan"))
-    measured, design = sections.diameter[counted], designed[counted]
-    offset = sections.offset[counted]
-    found = offset[np.isfinite(offset)]
+        names = (
+            "measured_um",
+            "error_percent",
+            "narrowest_um",
+            "narrowest_at_mm",
+            "ovality",
+            "offset_um",
+            "resistance_ratio",
+        )
+        return {"designed_um": 2e3 * float(trace.radius.mean())} | dict.fromkeys(names, np.nan)
+    measured, design = trace.diameter[counted], 2 * trace.radius[counted]
+    free = measured > 0 if (measured > 0).any() else np.ones_like(measured, dtype=np.bool_)
     with np.errstate(divide="ignore"):
         ratio = float(np.mean(measured**-4.0) / np.mean(design**-4.0))
     return {
-        "designed_um": 1e3 * float(design.mean()),
-        "measured_um": 1e3 * float(measured.mean()),
-        "error_percent": 100 * float(measured.mean() / design.mean() - 1),
+        "designed_um": 1e3 * float(design[free].mean()),
+        "measured_um": 1e3 * float(measured[free].mean()),
+        "error_percent": 100 * float(measured[free].mean() / design[free].mean() - 1),
         "narrowest_um": 1e3 * float(measured.min()),
-        "offset_um": 1e3 * float(found.mean()) if len(found) else float("nan"),
+        "narrowest_at_mm": float(trace.along[counted][measured.argmin()]),
+        "ovality": float(np.median(_finite(trace.sections.ovality[counted]))),
+        "offset_um": 1e3 * float(_finite(trace.sections.offset[counted]).mean()),
         "resistance_ratio": ratio,
     }
 
 
-def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
-    """Whether light came back from the gel around the designed lumen; always, without light."""
-    if segmentation.strength is None:
-        return np.ones(len(planes.centre), dtype=np.bool_)
-    field, strength = segmentation.field, segmentation.strength
-    margin = 2 * float(field.voxel_mm.max())
-    angle = 2 * np.pi * np.arange(12) / 12
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ring = (planes.radius + margin)[:, None, None] * (circle @ planes.across)
-    where = (planes.centre[:, None] + ring - field.origin_mm) / field.voxel_mm
-    flat = np.ascontiguousarray(where.reshape(-1, 3))
-    around = sample(strength.signal, flat).reshape(where.shape[:2])
-    return np.asarray(np.nan_to_num(around).mean(axis=1) > strength.noise)
+def _finite(values: FloatArray) -> FloatArray:
+    """Those that are finite, or one NaN."""
+    found = values[np.isfinite(values)]
+    return found if len(found) else np.array([np.nan])
 
 
 def _wall_rms(

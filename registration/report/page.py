@@ -17,6 +17,17 @@ from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
+from registration.report.gauging_figures import (
+    curve_figure,
+    layer_deviation_figure,
+    profile_figure,
+)
+from registration.report.gauging_sections import (
+    defect_table,
+    perfusion_table,
+    printed_facts,
+    two_way_rows,
+)
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.packing import pack_surfaces
@@ -93,7 +104,10 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
     registration, flow = mapping(data, "registration"), mapping(data, "flow")
     return {
         "key_figures": key_figures(data),
-        "fit_rows": sections.fit_rows(registration),
+        "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
+        "defect_table": defect_table(registration),
+        "perfusion_table": perfusion_table(registration),
+        "printed_facts": printed_facts(registration),
         "vessel_summary": sections.vessel_summary(registration),
         "vessel_table": sections.vessel_table(registration),
         "flow_table": sections.flow_table(flow),
@@ -131,10 +145,12 @@ def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dic
     made: dict[str, bytes] = {}
     registration = mapping(data, "registration")
     histogram = mapping(registration, "histogram")
-    if histogram.get("counts"):
-        made["histogram/Signed deviation, rigid fit"] = histogram_figure(
-            histogram["edges_um"], histogram["counts"]
-        )
+    for key, fit in (("counts", "scaled"), ("counts_rigid", "rigid")):
+        if histogram.get(key):
+            made[f"histogram/Signed deviation, {fit} fit"] = histogram_figure(
+                histogram["edges_um"], histogram[key]
+            )
+    made |= _gauged(registration)
     gauged = records(registration, "vessels")
     if any(is_number(r.get("measured_um")) for r in gauged):
         made["diameters/Measured against designed diameter"] = _diameters(gauged)
@@ -151,6 +167,25 @@ def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dic
     return made
 
 
+def _gauged(registration: Mapping[str, Any]) -> dict[str, bytes]:
+    """What was gauged: shares within, diameters along the vessels, layers."""
+    curve = mapping(registration, "within_curve")
+    profiles = profile_figure(records(registration, "vessels"), records(registration, "defects"))
+    made = {
+        "curve/Share of the surface within any tolerance": curve_figure(
+            curve["tolerance_um"], curve["rigid"], curve["scaled"]
+        )
+        if curve
+        else None,
+        "profiles/Diameter along the vessels: measured (line), designed with ± 10 %, "
+        "defects marked": profiles,
+        "registration/Deviation of each written layer": layer_deviation_figure(
+            records(registration, "by_layer")
+        ),
+    }
+    return {name: picture for name, picture in made.items() if picture is not None}
+
+
 def _diameters(gauged: Sequence[Mapping[str, Any]]) -> bytes:
     designed, measured = (
         [float(r[key]) if is_number(r.get(key)) else np.nan for r in gauged]
@@ -164,7 +199,7 @@ def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Ma
     placed: dict[str, list[tuple[str, Markup]]] = {}
     for index, (name, picture) in enumerate(figures.items()):
         place, _, caption = name.partition("/")
-        if not caption or place not in (*PLACES, "histogram", "diameters"):
+        if not caption or place not in (*PLACES, "histogram", "curve", "diameters", "profiles"):
             place, caption = "other", name
         html = inline_figure(picture, caption, f"f{index}-")
         placed.setdefault(place, []).append((caption, html))

@@ -25,10 +25,12 @@ VESSEL_COLUMNS: Final = (
     Column("measured_um", "Measured", "µm"),
     Column("error_percent", "Error", "%", "signed"),
     Column("narrowest_um", "Narrowest", "µm"),
+    Column("ovality", "Ovality", digits=4),
     Column("offset_um", "Axis offset", "µm"),
     Column("rms_um", "RMS dev.", "µm"),
     Column("length_mm", "Length", "mm"),
     Column("seen_fraction", "Seen", "%", factor=100.0),
+    Column("gauged_fraction", "Gauged", "%", factor=100.0),
     Column("open", "Open", kind="mark"),
 )
 FLOW_COLUMNS: Final = (

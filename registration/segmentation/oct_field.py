@@ -50,6 +50,8 @@ does less."""
 GROWTH_MM = 0.3
 BRIGHT = 0.25
 """Above this part of the brightest, gel is meant."""
+DAZZLE = 1.15
+"""Nor is it brighter than this, once its speckle is smoothed."""
 _REFLECTION = 3.0
 """Gel is never so much brighter than gel; reflections are, and would spill over."""
 
@@ -71,7 +73,10 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     sides = _sides(signal, light, typical)
     light *= np.float32(typical)
     ratio, known = _against_gel(signal, light, sides, working)
-    values = working.smoothed(ratio)
+    # A wall that leans lets light in from the side: thin and dazzling beside the gel's own. It is
+    # taken down where speckle is smoothed enough to know, and before it spreads.
+    values = np.minimum(working.smoothed(ratio, 0.6), np.float32(DAZZLE))
+    values = working.smoothed(values, 0.8)
     del ratio, light
     liquid, gel, factor = _levels(values, sides, known, working)
     normalise(values, liquid, gel, factor)

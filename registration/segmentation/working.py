@@ -23,8 +23,8 @@ class Working:
     ----------
     bins : (bz, by, bx)
         Voxels averaged into one.
-    weights : Weights
-        Of the Gaussian, along z, y, x.
+    sigma : (3,) float64
+        Of the Gaussian along z, y, x, in binned voxels.
     voxel_mm : (3,) float64, mm
         After binning, geometric, as x, y, z.
     origin_mm : (3,) float64, mm
@@ -34,7 +34,7 @@ class Working:
     """
 
     bins: tuple[int, int, int]
-    weights: Weights
+    sigma: FloatArray
     voxel_mm: FloatArray
     origin_mm: FloatArray
     blur_mm: float
@@ -45,28 +45,32 @@ class Working:
         voxel = np.array(scan.geometric_voxel_mm)
         most = np.array(scan.volume.shape) // 8
         bins = np.clip(np.round(voxel_mm / voxel), 1, most).astype(int)
-        z, y, x = (gaussian_weights(s) for s in smoothing_mm / (voxel * bins))
         origin = ((bins - 1) / 2 * voxel)[::-1]
         bz, by, bx = bins.tolist()
         blur = float(np.sqrt(smoothing_mm**2 + np.mean((voxel * bins) ** 2) / 12))
-        return Working((bz, by, bx), (z, y, x), (voxel * bins)[::-1], origin, blur)
+        sigma = smoothing_mm / (voxel * bins)
+        return Working((bz, by, bx), sigma, (voxel * bins)[::-1], origin, blur)
 
     def binned(self, scan: Scan) -> FloatVolume:
         """Mean linear intensity on the working grid."""
         mean: FloatVolume = bin_mean(scan.volume, self.bins, scan.scale == "db", 0.0)
         return mean
 
-    def smoothed(self, values: FloatVolume) -> FloatVolume:
-        """Gaussian-smoothed copy."""
+    def smoothed(self, values: FloatVolume, part: float = 1.0) -> FloatVolume:
+        """Gaussian-smoothed copy, by a `part` of the standard deviation."""
         out = np.empty(values.shape, np.float32)
-        smooth(values, out, self.weights, 0.0)
+        smooth(values, out, self._weights(part), 0.0)
         return out
 
     def smoothed_counts(self, values: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """The same in whole counts: half the memory, for scans too large to hold as floats."""
         out = np.empty(values.shape, np.uint16)
-        smooth(values, out, self.weights, 0.5)
+        smooth(values, out, self._weights(1.0), 0.5)
         return out
+
+    def _weights(self, part: float) -> Weights:
+        z, y, x = (gaussian_weights(part * float(sigma)) for sigma in self.sigma)
+        return z, y, x
 
 
 def probe(values: Volume) -> FloatArray:

@@ -1,15 +1,18 @@
 """Simulated scanners: volumes of what the simulated printer deposited."""
 
+from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct
 from sim.scanner.oct import OctOptions, simulate_oct
 from sim.scanner.placing import Placing
 from sim.scanner.scanned import Scanned
 
 __all__ = [
+    "Defect",
     "MicroCtOptions",
     "OctOptions",
     "Placing",
     "Scanned",
     "simulate_microct",
     "simulate_oct",
+    "with_defects",
 ]

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
+from registration.alignment import Fit
 from registration.distance import ModelSurface
-from registration.gauging import deviations, summarise
+from registration.gauging import deviations, find_changes, summarise, trace_vessels
 from registration.gauging.planes import clearances, stations
 from registration.gauging.sections import Planes, cut
-from registration.segmentation import GelField
-from tests.registration.parts import lumens, solid
+from registration.segmentation import GelField, Segmentation
+from registration.segmentation.mesh import surface_mesh
+from tests.registration.parts import lumen_distance, lumens, solid
 
 VOXEL = np.array([0.05, 0.05, 0.04])
 
@@ -105,3 +107,26 @@ def test_summary_of_known_numbers() -> None:
     assert found.median_um == pytest.approx(15)
     assert found.rms_um == pytest.approx(np.sqrt((900 + 100 + 400 + 3600) / 4))
     assert found.within == {25: 0.5, 50: 0.75, 100: 1.0}
+
+
+def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
+    """Two vessels part at 9 degrees: until there is gel between them neither has a wall there."""
+    nodes = np.array([[0.0, 0, 0], [2, 0, 0], [8, 0.48, 0], [8, -0.48, 0]])
+    network = VesselNetwork.from_segments(
+        nodes, np.array([[0, 1], [1, 2], [1, 3]]), np.array([0.3, 0.25, 0.25]), np.zeros(3),
+        np.zeros(3),
+    )  # fmt: skip
+    low = np.array([-0.5, -1.5, -0.9])
+    axes = [np.arange(a, b, 0.05) for a, b in zip(low, (8.5, 1.5, 0.9), strict=True)]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    away = lumen_distance(network, np.stack([x, y, z], axis=-1))
+    values = np.clip(0.5 + away / 0.3, 0, 1).astype(np.float32)
+    field = GelField(values, 0.5, 1.0, np.full(3, 0.05), low, blur_mm=0.0)
+    mesh = surface_mesh(field, None, 0.3)
+    found = Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 9.0, None)
+    here = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
+    trace = trace_vessels(network, found, here, 0.1)[1]
+    # The axes are as far apart as the two lumens are wide only after 6 · 0.25 / 0.48 mm.
+    assert trace.along[trace.counted].min() > 6 * 0.25 / 0.48
+    np.testing.assert_allclose(trace.diameter[trace.counted], 0.5, atol=0.01)
+    assert find_changes(trace_vessels(network, found, here, 0.1), 1.0) == []

@@ -12,17 +12,37 @@ import trimesh
 from numpy.typing import NDArray
 
 from design.files import write_text
+from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.scan import SCAN, TRUTH, load_scan
+from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
+from printctl.pipeline.tracing import by_layer, made_by, read_job
 from printctl.pipeline.truth import pose_error
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
-from registration import RegistrationReport, register_scan, report_dict
+from registration import (
+    RegistrationOptions,
+    RegistrationReport,
+    Scan,
+    register_scan,
+    report_dict,
+)
+from registration.exports import (
+    write_axes_vtp,
+    write_scan_nrrd,
+    write_surface_vtp,
+    write_tables,
+)
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
+
+_MOST_VOXELS = 8_000_000
+"""Of the scan as it is written for 3D Slicer."""
 
 SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
 
@@ -30,24 +50,68 @@ SIGN = "positive where the lumen, or the outside, reaches beyond the design: too
 def depends(context: RunContext) -> Any:
     """How it was made decides what is compared; the user's scan where it names one."""
     part = context.scan_part
+    made = [
+        context.recipe.toolpath.model_dump(mode="json"),
+        context.recipe.flow.model_dump(mode="json"),
+        context.place_mm.tolist(),
+    ]
     if not isinstance(part, FileScan):
-        return context.recipe.toolpath.method
+        return made
     path = context.recipe_folder / part.file
-    return [part.model_dump(mode="json"), digest_file(path), context.recipe.toolpath.method]
+    return [part.model_dump(mode="json"), digest_file(path), made]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
-    """Register; then, for a simulated scan, hold the pose against the truth."""
+    """Register; trace what is off to what wrote it; hold a simulated scan against the truth."""
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
-    found = register_scan(load_scan(context), model, context.network)
-    report(0.9, "writing")
+    scan = load_scan(context)
+    options = RegistrationOptions(flow=conditions(context.recipe.flow))
+    found = register_scan(scan, model, context.network, options)
+    report(0.8, "tracing")
     summary = {**report_dict(found), "sign_convention": SIGN}
+    add_traces(summary, context, found)
+    report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
+    names = write_exports(context.folder, scan, context.network, found)
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
-    return summary, [NUMBERS, DEVIATION]
+    return summary, [NUMBERS, DEVIATION, *names]
+
+
+def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:
+    """Say of each layer how far off it is, and of each defect which lines wrote around it."""
+    part = context.recipe.toolpath
+    job = read_job(
+        context.folder / GCODE,
+        context.folder / LINE_MAP,
+        context.printer,
+        context.start_mm,
+        context.place_mm,
+    )
+    if isinstance(part, Fresh):
+        line_mm = part.line_um * 1e-3
+        low = float(context.solid.bounds[0, 2])
+        summary["by_layer"] = by_layer(found, job, low, part.layer_um * 1e-3)
+    else:
+        # A filament fills its own lumen: no line's width lies between.
+        line_mm = 0.0
+    for defect in summary["defects"]:
+        defect["made_by"] = made_by(defect, job, context.network, line_mm)
+
+
+def write_exports(
+    folder: Path, scan: Scan, network: VesselNetwork, found: RegistrationReport
+) -> list[str]:
+    """Tables, and files for ParaView and 3D Slicer; their names."""
+    write_surface_vtp(folder / SURFACE_VTP, found)
+    write_axes_vtp(folder / AXES_VTP, network, found)
+    # Fine enough to see the thinnest lumen, and small enough to be looked at.
+    size = float(np.prod(np.array(scan.geometric_voxel_mm) * scan.volume.shape))
+    voxel = max(float(2 * network.radius.min()) / 8, (size / _MOST_VOXELS) ** (1 / 3))
+    write_scan_nrrd(folder / SCAN_NRRD, scan, found, voxel)
+    return [*write_tables(folder, found), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
 
 
 def write_deviation(path: Path, found: RegistrationReport) -> None:
@@ -85,7 +149,7 @@ def check_truth(context: RunContext, found: RegistrationReport, model: Solid) ->
 def reads(context: RunContext) -> tuple[str, ...]:
     """The design, and the simulated scan where there is one."""
     scan = (SCAN, TRUTH) if isinstance(context.scan_part, SimulatedScan) else ()
-    return (NETWORK, LUMEN, SOLID, *scan)
+    return (NETWORK, LUMEN, SOLID, GCODE, LINE_MAP, *scan)
 
 
 STAGE = Stage("registration", depends, reads, ("kernels", "registration", "design"), work)

@@ -1,0 +1,63 @@
+"""Vessel rows: a whole registration's time and memory, and diameters."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+import trimesh
+
+from benchmarks.machine import row
+from benchmarks.registration_cases import as_designed, case
+from benchmarks.registration_phantom import Setting, branched, moved, planar, scan_of
+from benchmarks.solids_slicing import timed
+from registration import register_scan
+
+Row = dict[str, Any]
+
+
+def whole_rows(quick: bool) -> Iterator[Row]:
+    """``printctl register`` on a file of 1000 x 500 x 250 voxels."""
+    design, setting = planar(), Setting()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        volume, _ = scan_of(design, setting, 1)
+        tifffile.imwrite(folder / "scan.tif", volume)
+        vertices, faces = design.mesh()
+        trimesh.Trimesh(vertices, faces, process=False).export(folder / "part.stl")
+        (folder / "network.csv").write_text(design.csv())
+        command = [sys.executable, "-m", "printctl", "register", str(folder / "scan.tif")]
+        command += ["--model", str(folder / "part.stl"), "--voxel-um", "15,15,12", "--json"]
+        command += ["--refractive-index", "1.34", "--geometric-depth", "--modality", "oct"]
+        command += ["--scale", "linear", "--depth-down", "--tolerance-um", "100"]
+        runs = []
+        for _ in range(2 if quick else 4):  # the first fills the disk's cache
+            runs.append(timed([*command, "--out", str(folder / "out")]))
+        cpu, memory = np.median(np.array(runs[1:]), axis=0).tolist()
+    measure = "1000 x 500 x 250 voxels to report"
+    yield row(f"{measure}: CPU", cpu, "s")
+    yield row(f"{measure}: memory", memory / 1e3, "GB", "<= 1.2", memory <= 1.2e3)
+
+
+def diameter_rows(quick: bool) -> Iterator[Row]:
+    """Diameters of all vessels of clean scans against what was made."""
+    errors: list[float] = []
+    for design in (planar(), branched()):
+        model, network = as_designed(design)
+        for seed in range(1 if quick else 3):
+            setting = moved(Setting(), turn_deg=4.0 * seed)
+            here = case(design, setting, seed)
+            found = register_scan(here.scan, model, network)
+            made = 2000 * design.radius * np.mean(setting.stretch)
+            for vessel, truth in zip(found.vessels, made, strict=True):
+                errors += (vessel.diameter_um[np.isfinite(vessel.diameter_um)] - truth).tolist()
+            print(json.dumps({"sections": len(errors)}), file=sys.stderr, flush=True)
+    bias, spread = float(np.mean(errors)), float(np.std(errors))
+    yield row("diameters: bias", bias, "um", "within 5", abs(bias) <= 5)
+    yield row("diameters: sd over all sections", spread, "um", "<= 15", spread <= 15)

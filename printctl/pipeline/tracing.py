@@ -1,0 +1,190 @@
+"""Which part of the job made a place of the print: layers or vessels, and lines of the G-code.
+
+Registration knows the part's frame only. Here its deviations and defects are joined with the run
+folder's line map, and, for a defect, with the moves of the G-code itself that wrote around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from firmware_profiles import Printer
+from registration import RegistrationReport
+from sim.gcode_modal import MOVE
+from sim.valve import read_with_valve
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_ALONG_MM = 0.2
+"""Places along a defect at which moves beside it are looked for."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A job's writing moves and whose they are, part frame.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+        Of the moves that write.
+    line : (n,) int64
+        In the file, from 1.
+    source : (n,) int64
+        Layer, or vessel, from 0.
+    of_vessels : bool
+        Whether `source` counts vessels.
+    first_line, last_line : (s,) int64
+        Of each layer's or vessel's lines, travels included; 0 where it has none.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    line: IntArray
+    source: IntArray
+    of_vessels: bool
+    first_line: IntArray
+    last_line: IntArray
+
+
+def read_job(
+    gcode: Path, line_map: Path, printer: Printer, start_mm: FloatArray, place_mm: FloatArray
+) -> Job:
+    """Read a job and its map.
+
+    Parameters
+    ----------
+    gcode, line_map : Path
+        Of the run folder.
+    printer : Printer
+        Whose dispenser tells what is written.
+    start_mm : (3,) mm
+        Where the tip stands before the first line, printer's frame.
+    place_mm : (3,) mm
+        Part to printer.
+    """
+    with np.load(line_map, allow_pickle=False) as found:
+        of_line = found["source"].astype(np.int64)
+        of_vessels = str(found["source_kind"]) == "vessel"
+    x, y, z = start_mm.tolist()
+    program, valve = read_with_valve(gcode.read_bytes(), printer, (x, y, z))
+    before = np.vstack([program.start[None, :], program.target[:-1]])
+    pushed = program.target[:, 3] > before[:, 3] if valve is None else valve.is_open
+    path = np.linalg.norm(program.target[:, :3] - before[:, :3], axis=1) > 0
+    wrote = (program.kind == MOVE) & pushed & path
+    line = program.line[wrote].astype(np.int64)
+    first, last = _spans(of_line)
+    return Job(
+        start=before[wrote, :3] - place_mm,
+        end=program.target[wrote, :3] - place_mm,
+        line=line,
+        source=of_line[line - 1],
+        of_vessels=of_vessels,
+        first_line=first,
+        last_line=last,
+    )
+
+
+def _spans(of_line: IntArray) -> tuple[IntArray, IntArray]:
+    """First and last line, from 1, of each source."""
+    known = np.flatnonzero(of_line >= 0)
+    count = int(of_line.max(initial=-1)) + 1
+    first, last = np.full(count, len(of_line) + 1), np.zeros(count, dtype=np.int64)
+    np.minimum.at(first, of_line[known], known + 1)
+    np.maximum.at(last, of_line[known], known + 1)
+    return np.where(last > 0, first, 0), last
+
+
+def by_layer(
+    found: RegistrationReport, job: Job, low_mm: float, height_mm: float
+) -> list[dict[str, Any]]:
+    """Deviation after the scaled fit of the seen surface in each layer, and the layer's lines.
+
+    Parameters
+    ----------
+    found : RegistrationReport
+    job : Job
+        Written in layers.
+    low_mm, height_mm : float, mm
+        The part's lowest z, and a layer's height: layer k lies from low + k h to low + (k + 1) h.
+    """
+    again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
+    z = found.vertices @ again[2, :3] + again[2, 3]
+    count = len(job.first_line)
+    layer = np.clip(((z - low_mm) / height_mm).astype(np.int64), 0, count - 1)[found.seen]
+    deviation = found.scaled_deviation_um[found.seen]
+    points = np.bincount(layer, minlength=count)
+    some = np.maximum(points, 1)
+    mean = np.bincount(layer, deviation, count) / some
+    rms = np.sqrt(np.bincount(layer, deviation**2, count) / some)
+    return [
+        {
+            "layer": index,
+            "z_mm": low_mm + (index + 1) * height_mm,
+            "points": int(points[index]),
+            "mean_um": float(mean[index]) if points[index] else None,
+            "rms_um": float(rms[index]) if points[index] else None,
+            "first_line": int(job.first_line[index]),
+            "last_line": int(job.last_line[index]),
+        }
+        for index in range(count)
+    ]
+
+
+def made_by(
+    defect: dict[str, Any], job: Job, network: VesselNetwork, line_mm: float
+) -> dict[str, Any]:
+    """Layers or vessels, and lines, that wrote around a defect.
+
+    Parameters
+    ----------
+    defect : dict
+        Of registration.json: `vessel`, `from_mm`, `to_mm`, `point_mm`, `kind`.
+    job : Job
+    network : VesselNetwork
+        The design, part frame.
+    line_mm : float, mm
+        A written line's width: what borders on the lumen within one and a half of it.
+
+    Returns
+    -------
+    dict
+        ``layers`` or ``vessels`` (numbers), ``first_line``, ``last_line``, ``line_count``;
+        ``line_count`` is 0 where nothing was written near.
+    """
+    points, radii = network.polyline(defect["vessel"])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    upto = np.concatenate([[0.0], np.cumsum(steps)])
+    count = 1 + max(1, int(np.ceil((defect["to_mm"] - defect["from_mm"]) / _ALONG_MM)))
+    along = np.linspace(defect["from_mm"], defect["to_mm"], count)
+    axis = np.stack([np.interp(along, upto, points[:, k]) for k in range(3)], axis=1)
+    reach = np.interp(along, upto, radii) + 1.5 * line_mm
+    if defect["kind"] in ("leak", "bridge"):
+        axis = np.array([defect["point_mm"]])
+        reach = np.array([defect["size_um"] * 5e-4 + 1.5 * line_mm])
+    near = _beside(job, axis, reach)
+    lines, sources = job.line[near], np.unique(job.source[near])
+    return {
+        "vessels" if job.of_vessels else "layers": sources[sources >= 0].tolist(),
+        "first_line": int(lines.min()) if len(lines) else 0,
+        "last_line": int(lines.max()) if len(lines) else 0,
+        "line_count": len(np.unique(lines)),
+    }
+
+
+def _beside(job: Job, places: FloatArray, reach: FloatArray) -> NDArray[np.bool_]:
+    """Moves that come within `reach` of one of the places."""
+    near = np.zeros(len(job.line), dtype=np.bool_)
+    way = job.end - job.start
+    square = np.maximum((way**2).sum(axis=1), 1e-18)
+    for place, limit in zip(places, reach, strict=True):
+        t = np.clip(((place - job.start) * way).sum(axis=1) / square, 0, 1)
+        off = job.start + t[:, None] * way - place
+        near |= (off**2).sum(axis=1) <= limit**2
+    return near

@@ -1,0 +1,82 @@
+"""Tables as CSV: vessels, sections along them, defects."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from design.files import write_text
+from registration.result import RegistrationReport, report_dict
+
+VESSELS, SECTIONS, DEFECTS = "vessels.csv", "sections.csv", "defects.csv"
+
+_SECTION_COLUMNS = {
+    "along_mm": "along_mm",
+    "diameter_um": "diameter_um",
+    "area_mm2": "area_mm2",
+    "ovality_along": "ovality",
+    "offset_along_um": "offset_um",
+    "noise_um": "noise_um",
+}
+
+
+def write_tables(folder: Path, report: RegistrationReport) -> tuple[str, ...]:
+    """Write `vessels.csv`, `sections.csv` and `defects.csv`; return their names.
+
+    A number that isn't known is an empty field. Units stand in the columns' names. Beside what
+    was gauged, a vessel's row has its resistance and flow as designed and as printed.
+
+    Raises
+    ------
+    OSError
+        When a file can't be written.
+    """
+    found = report_dict(report)
+    vessels = found["vessels"]
+    flow = found["perfusion"]["vessels"] if found["perfusion"] else [{}] * len(vessels)
+    rows = [_scalars(vessel) | driven for vessel, driven in zip(vessels, flow, strict=True)]
+    write_text(folder / VESSELS, as_csv(rows))
+    write_text(
+        folder / SECTIONS, as_csv(_sections(vessels), ("vessel", *_SECTION_COLUMNS.values()))
+    )
+    write_text(folder / DEFECTS, as_csv([_defect(d) for d in found["defects"]], _DEFECT_COLUMNS))
+    return VESSELS, SECTIONS, DEFECTS
+
+
+_DEFECT_COLUMNS = (
+    "kind", "vessel", "other", "from_mm", "to_mm", "at_mm", "x_mm", "y_mm", "z_mm", "size_um",
+    "error_um", "percent", "wall_um", "significance", "seen",
+)  # fmt: skip
+
+
+def as_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] | None = None) -> str:
+    """Rows as CSV with a heading; the first row's keys are the columns unless they are given."""
+    names = list(columns if columns is not None else rows[0] if rows else ())
+    text = io.StringIO()
+    table = csv.DictWriter(text, names, restval="", lineterminator="\n", extrasaction="raise")
+    table.writeheader()
+    table.writerows(
+        {key: "" if value is None else value for key, value in row.items()} for row in rows
+    )
+    return text.getvalue()
+
+
+def _scalars(vessel: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in vessel.items() if not isinstance(value, list)}
+
+
+def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        {"vessel": vessel["vessel"], **dict(zip(_SECTION_COLUMNS.values(), row, strict=True))}
+        for vessel in vessels
+        for row in zip(*(vessel[key] for key in _SECTION_COLUMNS), strict=True)
+    ]
+
+
+def _defect(defect: Mapping[str, Any]) -> dict[str, Any]:
+    plain = dict(defect)
+    plain["x_mm"], plain["y_mm"], plain["z_mm"] = plain.pop("point_mm")
+    return plain

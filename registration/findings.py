@@ -1,0 +1,173 @@
+"""What the aligned scan says of the print: vessels, defects, topology, overlap, perfusion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.hemodynamics import FlowConditions
+from design.network import VesselNetwork
+from registration.alignment import Alignment
+from registration.distance import ModelSurface
+from registration.gauging import (
+    Defect,
+    Perfusion,
+    VesselGauge,
+    VesselTrace,
+    find_changes,
+    find_closures,
+    gauge_vessels,
+    perfusion,
+    trace_vessels,
+)
+from registration.segmentation import Segmentation
+from registration.topology import (
+    Faults,
+    LumenGrid,
+    Overlap,
+    Topology,
+    compare_topology,
+    find_leaks,
+    lay_grid,
+    overlap,
+    scanned_with,
+)
+
+FloatArray = NDArray[np.float64]
+
+LUMEN_REACH_MM = 1.0
+"""How far around lumens scanned without their construct a leak is followed."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """See the fields of `registration.result.RegistrationReport` of the same names."""
+
+    vessels: tuple[VesselGauge, ...]
+    defects: tuple[Defect, ...]
+    topology: Topology
+    overlap_rigid: Overlap
+    overlap_scaled: Overlap
+    perfusion: Perfusion | None
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is inspected, and how.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+        The design.
+    surface : ModelSurface
+        The model.
+    model_is_lumen : bool
+        Whether it is the lumens alone.
+    segmentation : Segmentation
+        Of the scan.
+    alignment : Alignment
+        Scan to part.
+    deviation_mm : (n,) float64, mm
+        Of the segmentation's vertices after the scaled fit.
+    section_mm : float, mm
+        Between sections.
+    false_alarm : float
+        Probability that a clean scan shows a bulge or a stenosis.
+    flow : FlowConditions or None
+        What drives the printed network.
+    """
+
+    network: VesselNetwork
+    surface: ModelSurface
+    model_is_lumen: bool
+    segmentation: Segmentation
+    alignment: Alignment
+    deviation_mm: FloatArray
+    section_mm: float
+    false_alarm: float
+    flow: FlowConditions | None
+
+
+def inspect(case: Inspection) -> Findings:
+    """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
+    field, fit = case.segmentation.field, case.alignment.scaled
+    traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
+    margin = _margin(case)
+    grid = _grid(case, margin)
+    leaks = find_leaks(grid, case.surface, case.model_is_lumen, margin, traces, (field, fit))
+    closures = find_closures(traces, field, fit)
+    scale = float(np.mean(fit.scale))
+    changes = find_changes(traces, scale, case.false_alarm)
+    through = [*closures, *leaks.defects]
+    defects = (*through, *_not_beside(changes, through, traces))
+    near = max(margin, float(case.network.radius.min()) / 2)
+    return Findings(
+        vessels=gauge_vessels(case.network, traces, case.segmentation, fit, case.deviation_mm),
+        defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),
+        topology=compare_topology(
+            case.network,
+            grid,
+            near,
+            _faults(through),
+            leaks.bridges,
+            all(bool(trace.seen.all()) for trace in traces),
+        ),
+        overlap_rigid=overlap(scanned_with(grid, field, case.alignment.rigid), near),
+        overlap_scaled=overlap(grid, near),
+        perfusion=perfusion(case.network, traces, case.flow),
+    )
+
+
+def _faults(found: list[Defect]) -> Faults:
+    return Faults(
+        occluded=[defect.vessel for defect in found if defect.kind == "occlusion"],
+        missing={defect.vessel for defect in found if defect.kind == "missing"},
+        bridges=[(d.vessel, d.other) for d in found if d.kind == "bridge" and d.other is not None],
+    )
+
+
+def _margin(case: Inspection) -> float:
+    """How far free space may lie from the designed wall without being a leak, mm."""
+    usual = np.abs(case.deviation_mm[case.segmentation.seen])
+    return 2 * _step(case) + (float(np.percentile(usual, 99)) if len(usual) else 0.0)
+
+
+def _step(case: Inspection) -> float:
+    """Edge of the grid's voxels, mm: an eighth of the thinnest lumen is enough to tell it whole."""
+    voxel = float(case.segmentation.field.voxel_mm.min())
+    return max(voxel, float(case.network.radius.min()) / 4)
+
+
+def _grid(case: Inspection, margin: float) -> LumenGrid:
+    network, reach = case.network, max(LUMEN_REACH_MM, 2 * margin)
+    bounds = case.surface.bounds
+    if case.model_is_lumen:
+        around = network.radius.max() + reach
+        bounds = np.stack(
+            [network.points.min(axis=0) - around, network.points.max(axis=0) + around]
+        )
+    else:
+        reach = 2 * margin
+    field, fit = case.segmentation.field, case.alignment.scaled
+    return lay_grid(network, field, fit, bounds, _step(case), reach)
+
+
+def _not_beside(
+    changes: list[Defect], others: list[Defect], traces: tuple[VesselTrace, ...]
+) -> list[Defect]:
+    """Without changes at the brink of a closure or a leak: those are part of it."""
+    kept = []
+    for change in changes:
+        reach = 2 * traces[change.vessel].spacing
+        beside = [
+            other
+            for other in others
+            if change.vessel in (other.vessel, other.other)
+            and change.from_mm < other.to_mm + reach
+            and change.to_mm > other.from_mm - reach
+        ]
+        if not beside:
+            kept.append(change)
+    return kept

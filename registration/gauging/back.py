@@ -1,0 +1,125 @@
+"""The way back: from the design's surface to the scanned one.
+
+Scan to design never notices what isn't there at all: a missing vessel has no scanned wall. Design
+to scan does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.alignment import Fit
+from registration.distance import ModelSurface
+from registration.distance.bvh import build
+from registration.distance.closest import nearest
+from registration.segmentation import Segmentation
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SAMPLES = 40_000
+"""Points spread over the design's surface."""
+
+CLUSTER = 8
+"""Triangles that the hierarchy treats as one."""
+
+
+def surface_points(surface: ModelSurface, count: int = SAMPLES) -> FloatArray:
+    """About `count` points spread evenly over a surface by area, (n, 3), mm; always the same.
+
+    Every triangle gets its share of a running total of area, and within it a low-discrepancy
+    sequence (Roberts' R2) folded into the triangle.
+    """
+    a, b, c = (surface.triangles[:, k] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    upto = np.round(np.cumsum(area) / area.sum() * count).astype(np.int64)
+    which = np.repeat(np.arange(len(area)), np.diff(upto, prepend=0))
+    number = np.arange(len(which))[:, None] + 0.5
+    u, v = (number * (0.7548776662466927, 0.5698402909980532) % 1.0).T
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u)[:, None], np.where(fold, 1 - v, v)[:, None]
+    return np.asarray(a[which] + u * (b - a)[which] + v * (c - a)[which])
+
+
+@dataclass(frozen=True)
+class ScannedSurface:
+    """The scanned surface made ready to be measured to; build with `of`.
+
+    Attributes
+    ----------
+    segmentation : Segmentation
+        Whose surface it is.
+    faces : (8 k, 3) int32
+        Its triangles, neighbours together in eights; the last is repeated to fill up.
+    """
+
+    segmentation: Segmentation
+    faces: NDArray[np.int32]
+
+    @staticmethod
+    def of(segmentation: Segmentation) -> ScannedSurface:
+        """Put the surface's triangles in order."""
+        field, faces = segmentation.field, segmentation.faces
+        corner = segmentation.vertices[faces[:, 0]]
+        faces = faces[np.argsort(_along_curve(corner, field.voxel_mm), kind="stable")]
+        fill = np.repeat(faces[-1:], -len(faces) % CLUSTER, axis=0)
+        return ScannedSurface(segmentation, np.concatenate([faces, fill]))
+
+    def deviations_back(self, points: FloatArray, fit: Fit) -> FloatArray:
+        """Signed deviation at points of the design, (m,), mm, where their counterpart was seen.
+
+        Parameters
+        ----------
+        points : (n, 3) float64, mm
+            On the design's surface, part frame.
+        fit : Fit
+            Scan to part.
+
+        Returns
+        -------
+        (m,) float64, mm
+            Exact, positive where the point lies outside the scanned gel. Left out are points
+            beyond the field of view, and those whose nearest scanned surface wasn't seen.
+        """
+        value = self.segmentation.field.above_level(fit.invert(points))
+        kept = np.isfinite(value)
+        if not kept.any():
+            return np.empty(0)
+        triangles = np.ascontiguousarray(fit.apply(self.segmentation.vertices)[self.faces])
+        # The field itself tells on which side of its surface a point lies: normals aren't needed.
+        no_normals = np.zeros((len(triangles), 7, 3))
+        unsigned, _, _, face = nearest(
+            np.ascontiguousarray(points[kept]), triangles, *_hierarchy(triangles), no_normals
+        )
+        distance = np.where(value[kept] < 0, 1.0, -1.0) * np.abs(unsigned)
+        corners = self.segmentation.seen[self.faces[face]]
+        return np.asarray(distance[corners.all(axis=1)])
+
+
+def _hierarchy(triangles: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """Boxes, nodes and order of `registration.distance.bvh.build`, over eights of triangles.
+
+    A scanned surface has a million triangles and is asked for few points, so that building costs
+    more than asking. Eights of neighbours are built over as one thing each, of which the hierarchy
+    needs the box only.
+    """
+    corners = triangles.reshape(-1, 3 * CLUSTER, 3)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    boxes, nodes, order = build(np.stack([low, high, low], axis=1))
+    leaf = nodes[:, 0] < 0
+    nodes[leaf, 0] = -1 - CLUSTER * (-1 - nodes[leaf, 0])
+    nodes[leaf, 1] *= CLUSTER
+    return boxes, nodes, (CLUSTER * order[:, None] + np.arange(CLUSTER)).ravel()
+
+
+def _along_curve(places: FloatArray, cell_mm: FloatArray) -> NDArray[np.int64]:
+    """Rank of each place along Morton's curve through cells: near on it is near in space."""
+    index = ((places - places.min(axis=0)) / (4 * cell_mm)).astype(np.int64)
+    code = np.zeros(len(places), dtype=np.int64)
+    for bit in range(int(index.max(initial=0)).bit_length()):
+        for axis in range(3):
+            code |= ((index[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code

@@ -1,0 +1,121 @@
+"""Where gel fills a lumen: occlusions, and vessels that aren't there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.alignment import Fit
+from registration.gauging.changes import bordered, point_at
+from registration.gauging.defect import Defect
+from registration.gauging.trace import VesselTrace
+from registration.segmentation import GelField
+
+FloatArray = NDArray[np.float64]
+
+MISSING_SHARE = 0.9
+"""A vessel closed over this much of what was seen of it, clear of junctions, is missing."""
+
+
+def find_closures(traces: tuple[VesselTrace, ...], field: GelField, fit: Fit) -> list[Defect]:
+    """Occlusions and missing vessels.
+
+    Parameters
+    ----------
+    traces : tuple of VesselTrace
+        One a vessel.
+    field : GelField
+        The scan's gel, in which an occlusion's ends are found along the lumen's own axis.
+    fit : Fit
+        Scan to part, with which the traces were made.
+    """
+    return [defect for trace in traces for defect in _closures(trace, field, fit)]
+
+
+def _closures(trace: VesselTrace, field: GelField, fit: Fit) -> list[Defect]:
+    closed = trace.seen & ~trace.sections.open
+    if not closed.any():
+        return []
+    # Where it lies within a junction's lumen even a missing vessel is free.
+    own = trace.seen & (trace.apart | trace.short)
+    if own.any() and (closed & own).sum() >= MISSING_SHARE * own.sum():
+        return [_missing(trace, np.flatnonzero(closed))]
+    found = np.flatnonzero(closed)
+    runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
+    return [_occlusion(trace, run, field, fit) for run in runs]
+
+
+def _missing(trace: VesselTrace, closed: NDArray[np.int64]) -> Defect:
+    half = trace.spacing / 2
+    middle = float(trace.length / 2)
+    return Defect(
+        kind="missing",
+        vessel=trace.vessel,
+        other=None,
+        from_mm=float(trace.along[closed[0]] - half),
+        to_mm=float(trace.along[closed[-1]] + half),
+        at_mm=middle,
+        point_mm=point_at(trace, middle),
+        size_um=2e3 * float(trace.radius.mean()),
+        error_um=0.0,
+        percent=float("nan"),
+        wall_um=float("nan"),
+        significance=float("inf"),
+        seen=bool(trace.seen.all()),
+    )
+
+
+def _occlusion(trace: VesselTrace, run: NDArray[np.int64], field: GelField, fit: Fit) -> Defect:
+    ends = [_end(trace, int(run[0]), -1, field, fit), _end(trace, int(run[-1]), 1, field, fit)]
+    middle = (ends[0][0] + ends[1][0]) / 2
+    extent = (ends[0][0], ends[1][0])
+    return Defect(
+        kind="occlusion",
+        vessel=trace.vessel,
+        other=None,
+        from_mm=extent[0],
+        to_mm=extent[1],
+        at_mm=middle,
+        point_mm=point_at(trace, middle),
+        size_um=1e3 * (extent[1] - extent[0]),
+        error_um=1.96e3 * float(np.hypot(ends[0][1], ends[1][1])),
+        percent=float("nan"),
+        wall_um=float("nan"),
+        significance=float("inf"),
+        seen=bordered(trace, extent),
+    )
+
+
+def _end(
+    trace: VesselTrace, station: int, way: int, field: GelField, fit: Fit
+) -> tuple[float, float]:
+    """Where along the vessel the gel of a closed station ends in one direction, and its error.
+
+    The level's crossing is looked for on a bundle of lines beside the lumen's axis; the bundle's
+    scatter is the error. Without a free neighbour the end lies half a spacing off.
+    """
+    border, half = station + way, trace.spacing / 2
+    plain = float(trace.along[station] + way * half)
+    if not 0 <= border < len(trace.along) or not trace.sections.open[border]:
+        return plain, half / np.sqrt(3)
+    # Open sections beyond the blurred edge tell where the lumen's own axis runs.
+    free = np.clip(border + way * np.arange(6), 0, len(trace.along) - 1)
+    shift = (
+        np.nanmedian(np.where(trace.counted[free], trace.sections.shift[free].T, np.nan), axis=1)
+        if trace.counted[free].any()
+        else np.zeros(2)
+    )
+    low, high = sorted((float(trace.along[station]), float(trace.along[free[2]])))
+    along = np.arange(low, high, float(field.voxel_mm.min()) / 8)[::way]
+    axis = np.stack([np.interp(along, trace.along, trace.centre[:, k]) for k in range(3)], axis=1)
+    spread = 0.35 * trace.radius[station]
+    pattern = shift + spread * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    across = trace.planes.across[border]
+    values = np.stack([field.above_level(fit.invert(axis) + p @ across) for p in pattern])
+    crossing = (values[:, :-1] >= 0) & (values[:, 1:] < 0)
+    met = crossing.any(axis=1)
+    if not met.any():
+        return plain, half / np.sqrt(3)
+    places = along[crossing[met].argmax(axis=1)] + way * float(field.voxel_mm.min()) / 16
+    error = float(places.std(ddof=1)) if len(places) > 1 else half / np.sqrt(3)
+    return float(np.median(places)), error / np.sqrt(len(places))

@@ -1,0 +1,237 @@
+"""Does the printed part still perfuse? Poiseuille flow through the lumens as they were measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from design.errors import FlowError
+from design.hemodynamics import FlowConditions, solve_flow, vessel_resistance
+from design.network import VesselNetwork
+from registration.gauging.trace import VesselTrace
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+WATER_PA_S = 1e-3
+UNIT_FLOW_UL_S = 1.0
+
+
+@dataclass(frozen=True)
+class Perfusion:
+    """Flow as designed and as printed, under the same conditions.
+
+    Attributes
+    ----------
+    resistance_pa_s_ul, designed_resistance_pa_s_ul : (v,) float64, Pa·s/µL
+        Of each vessel; inf where closed.
+    flow_ul_s, designed_flow_ul_s : (v,) float64, µL/s
+        Positive from its first node to its last; 0 where nothing flows.
+    share, designed_share : (v,) float64
+        Of the flow into the network, by size.
+    pressure_drop_pa, designed_pressure_drop_pa : float, Pa
+        From the highest inlet to the lowest outlet; NaN where nothing flows.
+    inflow_ul_s : float, µL/s
+        Through the printed network.
+    measured : (v,) bool
+        Whether any of the vessel's diameters was measured; where none was, it is taken as wide
+        as the other vessels' mean error makes it.
+    fed : (v,) bool
+        Whether the printed vessel carries at least a hundredth of its designed flow.
+    perfused : bool or None
+        Whether all vessels that carry flow by design are fed; None where one that is fed wasn't
+        seen from end to end.
+    """
+
+    resistance_pa_s_ul: FloatArray
+    designed_resistance_pa_s_ul: FloatArray
+    flow_ul_s: FloatArray
+    designed_flow_ul_s: FloatArray
+    share: FloatArray
+    designed_share: FloatArray
+    pressure_drop_pa: float
+    designed_pressure_drop_pa: float
+    inflow_ul_s: float
+    measured: BoolArray
+    fed: BoolArray
+    perfused: bool | None
+
+
+def printed_network(network: VesselNetwork, traces: tuple[VesselTrace, ...]) -> VesselNetwork:
+    """The network with the radii that were measured, a point at each station.
+
+    Where a station wasn't measured (within a junction, unseen) the radius is the designed one
+    plus the vessel's mean error, or where it has none, that of all vessels. An oval lumen of equal
+    area conducts less: its radius r is taken as r (2 / (o + 1/o))^¼ with the ovality o (Poiseuille
+    flow in an ellipse, White, Viscous Fluid Flow, 3-3.3). A closed section has no radius; take
+    closed vessels out (`perfusion` does).
+    """
+    errors = [_mean_error(trace) for trace in traces]
+    common = np.array([error for error in errors if np.isfinite(error)])
+    fallback = float(np.median(common)) if len(common) else 0.0
+    points, radii, offset = [], [], [0]
+    for trace, error in zip(traces, errors, strict=True):
+        way, _ = network.polyline(trace.vessel)
+        radius = _radii(trace, error if np.isfinite(error) else fallback)
+        points += [way[:1], trace.centre, way[-1:]]
+        radii += [radius[:1], radius, radius[-1:]]
+        offset.append(offset[-1] + len(radius) + 2)
+    return VesselNetwork(
+        nodes=network.nodes,
+        vessel_nodes=network.vessel_nodes,
+        kind=network.kind,
+        tree=network.tree,
+        offset=np.array(offset),
+        points=np.concatenate(points),
+        radius=np.concatenate(radii),
+    )
+
+
+def _mean_error(trace: VesselTrace) -> float:
+    """Median of measured less designed radius over the open sections, mm; NaN without any."""
+    there = trace.counted & trace.sections.open
+    error = trace.diameter[there] / 2 - trace.radius[there]
+    error = error[np.isfinite(error)]
+    return float(np.median(error)) if len(error) else float("nan")
+
+
+def _radii(trace: VesselTrace, error: float) -> FloatArray:
+    measured = trace.diameter / 2
+    oval = trace.sections.ovality
+    thinner = np.where(np.isfinite(oval), (2 / (oval + 1 / oval)) ** 0.25, 1.0)
+    usable = np.isfinite(measured) & (measured > 0)
+    filled = np.maximum(trace.radius + error, 0.2 * trace.radius)
+    return np.where(usable, measured * thinner, filled)
+
+
+def perfusion(
+    network: VesselNetwork,
+    traces: tuple[VesselTrace, ...],
+    conditions: FlowConditions | None = None,
+) -> Perfusion | None:
+    """Solve the 0D flow of the network as designed and as printed.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        The design.
+    traces : tuple of VesselTrace
+        One a vessel, in its order.
+    conditions : FlowConditions, optional
+        1 µL/s of water into the inlets by default: the split doesn't depend on it.
+
+    Returns
+    -------
+    Perfusion or None
+        None where the design itself has no such flow (no inlet or no outlet).
+    """
+    driven = conditions or FlowConditions(WATER_PA_S, inlet_flow_ul_s=UNIT_FLOW_UL_S)
+    try:
+        designed = solve_flow(network, driven)
+    except FlowError:
+        return None
+    inlets = driven.inlets or tuple(network.inlets().tolist())
+    outlets = driven.outlets or tuple(network.outlets().tolist())
+    as_printed = printed_network(network, traces)
+    closed = np.array([bool((t.seen & ~t.sections.open).any()) for t in traces])
+    resistance = vessel_resistance(as_printed, driven.viscosity_pa_s)
+    flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
+    inflow = _inflow(network, flow, inlets)
+    fed = np.abs(flow) >= 0.01 * np.abs(designed.flow)
+    designed_in = _inflow(network, designed.flow, inlets)
+    carries = np.abs(designed.flow) > 1e-6 * max(designed_in, 1e-300)
+    whole = np.array([bool(trace.seen.all()) for trace in traces])
+    ends = [designed.pressure[list(nodes)] for nodes in (inlets, outlets)]
+    return Perfusion(
+        resistance_pa_s_ul=np.where(closed, np.inf, resistance),
+        designed_resistance_pa_s_ul=designed.resistance,
+        flow_ul_s=flow,
+        designed_flow_ul_s=designed.flow,
+        share=np.abs(flow) / inflow if inflow > 0 else np.zeros_like(flow),
+        designed_share=np.abs(designed.flow) / designed_in,
+        pressure_drop_pa=drop,
+        designed_pressure_drop_pa=float(ends[0].max() - ends[1].min()),
+        inflow_ul_s=inflow,
+        measured=np.array([bool(trace.counted.any()) for trace in traces]),
+        fed=fed,
+        perfused=_verdict(fed[carries], whole[carries]),
+    )
+
+
+def _verdict(fed: BoolArray, whole: BoolArray) -> bool | None:
+    if not fed.all():
+        return False
+    return True if whole.all() else None
+
+
+def _inflow(network: VesselNetwork, flow: FloatArray, inlets: tuple[int, ...]) -> float:
+    """Flow out of the inlets into the network, µL/s."""
+    first, last = network.vessel_nodes.T
+    return float(flow[np.isin(first, inlets)].sum() - flow[np.isin(last, inlets)].sum())
+
+
+def _flow(
+    network: VesselNetwork,
+    kept: BoolArray,
+    inlets: tuple[int, ...],
+    outlets: tuple[int, ...],
+    driven: FlowConditions,
+) -> tuple[FloatArray, float]:
+    """Flow of each vessel, and the pressure drop, with some vessels taken out."""
+    flow = np.zeros(network.vessel_count)
+    kept = _led_through(network, kept, inlets, outlets)
+    if not kept.any():
+        return flow, float("nan")
+    part, number = _part(network, np.flatnonzero(kept))
+    sources = tuple(number[node] for node in inlets if node in number)
+    sinks = tuple(number[node] for node in outlets if node in number)
+    solution = solve_flow(
+        part,
+        FlowConditions(
+            viscosity_pa_s=driven.viscosity_pa_s,
+            inlet_flow_ul_s=driven.inlet_flow_ul_s,
+            inlet_pressure_pa=driven.inlet_pressure_pa,
+            outlet_pressure_pa=driven.outlet_pressure_pa,
+            outlet_flow_ul_s={
+                number[node]: q for node, q in driven.outlet_flow_ul_s.items() if node in number
+            },
+            inlets=sources,
+            outlets=sinks,
+        ),
+    )
+    flow[kept] = solution.flow
+    drop = solution.pressure[list(sources)].max() - solution.pressure[list(sinks)].min()
+    return flow, float(drop)
+
+
+def _led_through(
+    network: VesselNetwork, kept: BoolArray, inlets: tuple[int, ...], outlets: tuple[int, ...]
+) -> BoolArray:
+    """Of the kept vessels, those that hang together with an inlet and an outlet."""
+    rows, columns = network.vessel_nodes[kept].T
+    count = len(network.nodes)
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    both = np.intersect1d(label[list(inlets)], label[list(outlets)])
+    return np.asarray(kept & np.isin(label[network.vessel_nodes[:, 0]], both))
+
+
+def _part(network: VesselNetwork, vessels: IntArray) -> tuple[VesselNetwork, dict[int, int]]:
+    """A network of some of the vessels, and the new number of each of their nodes."""
+    used, ends = np.unique(network.vessel_nodes[vessels], return_inverse=True)
+    lines = [network.polyline(int(vessel)) for vessel in vessels]
+    part = VesselNetwork(
+        nodes=network.nodes[used],
+        vessel_nodes=ends.reshape(-1, 2),
+        kind=network.kind[vessels],
+        tree=network.tree[vessels],
+        offset=np.concatenate([[0], np.cumsum([len(points) for points, _ in lines])]),
+        points=np.concatenate([points for points, _ in lines]),
+        radius=np.concatenate([radius for _, radius in lines]),
+    )
+    return part, {int(node): index for index, node in enumerate(used)}

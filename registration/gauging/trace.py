@@ -1,0 +1,159 @@
+"""One vessel cut across at many stations: what every later judgement of it rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from registration.alignment import Fit
+from registration.gauging.neighbours import Neighbours
+from registration.gauging.planes import clearances, stations, to_scan
+from registration.gauging.sections import Planes, Sections, cut
+from registration.segmentation import Segmentation
+from registration.segmentation.volume import sample
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_FREE_WALL = 0.95
+"""Less of a wall of its own, and the median of the rays across a section could meet another's."""
+
+
+@dataclass(frozen=True)
+class VesselTrace:
+    """A vessel's stations and what was found there.
+
+    Attributes
+    ----------
+    vessel : int
+        Its number in the network.
+    length : float, mm
+        Designed.
+    along : (n,) float64, mm
+        Of the stations, from the vessel's first node.
+    centre : (n, 3) float64, mm
+        On the designed axis, in the part's frame.
+    radius : (n,) float64, mm
+        Designed.
+    planes : Planes
+        The cuts, in the scan's frame.
+    sections : Sections
+        What they show.
+    seen : (n,) bool
+        In the field of view and, in OCT, reached by light.
+    apart : (n,) bool
+        Clear of junctions and ends.
+    counted : (n,) bool
+        Seen, with a diameter (0 where closed) that is the vessel's own.
+    short : bool
+        No station lies clear; diameters are twice the median ray's.
+    """
+
+    vessel: int
+    length: float
+    along: FloatArray
+    centre: FloatArray
+    radius: FloatArray
+    planes: Planes
+    sections: Sections
+    seen: BoolArray
+    apart: BoolArray
+    counted: BoolArray
+    short: bool
+
+    @property
+    def spacing(self) -> float:
+        """Between stations, mm."""
+        return self.length / len(self.along)
+
+    @property
+    def diameter(self) -> FloatArray:
+        """Measured at each station, (n,), mm; NaN where not counted."""
+        measured = self.sections.diameter
+        if self.short:
+            measured = np.where(self.sections.open, self.sections.median, 0.0)
+        return np.where(self.counted, measured, np.nan)
+
+
+def trace_vessels(
+    network: VesselNetwork, segmentation: Segmentation, fit: Fit, spacing_mm: float
+) -> tuple[VesselTrace, ...]:
+    """Cut every vessel of a network across, in an aligned scan.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        The design.
+    segmentation : Segmentation
+        Of the scan.
+    fit : Fit
+        Scan to part; the scaled one, so that sections follow the print.
+    spacing_mm : float, mm
+        Between sections.
+    """
+    neighbours = Neighbours(network)
+    degree = network.degree()[network.vessel_nodes]
+    # An end face is rounded by the smoothing, a junction's rim as well.
+    border = 2 * float(segmentation.field.voxel_mm.max())
+    trim = np.where(degree > 1, 1.05 * clearances(network) + border, 2 * border)
+    lengths = network.lengths()
+    return tuple(
+        _trace(
+            vessel,
+            float(lengths[vessel]),
+            stations(network, vessel, spacing_mm),
+            trim[vessel],
+            border,
+            (segmentation, fit, neighbours),
+        )
+        for vessel in range(network.vessel_count)
+    )
+
+
+def _trace(
+    vessel: int,
+    length: float,
+    where: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    trim: FloatArray,
+    border: float,
+    scene: tuple[Segmentation, Fit, Neighbours],
+) -> VesselTrace:
+    along, centre, tangent, radius = where
+    segmentation, fit, neighbours = scene
+    planes = to_scan(centre, tangent, radius, fit)
+    sections = cut(segmentation.field, planes)
+    apart = (along > trim[0]) & (along < length - trim[1])
+    # Beside a vessel that leaves at a narrow angle there is still no gel thick enough to be told.
+    apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0
+    # Within a junction there is no gel around to send light back.
+    seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
+    short = not apart.any()
+    if short:
+        # Its middle third, where half of the rays must meet the wall; those that look into a
+        # neighbour don't sway the median.
+        own = neighbours.free_wall(vessel, centre, tangent, radius) >= _FREE_WALL
+        middle = np.abs(along - length / 2) <= length / 6
+        counted = seen & own & middle & ((sections.met >= 0.5) | ~sections.open)
+    else:
+        counted = seen & apart & (sections.closed_outline | ~sections.open)
+    return VesselTrace(
+        vessel, length, along, centre, radius, planes, sections, seen, apart, counted, short
+    )
+
+
+def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
+    """Whether light came back from the gel around the designed lumen; always, without light."""
+    if segmentation.strength is None:
+        return np.ones(len(planes.centre), dtype=np.bool_)
+    field, strength = segmentation.field, segmentation.strength
+    margin = 2 * float(field.voxel_mm.max())
+    angle = 2 * np.pi * np.arange(12) / 12
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring = (planes.radius + margin)[:, None, None] * (circle @ planes.across)
+    where = (planes.centre[:, None] + ring - field.origin_mm) / field.voxel_mm
+    flat = np.ascontiguousarray(where.reshape(-1, 3))
+    around = sample(strength.signal, flat).reshape(where.shape[:2])
+    return np.asarray(np.nan_to_num(around).mean(axis=1) > strength.noise)

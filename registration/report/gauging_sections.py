@@ -1,0 +1,152 @@
+"""What the page says of defects, topology and flow as printed; all of it optional."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from registration.report.sections import Fact, mapping, records
+from registration.report.tables import Column, Record, Table, make_table
+from registration.report.wording import MISSING, fixed, is_number, number
+
+DEFECT_COLUMNS: Final = (
+    Column("vessel", "Vessel", kind="text"),
+    Column("kind", "Defect", kind="text"),
+    Column("to", "Leads to", kind="text"),
+    Column("at_mm", "At", "mm"),
+    Column("extent", "From – to, mm", kind="text"),
+    Column("place", "Place x, y, z, mm", kind="text"),
+    Column("size_um", "Size", "µm"),
+    Column("error_um", "± (95 %)", "µm"),
+    Column("percent", "Of the diameter", "%", "signed"),
+    Column("wall_um", "Wall moved", "µm", "signed"),
+    Column("seen", "All seen", kind="mark"),
+    Column("source", "Written by", kind="text"),
+    Column("lines", "G-code lines", kind="text"),
+)
+PERFUSION_COLUMNS: Final = (
+    Column("vessel", "Vessel", kind="text"),
+    Column("designed_resistance_pa_s_ul", "Resistance, designed", "Pa·s/µL", digits=6),
+    Column("resistance_pa_s_ul", "As printed", "Pa·s/µL", digits=6),
+    Column("ratio", "Printed over designed", digits=4),
+    Column("designed_share", "Share of flow, designed", "%", factor=100.0),
+    Column("share", "As printed", "%", factor=100.0),
+    Column("measured", "Measured", kind="mark"),
+    Column("fed", "Fed", kind="mark"),
+)
+
+
+def two_way_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """What is compared over both fits beside the scan's own statistics: label, rigid, scaled."""
+    back = [mapping(registration, f"{fit}_model_to_scan") for fit in ("rigid", "scaled")]
+    overlaps = [mapping(mapping(registration, "overlap"), fit) for fit in ("rigid", "scaled")]
+    hausdorff = mapping(registration, "hausdorff_p95_um")
+    wanted: list[tuple[str, Sequence[Any], int, float]] = [
+        ("Design to scan, RMS / µm", [b.get("rms_um") for b in back], 1, 1.0),
+        ("Design to scan, 95th percentile / µm", [b.get("p95_um") for b in back], 1, 1.0),
+        (
+            "95 % Hausdorff distance / µm",
+            [hausdorff.get(fit) for fit in ("rigid", "scaled")],
+            1,
+            1.0,
+        ),
+        ("Dice of the lumens", [o.get("dice") for o in overlaps], 3, 1.0),
+        ("Lumen volume, printed / designed", [o.get("volume_ratio") for o in overlaps], 3, 1.0),
+    ]
+    return [
+        (label, *_pair(values, decimals, factor))
+        for label, values, decimals, factor in wanted
+        if any(is_number(value) for value in values)
+    ]
+
+
+def _pair(values: Sequence[Any], decimals: int, factor: float) -> tuple[str, str]:
+    first, second = (fixed(v * factor if is_number(v) else None, decimals) for v in values)
+    return first, second
+
+
+def defect_table(registration: Mapping[str, Any]) -> Table | None:
+    """The defects that were found, in the network's order."""
+    rows = [_defect(row) for row in records(registration, "defects")]
+    return make_table("defects", rows, DEFECT_COLUMNS, order="by vessel") if rows else None
+
+
+def _defect(row: Record) -> dict[str, Any]:
+    to = {"leak": "outside", "bridge": f"vessel {row.get('other')}"}.get(str(row.get("kind")))
+    place = row.get("point_mm")
+    made = mapping(row, "made_by")
+    return {
+        **row,
+        "to": to,
+        "extent": _span(row.get("from_mm"), row.get("to_mm")),
+        "place": ", ".join(f"{v:.2f}" for v in place) if isinstance(place, list | tuple) else None,
+        "source": _source(made),
+        "lines": f"{made.get('first_line')} – {made.get('last_line')}"
+        if made.get("line_count")
+        else None,
+    }
+
+
+def _span(first: Any, last: Any) -> str | None:
+    if not (is_number(first) and is_number(last)):
+        return None
+    return f"{first:.2f} – {last:.2f}"
+
+
+def _source(made: Mapping[str, Any]) -> str | None:
+    for name in ("layers", "vessels"):
+        found = made.get(name)
+        if isinstance(found, list) and found:
+            word = name[:-1] if len(found) == 1 else name
+            few = found if len(found) < 4 else [f"{found[0]} to {found[-1]}"]
+            return f"{word} {', '.join(map(str, few))}"
+    return None
+
+
+def perfusion_table(registration: Mapping[str, Any]) -> Table | None:
+    """Resistance and share of the flow of each vessel, as designed and as printed."""
+    rows = [_driven(row) for row in records(mapping(registration, "perfusion"), "vessels")]
+    return make_table("perfusion", rows, PERFUSION_COLUMNS, order="by number") if rows else None
+
+
+def _driven(row: Record) -> dict[str, Any]:
+    printed, designed = row.get("resistance_pa_s_ul"), row.get("designed_resistance_pa_s_ul")
+    ratio = printed / designed if is_number(printed) and is_number(designed) else None
+    return {**row, "ratio": ratio}
+
+
+def printed_facts(registration: Mapping[str, Any]) -> list[Fact]:
+    """Topology and perfusion in a few lines."""
+    result = []
+    topology, flow = mapping(registration, "topology"), mapping(registration, "perfusion")
+    if topology:
+        result += [
+            Fact("Components, loops: designed", _betti(mapping(topology, "designed"))),
+            Fact("Components, loops: printed", _betti(mapping(topology, "printed"))),
+            Fact("Hangs together as designed", _told(topology.get("as_designed"))),
+        ]
+        if topology.get("as_designed") is False:
+            closed = _told(topology.get("explained"))
+            result.append(Fact("Explained by the closed vessels and bridges", closed))
+    if flow:
+        result.append(Fact("Perfuses as printed", _told(flow.get("perfused"))))
+        for key, label in (
+            ("designed_pressure_drop_pa", "Pressure drop, designed"),
+            ("pressure_drop_pa", "Pressure drop, as printed"),
+        ):
+            if is_number(flow.get(key)):
+                result.append(Fact(label, number(flow[key], 3), "Pa"))
+    seen = registration.get("model_seen_fraction")
+    if is_number(seen):
+        result.append(Fact("Design's surface seen", number(100 * seen, 3), "%"))
+    return result
+
+
+def _betti(found: Mapping[str, Any]) -> str:
+    return f"{number(found.get('components'))}, {number(found.get('loops'))}"
+
+
+def _told(value: Any) -> str:
+    if not isinstance(value, bool):
+        return f"not known ({MISSING})"
+    return "yes" if value else "no"

@@ -1,0 +1,23 @@
+"""How the printed lumens hang together, held against the design's graph."""
+
+from registration.topology.compare import Faults, Topology, compare_topology, graph_betti
+from registration.topology.euler import Betti, betti_numbers
+from registration.topology.grid import LumenGrid, lay_grid, scanned_with
+from registration.topology.leaks import Leaks, find_leaks
+from registration.topology.overlap import Overlap, overlap
+
+__all__ = [
+    "Betti",
+    "Faults",
+    "Leaks",
+    "LumenGrid",
+    "Overlap",
+    "Topology",
+    "betti_numbers",
+    "compare_topology",
+    "find_leaks",
+    "graph_betti",
+    "lay_grid",
+    "overlap",
+    "scanned_with",
+]

@@ -1,0 +1,157 @@
+"""Defects, both ways, topology and flow on the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lxml import html
+
+from registration.report import write_report_html
+from registration.report.gauging_figures import (
+    MOST_PROFILES,
+    curve_figure,
+    layer_deviation_figure,
+    profile_figure,
+)
+from registration.report.gauging_sections import (
+    defect_table,
+    perfusion_table,
+    printed_facts,
+    two_way_rows,
+)
+
+
+def gauged() -> dict[str, Any]:
+    """A registration of two vessels, one with a stenosis and a bridge to the other."""
+    along = [0.1 * i for i in range(30)]
+    vessels = [
+        {"vessel": v, "designed_um": 500.0, "measured_um": 490.0, "error_percent": -2.0,
+         "length_mm": 3.0, "open": True, "along_mm": along, "unseen_mm": [[2.8, 3.0]],
+         "diameter_um": [490.0 if v or not 10 < i < 14 else 250.0 for i in range(30)]}
+        for v in (0, 1)
+    ]  # fmt: skip
+    stenosis = {
+        "kind": "stenosis", "vessel": 0, "other": None, "from_mm": 1.0, "to_mm": 1.5,
+        "at_mm": 1.2, "point_mm": [1.2, 0.5, 0.25], "size_um": -240.0, "error_um": 4.0,
+        "percent": -49.0, "wall_um": -121.0, "seen": True,
+        "made_by": {"layers": [3, 4, 5, 6], "first_line": 40, "last_line": 71, "line_count": 9},
+    }  # fmt: skip
+    bridge = stenosis | {
+        "kind": "bridge", "other": 1, "size_um": 210.0, "percent": None, "wall_um": None,
+        "made_by": {"layers": [], "first_line": 0, "last_line": 0, "line_count": 0},
+    }  # fmt: skip
+    betti = {"components": 1, "loops": 3, "cavities": 0, "euler": -2}
+    flow = {"vessel": 0, "resistance_pa_s_ul": 3.0, "designed_resistance_pa_s_ul": 1.5,
+            "share": 0.3, "designed_share": 0.5, "measured": True, "fed": True}  # fmt: skip
+    return {
+        "vessels": vessels,
+        "defects": [stenosis, bridge],
+        "rigid_model_to_scan": {"rms_um": 50.0, "p95_um": 90.0},
+        "scaled_model_to_scan": {"rms_um": 8.0, "p95_um": 14.0},
+        "hausdorff_p95_um": {"rigid": 95.0, "scaled": 14.5},
+        "overlap": {
+            "rigid": {"dice": 0.93, "volume_ratio": 0.94},
+            "scaled": {"dice": 0.98, "volume_ratio": 0.955},
+        },
+        "topology": {
+            "designed": betti, "printed": betti | {"loops": 4}, "as_designed": False,
+            "explained": True,
+        },
+        "perfusion": {
+            "perfused": None, "pressure_drop_pa": 12.0, "designed_pressure_drop_pa": 10.0,
+            "vessels": [flow, flow | {"vessel": 1, "resistance_pa_s_ul": None, "fed": False}],
+        },
+        "within_curve": {
+            "tolerance_um": [0, 50, 100], "rigid": [0, 0.5, 1], "scaled": [0, 0.9, 1],
+        },
+        "by_layer": [
+            {"layer": k, "z_mm": 0.06 * k, "mean_um": -5.0, "rms_um": 9.0} for k in range(5)
+        ],
+        "model_seen_fraction": 0.97,
+    }  # fmt: skip
+
+
+def cells(table: Any) -> list[list[str]]:
+    return [[cell.text for cell in row.cells] for row in table.rows]
+
+
+def test_defects_are_told_with_place_size_and_lines() -> None:
+    table = defect_table(gauged())
+    assert table is not None
+    stenosis, bridge = cells(table)
+    assert stenosis[:2] == ["0", "stenosis"]
+    assert "1.00 – 1.50" in stenosis
+    assert "1.20, 0.50, 0.25" in stenosis
+    assert "layers 3 to 6" in stenosis
+    assert "40 – 71" in stenosis
+    assert "vessel 1" in bridge
+    assert [row.vessel for row in table.rows] == [0, 0]
+
+
+def test_no_defects_no_table() -> None:
+    assert defect_table({"defects": []}) is None
+
+
+def test_both_fits_stand_side_by_side() -> None:
+    rows = {label: pair for label, *pair in two_way_rows(gauged())}
+    assert rows["95 % Hausdorff distance / µm"] == ["95.0", "14.5"]
+    assert rows["Dice of the lumens"] == ["0.930", "0.980"]
+    assert two_way_rows({}) == []
+
+
+def test_flow_as_printed_against_designed() -> None:
+    table = perfusion_table(gauged())
+    assert table is not None
+    first, second = cells(table)
+    assert "2.000" in first
+    assert second[-1] == "no"
+    assert second[3] == "–"
+
+
+def test_what_isnt_known_is_said_to_be() -> None:
+    facts = {fact.label: fact.value for fact in printed_facts(gauged())}
+    assert facts["Components, loops: printed"] == "1, 4"
+    assert facts["Explained by the closed vessels and bridges"] == "yes"
+    assert facts["Perfuses as printed"].startswith("not known")
+    assert facts["Design's surface seen"] == "97"
+
+
+def test_the_page_shows_it_all(tmp_path: Path) -> None:
+    write_report_html(tmp_path / "a.html", {"registration": gauged()}, [], None)
+    page = html.fromstring((tmp_path / "a.html").read_text(encoding="utf-8"))
+    text = " ".join(page.text_content().split())
+    for words in ("Defects", "Does it still perfuse?", "95 % Hausdorff", "any tolerance",
+                  "each written layer", "Diameter along the vessels"):  # fmt: skip
+        assert words in text, words
+    assert len(page.xpath('//table[@id="defects-table"]/tbody/tr')) == 2
+
+
+def test_a_clean_print_says_that_nothing_stands_out(tmp_path: Path) -> None:
+    clean = gauged() | {"defects": [], "all_open": True}
+    write_report_html(tmp_path / "a.html", {"registration": clean}, [], None)
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "None stands out" in text
+    assert "not all of every vessel" not in text
+
+
+def test_profiles_show_the_ill_first() -> None:
+    many = [gauged()["vessels"][1] | {"vessel": v, "error_percent": v / 10} for v in range(40)]
+    drawn = profile_figure(many, [{"kind": "leak", "vessel": 3, "from_mm": 1, "to_mm": 1.2}])
+    assert drawn is not None
+    text = drawn.decode()
+    assert "vessel 3: leak" in text
+    assert "vessel 39" in text
+    assert "vessel 5<" not in text
+    assert text.count(">vessel ") == MOST_PROFILES
+
+
+@pytest.mark.parametrize("values", [[], [{"along_mm": [], "vessel": 0}]])
+def test_nothing_measured_draws_nothing(values: list[dict[str, Any]]) -> None:
+    assert profile_figure(values, []) is None
+    assert layer_deviation_figure([{"z_mm": 1.0, "rms_um": None}]) is None
+
+
+def test_curve_is_an_svg() -> None:
+    assert curve_figure([0, 10], [0, 1], [0, None]).startswith(b"<?xml")

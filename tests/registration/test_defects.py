@@ -1,0 +1,186 @@
+"""Defects of known place and size in a phantom, and none in clean ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from registration.alignment import Alignment, Uncertainty
+from registration.distance import ModelSurface
+from registration.findings import Findings, Inspection, inspect
+from registration.gauging import deviations, find_changes
+from registration.segmentation import Segmentation
+from tests.registration.phantom import (
+    CHANNEL,
+    IDENTITY,
+    WIDE,
+    block,
+    ladder,
+    ladder_construct,
+    traces,
+)
+
+FloatArray = NDArray[np.float64]
+NOISE = 0.004
+
+
+SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
+
+
+def findings(segmentation: Segmentation) -> Findings:
+    surface = ModelSurface.of(ladder_construct())
+    deviation = deviations(surface, segmentation.vertices, False)
+    fits = Alignment(IDENTITY, IDENTITY, True, np.inf, False, SURE)
+    network = ladder()
+    return inspect(
+        Inspection(network, surface, False, segmentation, fits, deviation, 0.1, 1e-3, None)
+    )
+
+
+def hump(vessel: int, at: float, height: float, sigma: float):
+    def change(v: int, along: FloatArray) -> FloatArray:
+        return height * np.exp(-0.5 * ((along - at) / sigma) ** 2) * (v == vessel)
+
+    return change
+
+
+def plug(low: float, high: float, radius: float = 0.4):
+    """Gel in the first channel between two places along it, with flat ends."""
+
+    def distance(points: FloatArray) -> FloatArray:
+        away = np.hypot(points[..., 1] - 1.2, points[..., 2] - 1.3) - radius
+        middle, half = 1.7 + (low + high) / 2, (high - low) / 2
+        return np.maximum(away, np.abs(points[..., 0] - middle) - half)
+
+    return distance
+
+
+def hole(start: tuple[float, float, float], end: tuple[float, float, float], radius: float):
+    a, b = np.array(start), np.array(end)
+
+    def distance(points: FloatArray) -> FloatArray:
+        t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        return np.linalg.norm(points - a - t[..., None] * (b - a), axis=-1) - radius
+
+    return distance
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_clean_print_has_no_defect(seed: int) -> None:
+    found = findings(block(noise=NOISE * (1 + seed), seed=seed))
+    assert found.defects == ()
+    assert found.topology.as_designed is True
+
+
+def test_bulge_is_found_where_it_is_with_its_size() -> None:
+    found = findings(block(hump(WIDE, 3.0, 0.060, 0.25), noise=NOISE)).defects
+    assert [(d.kind, d.vessel) for d in found] == [("bulge", WIDE)]
+    (defect,) = found
+    assert defect.size_um == pytest.approx(120, abs=10)
+    assert defect.wall_um == pytest.approx(60, abs=10)
+    assert defect.at_mm == pytest.approx(3.0, abs=0.1)
+    assert defect.from_mm < 3.0 < defect.to_mm
+    np.testing.assert_allclose(defect.point_mm, (4.7, 3.2, 1.3), atol=0.1)
+    assert 0 < defect.error_um < 15
+    assert defect.seen
+
+
+def test_one_sided_bulge_is_told_by_its_wall() -> None:
+    pocket = hole((4.5, 1.2, 1.3), (4.5, 1.2 - 0.06, 1.3), 0.25)
+    (defect,) = findings(block(extra=pocket, noise=NOISE / 2)).defects
+    assert (defect.kind, defect.vessel) == ("bulge", CHANNEL)
+    assert defect.wall_um == pytest.approx(60, abs=10)
+    assert defect.size_um < 60
+
+
+def test_half_stenosis_is_found_with_its_size() -> None:
+    found = findings(block(hump(CHANNEL, 2.0, -0.125, 0.3), noise=NOISE)).defects
+    assert [(d.kind, d.vessel) for d in found] == [("stenosis", CHANNEL)]
+    assert found[0].size_um == pytest.approx(-250, abs=10)
+    assert found[0].percent == pytest.approx(-50, abs=2)
+    assert found[0].at_mm == pytest.approx(2.0, abs=0.1)
+
+
+def test_stenosis_over_most_of_a_vessel_isnt_taken_for_its_usual_width() -> None:
+    narrow = lambda v, along: np.full_like(along, -0.06 * (v == CHANNEL))  # noqa: E731
+    found = findings(block(narrow, noise=NOISE)).defects
+    assert {(d.kind, d.vessel) for d in found} == {("stenosis", CHANNEL)}
+    assert found[0].size_um == pytest.approx(-120, abs=12)
+
+
+def test_occlusion_is_found_with_its_length() -> None:
+    found = findings(block(filled=plug(2.3, 3.1), noise=NOISE))
+    assert [(d.kind, d.vessel) for d in found.defects] == [("occlusion", CHANNEL)]
+    assert found.defects[0].size_um == pytest.approx(800, abs=10)
+    assert found.defects[0].at_mm == pytest.approx(2.7, abs=0.02)
+    assert found.vessels[CHANNEL].open is False
+    assert found.vessels[WIDE].open is True
+    assert found.topology.as_designed is False
+    assert found.topology.explained is True
+
+
+def test_missing_vessel_is_called_missing() -> None:
+    found = findings(block(filled=plug(0.31, 5.29), noise=NOISE))
+    assert [(d.kind, d.vessel) for d in found.defects] == [("missing", CHANNEL)]
+    assert found.defects[0].size_um == pytest.approx(500)
+    assert found.topology.printed.loops == 0
+    assert found.topology.explained is True
+
+
+def test_leak_to_the_outside_is_found_with_its_width() -> None:
+    leak = hole((4.5, 3.2, 1.3), (4.5, 3.2, 9.0), 0.12)
+    found = findings(block(extra=leak, noise=NOISE))
+    assert [(d.kind, d.vessel, d.other) for d in found.defects] == [("leak", WIDE, None)]
+    assert found.defects[0].size_um == pytest.approx(240, abs=10)
+    assert found.defects[0].at_mm == pytest.approx(2.8, abs=0.1)
+    assert found.vessels[WIDE].open is True
+
+
+def test_bridge_between_vessels_is_found_with_its_width() -> None:
+    way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.12)
+    found = findings(block(extra=way, noise=NOISE))
+    assert [(d.kind, d.vessel, d.other) for d in found.defects] == [("bridge", CHANNEL, WIDE)]
+    assert found.defects[0].size_um == pytest.approx(240, abs=10)
+    assert found.topology.as_designed is False
+    assert found.topology.explained is True
+
+
+def test_bubble_in_the_gel_leads_nowhere_and_is_no_leak() -> None:
+    bubble = hole((4.5, 2.2, 1.3), (4.6, 2.2, 1.3), 0.2)
+    assert findings(block(extra=bubble, noise=NOISE)).defects == ()
+
+
+def test_a_print_wider_all_over_has_no_defect() -> None:
+    wider = lambda v, along: np.full_like(along, 0.03)  # noqa: E731
+    found = findings(block(wider, noise=NOISE))
+    assert found.defects == ()
+    assert found.vessels[CHANNEL].error_percent == pytest.approx(12, abs=1)
+
+
+def test_threshold_grows_with_the_noise() -> None:
+    faint = hump(WIDE, 3.0, 0.012, 0.25)
+    quiet, loud = (find_changes(traces(block(faint, noise=n)), 1.0) for n in (0.001, 0.02))
+    assert [d.kind for d in quiet] == ["bulge"]
+    assert loud == []
+
+
+def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
+    whole = block(filled=plug(2.3, 5.2), noise=NOISE)
+    # The field of view ends 4 mm along the channel.
+    field = whole.field
+    cut = field.values[:, :, : int((1.7 + 4.0 + 0.4) / 0.05)]
+    seen = type(field)(cut, field.level, field.sign, field.voxel_mm, field.origin_mm, 0.0)
+    part = Segmentation(
+        seen, whole.vertices, whole.outward, whole.faces, whole.seen, whole.contrast, None
+    )
+    found = findings(part)
+    (defect,) = [d for d in found.defects if d.vessel == CHANNEL]
+    assert defect.kind == "occlusion"
+    assert defect.from_mm == pytest.approx(2.3, abs=0.02)
+    assert not defect.seen
+    gauge = found.vessels[WIDE]
+    assert gauge.open is None
+    assert gauge.seen_fraction < 0.8
+    assert gauge.unseen_mm[-1][1] == pytest.approx(gauge.length_mm)
+    assert found.topology.as_designed is None

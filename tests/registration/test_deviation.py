@@ -1,0 +1,125 @@
+"""Deviations both ways on shapes with known answers."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from design.solids.solid import Solid
+from registration.alignment import Fit
+from registration.distance import ModelSurface
+from registration.gauging import (
+    ScannedSurface,
+    deviations,
+    hausdorff_p95_um,
+    summarise,
+    surface_points,
+    within,
+)
+from registration.segmentation import GelField, Segmentation
+from registration.segmentation.mesh import surface_mesh
+from tests.registration.parts import solid
+
+HERE = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
+VOXEL = 0.04
+
+
+def ball_scan(radius: float, middle: tuple[float, float, float] = (0, 0, 0)) -> Segmentation:
+    """A ball of gel in liquid, as segmented."""
+    axis = np.arange(-1.6, 1.6, VOXEL)
+    z, y, x = np.meshgrid(axis, axis, axis, indexing="ij")
+    away = np.sqrt((x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2)
+    values = np.clip(0.5 + (radius - away) / 0.3, 0, 1).astype(np.float32)
+    field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), np.full(3, -1.6), 0.0)
+    mesh = surface_mesh(field, None, 0.1)
+    return Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 9.0, None)
+
+
+def deviations_back(points: np.ndarray, scan: Segmentation, fit: Fit) -> np.ndarray:
+    return ScannedSurface.of(scan).deviations_back(points, fit)
+
+
+def ball_model(radius: float) -> ModelSurface:
+    return ModelSurface.of(solid(manifold3d.Manifold.sphere(radius, 128)))
+
+
+@pytest.mark.parametrize("excess", [-0.06, 0.0, 0.08])
+def test_larger_ball_deviates_negatively_by_its_excess_both_ways(excess: float) -> None:
+    model, scan = ball_model(1.0), ball_scan(1.0 + excess)
+    there = deviations(model, scan.vertices, False)
+    back = deviations_back(surface_points(model, 5000), scan, HERE)
+    np.testing.assert_allclose(there, -excess, atol=0.004)
+    np.testing.assert_allclose(back, -excess, atol=0.004)
+    assert hausdorff_p95_um(there, back) == pytest.approx(1e3 * abs(excess), abs=4)
+
+
+def test_eccentric_ball_deviates_by_the_cosine() -> None:
+    model, scan = ball_model(1.0), ball_scan(1.0, (0.1, 0, 0))
+    points = surface_points(model, 4000)
+    back = deviations_back(points, scan, HERE)
+    expected = np.linalg.norm(points - [0.1, 0, 0], axis=1) - 1
+    np.testing.assert_allclose(back, expected, atol=0.004)
+    found = summarise(back)
+    assert found.mean_um == pytest.approx(0, abs=5)
+    # Over a ball x is uniform in [-1, 1].
+    assert found.rms_um == pytest.approx(100 / np.sqrt(3), rel=0.05)
+    assert found.max_um == pytest.approx(100, abs=5)
+
+
+def test_what_isnt_in_the_field_of_view_isnt_measured_back() -> None:
+    scan = ball_scan(1.0)
+    half = scan.field.values[:, :, : int(1.6 / VOXEL)]
+    field = GelField(half, 0.5, 1.0, np.full(3, VOXEL), np.full(3, -1.6), 0.0)
+    part = Segmentation(field, scan.vertices, scan.outward, scan.faces, scan.seen, 9.0, None)
+    points = surface_points(ball_model(1.0), 4000)
+    assert len(deviations_back(points, part, HERE)) == pytest.approx(2000, rel=0.08)
+
+
+def test_missing_hole_shows_only_on_the_way_back() -> None:
+    bored = manifold3d.Manifold.sphere(1.0, 96) - manifold3d.Manifold.cylinder(
+        4, 0.3, 0.3, 64, center=True
+    )
+    model, scan = ModelSurface.of(solid(bored)), ball_scan(1.0)
+    there = summarise(deviations(model, scan.vertices, False))
+    back = summarise(deviations_back(surface_points(model), scan, HERE))
+    assert there.max_um < 320
+    # The middle of the bore lies a whole radius from the nearest scanned surface.
+    assert back.max_um == pytest.approx(1e3 * (1 - 0.3), abs=60)
+    assert back.mean_um < -50
+
+
+def test_points_are_spread_by_area() -> None:
+    box = ModelSurface.of(solid(manifold3d.Manifold.cube((4.0, 1.0, 1.0))))
+    points = surface_points(box, 9000)
+    on_end = np.isclose(points[:, 0], 0).mean()
+    assert on_end == pytest.approx(1 / 18, abs=0.003)
+    top = points[np.isclose(points[:, 2], 1)]
+    counts, _, _ = np.histogram2d(top[:, 0], top[:, 1], bins=(8, 2))
+    assert counts.min() > 0.8 * counts.mean()
+    np.testing.assert_array_equal(points, surface_points(box, 9000))
+
+
+def test_share_within_any_tolerance() -> None:
+    deviation = np.array([-0.03, 0.01, 0.02, 0.06])
+    assert within(deviation, 15) == 0.25
+    assert summarise(deviation, (15.0, 60.0)).within == {15.0: 0.25, 60.0: 1.0}
+
+
+def test_nothing_measured_is_nan_not_zero() -> None:
+    empty = np.empty(0)
+    assert np.isnan(summarise(empty).rms_um)
+    assert np.isnan(hausdorff_p95_um(empty, np.ones(3)))
+
+
+def test_way_back_is_exact_in_any_frame() -> None:
+    scan = ball_scan(1.0)
+    turn = Rotation.from_euler("xyz", (4, -3, 8), degrees=True).as_matrix()
+    fit = Fit(turn, np.array([0.05, -0.02, 0.01]), np.array([1.02, 0.98, 1.01]), np.zeros(3))
+    points = surface_points(ball_model(1.0), 2000)
+    surface = ModelSurface.of(Solid(fit.apply(scan.vertices), scan.faces))
+    found = deviations_back(points, scan, fit)
+    # The facets' side, and the field's, of the few points that lie on the surface may differ.
+    np.testing.assert_allclose(np.abs(found), np.abs(surface.query(points).distance), atol=1e-12)
+    assert (np.sign(found) == np.sign(surface.query(points).distance)).mean() > 0.99
