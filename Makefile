@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link bench-solids clean
+.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -37,6 +37,10 @@ bench-link: $(VENV)/.ready
 # Minutes, most of them PrusaSlicer's where it is installed; BENCH="--quick" without the large part.
 bench-solids: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.solids $(BENCH)
+
+# Scan to report; BENCH="--quick" for a tenth of the cases.
+bench-registration: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.registration $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
