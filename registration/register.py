@@ -32,6 +32,8 @@ from registration.segmentation import SegmentationOptions, segment
 
 FloatArray = NDArray[np.float64]
 
+MOST_WORKING_VOXELS = 25_000_000
+"""What a segmentation works on, unless 0.1 mm asks for more: a gigabyte and a half."""
 HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
 CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
 """Tolerances for which the share within is told."""
@@ -44,8 +46,8 @@ class RegistrationOptions:
     Attributes
     ----------
     working_voxel_mm : float or None, mm
-        Voxels are averaged to about this; None takes a twelfth of the thinnest lumen, at most
-        0.1 mm.
+        Voxels are averaged to about this; None takes a twelfth of the thinnest lumen, more where
+        the scan is large, and at most 0.1 mm.
     smoothing_mm : float or None, mm
         Gaussian; None takes 0.8 of the working voxel.
     lumens : "dark" or "bright"
@@ -103,7 +105,7 @@ def register_scan(
     surface = ModelSurface.of(model)
     is_lumen = _model_is_lumen(surface, network)
     thinnest = 2 * float(network.radius.min())
-    segmentation = segment(scan, _segmentation_options(options, thinnest))
+    segmentation = segment(scan, _segmentation_options(scan, options, thinnest))
     points = segmentation.vertices[segmentation.seen]
     blur = segmentation.field.blur_mm
     alignment = align(surface, points, scan.depth_down, options.alignment, blur_mm=blur)
@@ -186,9 +188,13 @@ def _both_ways(
     return _BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 
-def _segmentation_options(options: RegistrationOptions, thinnest: float) -> SegmentationOptions:
+def _segmentation_options(
+    scan: Scan, options: RegistrationOptions, thinnest: float
+) -> SegmentationOptions:
+    voxel = float(np.prod(scan.geometric_voxel_mm))
+    fine = max(thinnest / 12, (voxel * scan.volume.size / MOST_WORKING_VOXELS) ** (1 / 3))
     return SegmentationOptions(
-        working_voxel_mm=options.working_voxel_mm or min(0.1, thinnest / 12),
+        working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
         smoothing_mm=options.smoothing_mm,
         lumens=options.lumens,
     )

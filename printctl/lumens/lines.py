@@ -106,13 +106,26 @@ def read_lines(
     return lines
 
 
-def rounded_to_steps(lines: WrittenLines, steps_per_mm: tuple[float, float]) -> WrittenLines:
-    """The same lines between the whole motor steps of x and y; widths stay."""
+def rounded_to_steps(
+    lines: WrittenLines,
+    steps_per_mm: tuple[float, float],
+    offset_mm: FloatArray | None = None,
+) -> WrittenLines:
+    """The same lines between the whole motor steps of x and y; widths stay.
+
+    Parameters
+    ----------
+    lines : WrittenLines
+    steps_per_mm : tuple, 1/mm
+    offset_mm : (n, 2) float64 or None, mm
+        Of each line's tip from the place that the motors hold, where these differ.
+    """
     steps = np.array(steps_per_mm)
+    off = 0.0 if offset_mm is None else offset_mm
     return replace(
         lines,
-        start=np.rint(lines.start * steps) / steps,
-        end=np.rint(lines.end * steps) / steps,
+        start=np.rint((lines.start - off) * steps) / steps + off,
+        end=np.rint((lines.end - off) * steps) / steps + off,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,8 +11,10 @@ from firmware_profiles import Printer
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import plain_lines, said_start
 from printctl.lumens.filaments import Filaments, filaments
+from printctl.lumens.heads import of_heads, stacked, stacked_filaments
 from printctl.lumens.line_widths import check_width
 from printctl.lumens.lines import (
+    WINDOW_MM,
     WINDOWLESS_MM,
     WrittenLines,
     layered,
@@ -46,6 +48,8 @@ class Writing:
         Whose head writes, and whose steps and planner are taken.
     ul_per_e : float or None, µL/mm
         Of a plunger or filament; None for a pneumatic head, or where ``line_mm`` says all.
+    ul_per_e_of_heads : tuple of float, µL/mm
+        Of each of several heads' plungers; ``ul_per_e`` for all where it is empty.
     flow_ul_s : float or None, µL/s
         Of a pneumatic head while its valve is open.
     line_mm : float or None, mm
@@ -65,6 +69,7 @@ class Writing:
     layer_mm: float | None = None
     rounded: bool = False
     start_mm: Place | None = None
+    ul_per_e_of_heads: tuple[float, ...] = ()
 
 
 def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLines]:
@@ -81,6 +86,8 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
         When the bytes aren't text.
     """
     printer = writing.printer
+    if printer.heads:
+        return _layers_of_heads(gcode, writing)
     if printer.pneumatic is None:
         lines = read_lines(
             gcode,
@@ -102,6 +109,34 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
     return both
 
 
+def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLines]:
+    """Lines of all heads at their own tips' places."""
+    printer, each = writing.printer, []
+    run = _run(gcode, writing)
+    for view, ul_per_e in zip(of_heads(run, printer), _per_e(writing), strict=True):
+        each.append(plunger_strokes(view.program, ul_per_e))
+    strokes, head = stacked(each)
+    if not len(strokes.line):
+        raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
+    lines = layered(strokes, writing.layer_mm, WINDOW_MM, writing.rounded)
+    if writing.line_mm is not None:
+        lines = replace(lines, width=np.full(len(lines), writing.line_mm))
+    check_width(lines.width, lines.line)
+    offset = np.array([one.offset_mm.mm for one in printer.heads])[head, :2]
+    steps = (printer.steps_per_mm.x, printer.steps_per_mm.y)
+    return lines, rounded_to_steps(lines, steps, offset)
+
+
+def _per_e(writing: Writing) -> list[float]:
+    """What a millimetre of each head's plunger pushes, µL."""
+    if writing.ul_per_e_of_heads:
+        return list(writing.ul_per_e_of_heads)
+    if writing.ul_per_e is None and writing.line_mm is None:
+        raise UsageError("what one E means isn't known; give a syringe, a filament or line widths")
+    one = 1.0 if writing.ul_per_e is None else writing.ul_per_e
+    return [one] * writing.printer.head_count
+
+
 _NEVER: Final = (
     "no move of the G-code goes sideways with the valve open; is it this printer's file "
     "(--printer)?"
@@ -121,12 +156,31 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments
     GcodeError
         When the bytes aren't text.
     """
+    if writing.printer.heads:
+        return _filaments_of_heads(gcode, writing)
     ideal, run = _strokes(gcode, writing, level=False)
     per_mm = writing.ul_per_e or 0.0
     stepped = run_strokes(run, writing.printer, per_mm, writing.flow_ul_s, level=False)
     if writing.flow_ul_s is not None:
         return filaments(ideal, WINDOWLESS_MM), filaments(stepped, WINDOWLESS_MM)
     return filaments(ideal, _window(run, ideal, per_mm)), filaments(stepped, SMOOTHING_MM)
+
+
+def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+    """Filaments of all heads at their own tips' places."""
+    run, ideal, after = _run(gcode, writing), [], []
+    views = of_heads(run, writing.printer)
+    for number, (view, per_mm) in enumerate(zip(views, _per_e(writing), strict=True)):
+        strokes = plunger_strokes(view.program, per_mm, level=False)
+        if not len(strokes.line):
+            continue
+        ideal.append(filaments(strokes, _window(view, strokes, per_mm)))
+        printer = writing.printer.of_head(number)
+        stepped = run_strokes(view, printer, per_mm, None, level=False)
+        after.append(filaments(stepped, SMOOTHING_MM))
+    if not ideal:
+        raise UsageError("no move of the G-code pushes ink on its way; is E in it?")
+    return stacked_filaments(ideal), stacked_filaments(after)
 
 
 def _window(run: DryRun, strokes: Strokes, ul_per_mm: float) -> float:
@@ -151,9 +205,9 @@ def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
 def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, DryRun]:
     """What the file says, and its dry run."""
     text, printer = plain_lines(gcode), writing.printer
-    start = writing.start_mm or said_start(text) or (0.0, 0.0, 0.0)
+    start = _start(text, writing)
     program, valve = read_with_valve(text, printer, start)
-    run = dry_run(text, printer, start, cold_extrusion=True)
+    run = _run(gcode, writing)
     if valve is not None:
         if writing.flow_ul_s is None:
             raise UsageError(
@@ -164,3 +218,12 @@ def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, D
     if writing.ul_per_e is None:
         raise UsageError("what one E means isn't known; give a syringe or a filament")
     return plunger_strokes(program, writing.ul_per_e, level=level), run
+
+
+def _start(text: bytes, writing: Writing) -> Place:
+    return writing.start_mm or said_start(text) or (0.0, 0.0, 0.0)
+
+
+def _run(gcode: bytes, writing: Writing) -> DryRun:
+    text = plain_lines(gcode)
+    return dry_run(text, writing.printer, _start(text, writing), cold_extrusion=True)

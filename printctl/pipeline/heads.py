@@ -1,4 +1,4 @@
-"""Which of several heads writes which vessel, by what the recipe says of them."""
+"""Which of several heads writes what, by what the recipe says of them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from design.network import VesselKind, VesselNetwork
 from printctl.errors import UsageError
 from printctl.recipe.heads import HeadPart
+from printctl.recipe.making import Fresh
 
 IntArray = NDArray[np.int64]
 _NOBODY = -1
@@ -51,4 +52,50 @@ def vessel_heads(network: VesselNetwork, heads: Sequence[HeadPart]) -> IntArray:
             f"nor are {len(nobody) - 1} more; name its kind or tree in printer.heads, or let one "
             "head name neither: it writes the rest"
         )
+    return found
+
+
+def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[float]:
+    """Width of each head's lines in layers, µm: a region's own, else the toolpath's.
+
+    Parameters
+    ----------
+    part : Fresh
+    heads : sequence of HeadPart
+        Empty for a printer with one.
+    count : int
+        How many heads the printer has.
+
+    Raises
+    ------
+    UsageError
+        When a region's head isn't there, two regions of a head ask for lines of two widths, or a
+        head names vessels, which are no lines in layers.
+    """
+    for number, head in enumerate(heads):
+        if not head.writes_the_rest:
+            raise UsageError(
+                f"printer.heads.{number} names kinds or trees: vessels are written into a bath "
+                "and left open in layers; name the head in toolpath.regions instead (head)"
+            )
+    found = [part.line_um] * count
+    said: dict[int, int] = {}
+    for number, region in enumerate(part.regions):
+        if region.head is None:
+            continue
+        if region.head >= count:
+            raise UsageError(
+                f"toolpath.regions.{number}: head is {region.head}, and the printer has {count} "
+                "(counted from 0); name one of them, or choose another profile"
+            )
+        if region.line_um is None:
+            continue
+        first = said.setdefault(region.head, number)
+        found[region.head] = region.line_um
+        if part.regions[first].line_um != region.line_um:
+            raise UsageError(
+                f"toolpath.regions.{number}: line_um is {region.line_um:g}, and region {first} "
+                f"gives the same head {part.regions[first].line_um:g}; a needle writes lines of "
+                "one width"
+            )
     return found

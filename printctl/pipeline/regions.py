@@ -1,4 +1,4 @@
-"""Regions of a FRESH part with a filling of their own, from the recipe's words."""
+"""Regions of a FRESH part with a filling or a head of their own, from the recipe's words."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def make_region(part: RegionPart, number: int, folder: Path, network: VesselNetw
     DesignError
         When its mesh can't be read or isn't closed, or it has no volume.
     """
-    return Region(_solid(part, f"toolpath.regions.{number}", folder, network), make_filling(part))
+    solid = _solid(part, f"toolpath.regions.{number}", folder, network)
+    return Region(solid, make_filling(part), part.head)
 
 
 def _solid(part: RegionPart, name: str, folder: Path, network: VesselNetwork) -> Solid:

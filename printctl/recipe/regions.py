@@ -32,12 +32,28 @@ class FillingPart(Part):
 
 
 class RegionPart(FillingPart):
-    """A place that is filled in another way; of several that overlap the last counts."""
+    """A place that is filled in another way or ink; of several that overlap the last counts."""
 
     where: ZonePart | None = Field(default=None, description="A shape or a mesh.")
     around_vessels_mm: Length | None = Field(
         default=None, description="Instead of `where`: all that is nearer to a lumen than this."
     )
+
+    head: Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description="Of several, the one that writes it, with walls of its own."
+    )
+    line_um: Annotated[float, Field(ge=20, le=5000)] | None = Field(
+        default=None, description="Width of that head's lines; toolpath.line_um where not given."
+    )
+
+    @model_validator(mode="after")
+    def _lines_are_a_head_s(self) -> RegionPart:
+        if self.line_um is not None and self.head is None:
+            raise ValueError(
+                f"line_um is {self.line_um:g}, and no head is named that writes such lines; name "
+                "it (head), or leave line_um out"
+            )
+        return self
 
     @model_validator(mode="after")
     def _is_somewhere(self) -> RegionPart:

@@ -52,9 +52,12 @@ class Working:
         return Working((bz, by, bx), sigma, (voxel * bins)[::-1], origin, blur)
 
     def binned(self, scan: Scan) -> FloatVolume:
-        """Mean linear intensity on the working grid."""
-        mean: FloatVolume = bin_mean(scan.volume, self.bins, scan.scale == "db", 0.0)
-        return mean
+        """Mean linear intensity on the working grid, read slab by slab."""
+        counts = [size // of for size, of in zip(scan.volume.shape, self.bins, strict=True)]
+        out = np.empty(counts, dtype=np.float32)
+        for slab in scan.slabs(self.bins):
+            out[slab.where] = bin_mean(slab.voxels, self.bins, scan.scale == "db", 0.0)
+        return out
 
     def smoothed(self, values: FloatVolume, part: float = 1.0) -> FloatVolume:
         """Gaussian-smoothed copy, by a `part` of the standard deviation."""

@@ -10,16 +10,14 @@ from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
+from design.toolpath.fresh.carriage import Carriage, Laid, Section
 from design.toolpath.fresh.coarsen import without_short_moves
-from design.toolpath.fresh.contours import contours_of
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.infill import infill_paths
-from design.toolpath.fresh.layout import Rows, lay_out, obstacles
 from design.toolpath.fresh.options import Filling, FreshOptions
-from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
-from design.toolpath.fresh.regions import Region, Regions
+from design.toolpath.fresh.regions import Cut, Region, Regions
 from design.toolpath.fresh.report import FreshReport, Tally
 from design.toolpath.fresh.section import Layer, layer_count, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
@@ -37,12 +35,22 @@ class FreshPlan:
     report: FreshReport
 
 
-def fresh_toolpath(solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> Toolpath:
+def fresh_toolpath(
+    solid: Solid,
+    options: FreshOptions,
+    regions: Sequence[Region] = (),
+    heads: Sequence[FreshOptions] = (),
+) -> Toolpath:
     """Slice ``solid`` into FRESH layers; see `plan_fresh`."""
-    return plan_fresh(solid, options, regions).toolpath
+    return plan_fresh(solid, options, regions, heads).toolpath
 
 
-def plan_fresh(solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> FreshPlan:
+def plan_fresh(
+    solid: Solid,
+    options: FreshOptions,
+    regions: Sequence[Region] = (),
+    heads: Sequence[FreshOptions] = (),
+) -> FreshPlan:
     """Slice ``solid`` into FRESH layers and say how well they fill it; see `FreshLayers`.
 
     Raises
@@ -50,7 +58,7 @@ def plan_fresh(solid: Solid, options: FreshOptions, regions: Sequence[Region] = 
     ToolpathError
         As `FreshLayers`.
     """
-    layers = FreshLayers(solid, options, regions)
+    layers = FreshLayers(solid, options, regions, heads)
     return FreshPlan(joined(list(layers)), layers.report())
 
 
@@ -65,21 +73,34 @@ class FreshLayers:
     ----------
     solid : Solid
     options : FreshOptions
+        Of head 0, which writes what no region gives to another.
     regions : sequence of Region
-        Places with a filling of their own.
+        Places with a filling of their own, or that another head writes.
+    heads : sequence of FreshOptions
+        Of the further heads, 1 first: line width, plunger and speeds may differ. Layer height,
+        clearance of lumens and compensation are the part's, as in ``options``.
 
     Raises
     ------
     ToolpathError
-        While it is gone through, when the solid isn't a closed manifold, lower than half a layer,
-        or nowhere as wide as the narrowest line.
+        When a region names a head without options, or layer height, clearance or compensation
+        differ among heads. While it is gone through, when the solid isn't a closed manifold, lower
+        than half a layer, or nowhere as wide as the narrowest line.
     """
 
-    def __init__(self, solid: Solid, options: FreshOptions, regions: Sequence[Region] = ()) -> None:
+    def __init__(
+        self,
+        solid: Solid,
+        options: FreshOptions,
+        regions: Sequence[Region] = (),
+        heads: Sequence[FreshOptions] = (),
+    ) -> None:
         self._solid = options.compensation.enlarged(solid)
         self._regions = regions
         self._options = options
+        self._heads = (options, *heads)
         self._tally = Tally()
+        _check_heads(self._heads, regions)
 
     @property
     def top_mm(self) -> float:
@@ -87,7 +108,7 @@ class FreshLayers:
         low, high = self._solid.bounds[:, 2].tolist()
         height = self._options.layer_height_mm
         count = layer_count(low, high, height)
-        return low + count * height + max(self._options.lift_mm, self._options.hop_mm)
+        return low + count * height + max(max(one.lift_mm, one.hop_mm) for one in self._heads)
 
     @property
     def moves(self) -> int:
@@ -103,21 +124,15 @@ class FreshLayers:
         options, low = self._options, self._solid.bounds[0]
         every = self._measured_every()
         regions = Regions(self._regions, options.compensation)
-        below, tip = None, None
+        carriage = Carriage(self._heads, low[:2])
         for layer in layers(self._solid, options.layer_height_mm):
-            paths = _layer_paths(layer, options, regions, low[:2])
-            here = obstacles(contours_of(layer.material), options.line_width_mm)
-            at = low[:2] if tip is None else tip[:2]
-            sequence = order_paths(paths, at, options.link_mm)
-            if len(paths) and tip is None:
-                tip = np.append(paths.points[sequence.first[0]], layer.tip_mm)
-            start = np.append(at, layer.tip_mm) if tip is None else tip
-            rows = lay_out(paths, sequence, start, layer.tip_mm, (here, below or here), options)
+            sections = _sections(layer, self._heads, regions.at(layer.middle_mm), low[:2])
+            laid = carriage.write(sections, layer.tip_mm)
             measured = layer.index % every == 0
-            self._tally.add_layer(_coverage(layer, start, rows, options) if measured else None)
-            below, tip = here, rows.end[-1] if len(rows.end) else tip
-            if len(paths):
-                yield self._counted(layer.index, start, rows, len(paths))
+            self._tally.add_layer(_coverage(layer, laid, options) if measured else None)
+            lines = sum(len(section.paths) for section in sections)
+            if lines:
+                yield self._counted(layer.index, laid, lines)
         if not self._tally.moves:
             raise ToolpathError(
                 f"no place of the solid is as wide as {options.least_line:g} of a line of "
@@ -129,23 +144,57 @@ class FreshLayers:
         low, high = self._solid.bounds[:, 2].tolist()
         return max(1, int(np.ceil((high - low) / self._options.layer_height_mm / MEASURED)))
 
-    def _counted(self, index: int, start: FloatArray, rows: Rows, lines: int) -> Toolpath:
-        toolpath = _toolpath(index, start, rows, self._options.layer_height_mm)
-        self._tally.add(
-            toolpath, lines=lines, travels=rows.travels, lifted=rows.lifted, links=rows.links
-        )
+    def _counted(self, index: int, laid: Laid, lines: int) -> Toolpath:
+        toolpath = _toolpath(index, laid, self._options.layer_height_mm)
+        self._tally.add(toolpath, laid, lines)
         return toolpath
 
 
-def _layer_paths(
-    layer: Layer, options: FreshOptions, regions: Regions, origin: FloatArray
+def _check_heads(heads: Sequence[FreshOptions], regions: Sequence[Region]) -> None:
+    for number, region in enumerate(regions):
+        if region.head is not None and not 0 <= region.head < len(heads):
+            raise ToolpathError(
+                f"region {number} is written by head {region.head}; options are given for "
+                f"{len(heads)} (heads, counted from 0)"
+            )
+    for number, own in enumerate(heads):
+        for name in ("layer_height_mm", "clear_mm", "compensation"):
+            if getattr(own, name) != getattr(heads[0], name):
+                raise ToolpathError(
+                    f"{name} is {getattr(own, name)} for head {number} and "
+                    f"{getattr(heads[0], name)} for head 0 (FRESH options); it is the part's: "
+                    "give all heads the same"
+                )
+
+
+def _sections(
+    layer: Layer, heads: Sequence[FreshOptions], cut: Cut, origin: FloatArray
+) -> list[Section]:
+    """What each head writes in a layer.
+
+    Lumens are cleared before the material is parted: one on the border of two inks is no hole in
+    either of them.
+    """
+    part = heads[0]
+    material = clear_of_lumens(layer.material, part.clear_mm + part.compensation.radial_mm)
+    parted = cut.sections(material)
+    if set(parted) <= {0}:
+        paths = _section_paths(material, layer, cut, part, origin)
+        return [Section(0, paths, layer.material)]
+    found = [
+        Section(head, _section_paths(own, layer, cut, heads[head], origin), own)
+        for head, own in parted.items()
+    ]
+    return [section for section in found if len(section.paths)]
+
+
+def _section_paths(
+    material: CrossSection, layer: Layer, cut: Cut, options: FreshOptions, origin: FloatArray
 ) -> Paths:
     width = options.line_width_mm
-    clear = options.clear_mm + options.compensation.radial_mm
-    material = clear_of_lumens(layer.material, clear)
     walls = build_walls(material, width, options.walls, options.least_line)
     outlines = without_short_moves(walls.paths, options.least_move_mm, width)
-    shares = regions.shares(walls.inside, layer.middle_mm, options.filling)
+    shares = cut.shares(walls.inside, options.filling)
     return join([outlines, *(_infill(share, layer, way, options, origin) for share, way in shares)])
 
 
@@ -167,9 +216,10 @@ def _infill(
             return infill_paths(rings(inside), width, angle, origin, density)
 
 
-def _coverage(layer: Layer, start: FloatArray, rows: Rows, options: FreshOptions) -> Coverage:
+def _coverage(layer: Layer, laid: Laid, options: FreshOptions) -> Coverage:
+    rows = laid.rows
     wrote = rows.kind == MoveKind.WRITE
-    begin = np.vstack([start, rows.end])[:-1][wrote, :2]
+    begin = np.vstack([laid.start, rows.end])[:-1][wrote, :2]
     end = rows.end[wrote, :2]
     length = np.hypot(*(end - begin).T)
     width = rows.volume_ul[wrote] / (length * options.layer_height_mm)
@@ -177,18 +227,18 @@ def _coverage(layer: Layer, start: FloatArray, rows: Rows, options: FreshOptions
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
-def _toolpath(index: int, start: FloatArray, rows: Rows, height_mm: float) -> Toolpath:
+def _toolpath(index: int, laid: Laid, height_mm: float) -> Toolpath:
     """Moves of one layer."""
-    count = len(rows.kind)
+    rows = laid.rows
     return Toolpath(
-        start=np.concatenate([start[None], rows.end[:-1]]),
+        start=np.concatenate([laid.start[None], rows.end[:-1]]),
         end=rows.end,
         volume_ul=rows.volume_ul,
         speed_mm_s=rows.speed_mm_s,
         duration_s=rows.duration_s,
-        tool=np.zeros(count, dtype=np.int64),
+        tool=laid.tool,
         kind=rows.kind,
-        source=np.full(count, index, dtype=np.int64),
+        source=np.full(len(rows.kind), index, dtype=np.int64),
         source_kind="layer",
         layer_height_mm=height_mm,
     )

@@ -1,4 +1,4 @@
-"""Places with a filling of their own."""
+"""Places with a filling of their own, or that another head writes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,62 @@ from design.toolpath.fresh.section import manifold_of
 
 @dataclass(frozen=True)
 class Region:
-    """A body inside which the part is filled in another way.
+    """A body inside which the part is filled in another way, or written by another head.
 
-    Walls go on through it: they follow the part's own boundary.
+    Without a head walls go on through it: they follow the part's own boundary. What a head writes
+    is a section of its own, with walls on both sides of the border: their edges meet there.
 
     Attributes
     ----------
     solid : Solid
         In the part's frame; where it reaches out of the part nothing is written.
     filling : Filling
+    head : int or None
+        Which head writes here; None leaves that to the regions before, and head 0 without any.
     """
 
     solid: Solid
     filling: Filling
+    head: int | None = None
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Regions at one height; where several overlap, the last counts.
+
+    Attributes
+    ----------
+    regions : tuple of (CrossSection, Region)
+        As they were given.
+    """
+
+    regions: tuple[tuple[CrossSection, Region], ...]
+
+    def shares(
+        self, inside: CrossSection, filling: Filling
+    ) -> Iterator[tuple[CrossSection, Filling]]:
+        """Part ``inside`` among the regions' fillings; the rest has ``filling``."""
+        for section, region in reversed(self.regions):
+            share = inside ^ section
+            if not share.is_empty():
+                yield share, region.filling
+                inside = inside - section
+        yield inside, filling
+
+    def sections(self, material: CrossSection) -> dict[int, CrossSection]:
+        """What each head writes of ``material``, those without any left out."""
+        found: dict[int, CrossSection] = {}
+        for section, region in reversed(self.regions):
+            if region.head is None:
+                continue
+            share = material ^ section
+            if not share.is_empty():
+                before = found.get(region.head)
+                found[region.head] = share if before is None else before + share
+                material = material - section
+        if not material.is_empty():
+            found[0] = material if 0 not in found else found[0] + material
+        return found
 
 
 class Regions:
@@ -47,19 +90,11 @@ class Regions:
     """
 
     def __init__(self, regions: Sequence[Region], compensation: Compensation) -> None:
-        self._bodies: list[tuple[Manifold, Filling]] = [
-            (manifold_of(compensation.enlarged(region.solid), f"region {number}"), region.filling)
+        self._bodies: list[tuple[Manifold, Region]] = [
+            (manifold_of(compensation.enlarged(region.solid), f"region {number}"), region)
             for number, region in enumerate(regions)
         ]
 
-    def shares(
-        self, inside: CrossSection, z_mm: float, filling: Filling
-    ) -> Iterator[tuple[CrossSection, Filling]]:
-        """Part ``inside`` at a height among the regions; the rest has ``filling``."""
-        for body, own in reversed(self._bodies):
-            section = body.slice(z_mm)
-            share = inside ^ section
-            if not share.is_empty():
-                yield share, own
-                inside = inside - section
-        yield inside, filling
+    def at(self, z_mm: float) -> Cut:
+        """The regions' sections at a height."""
+        return Cut(tuple((body.slice(z_mm), region) for body, region in self._bodies))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from design.toolpath.fresh.carriage import Laid
 from design.toolpath.fresh.coverage import Coverage
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
@@ -19,6 +20,10 @@ class FreshReport:
     layers, lines : int
         Layers with material, and written paths in them.
     written_mm, travel_mm : float, mm
+    written_ul_of_heads : tuple of float, µL
+        Ink of the lines that each head wrote.
+    changes : int
+        Changes of head.
     written_ul, material_ul : float, µL
         Ink of the lines, and the measured sections' mean area times the part's height.
     unfilled : (k,) float64
@@ -45,6 +50,8 @@ class FreshReport:
     travels: int
     lifted: int
     links: int
+    changes: int
+    written_ul_of_heads: tuple[float, ...]
 
     @property
     def unfilled_fraction(self) -> float:
@@ -58,20 +65,28 @@ class Tally:
     def __init__(self) -> None:
         self.moves = 0
         self._layers = self._lines = self._travels = self._lifted = self._links = 0
-        self._written_mm = self._travel_mm = self._written_ul = self._height_mm = 0.0
+        self._written_mm = self._travel_mm = self._height_mm = 0.0
+        self._changes = 0
+        self._written_ul = np.zeros(1)
         self._coverage: list[Coverage] = []
 
-    def add(self, toolpath: Toolpath, *, lines: int, travels: int, lifted: int, links: int) -> None:
+    def add(self, toolpath: Toolpath, laid: Laid, lines: int) -> None:
         """Count the moves of one layer."""
-        length = toolpath.lengths
+        length, wrote = toolpath.lengths, toolpath.kind == MoveKind.WRITE
         self.moves += len(toolpath)
         self._lines += lines
-        self._travels += travels
-        self._lifted += lifted
-        self._links += links
-        self._written_mm += float(length[toolpath.kind == MoveKind.WRITE].sum())
+        self._travels += laid.rows.travels
+        self._lifted += laid.rows.lifted
+        self._links += laid.rows.links
+        self._changes += laid.changes
+        self._written_mm += float(length[wrote].sum())
         self._travel_mm += float(length[toolpath.kind == MoveKind.TRAVEL].sum())
-        self._written_ul += toolpath.written_ul
+        # By the lines alone: a head that is left stays relieved.
+        most = int(toolpath.tool.max(initial=0)) + 1
+        ink = np.zeros(max(most, len(self._written_ul)))
+        ink[: len(self._written_ul)] = self._written_ul
+        np.add.at(ink, toolpath.tool[wrote], toolpath.volume_ul[wrote])
+        self._written_ul = ink
         self._height_mm = toolpath.layer_height_mm
 
     def add_layer(self, coverage: Coverage | None) -> None:
@@ -88,11 +103,13 @@ class Tally:
             lines=self._lines,
             written_mm=self._written_mm,
             travel_mm=self._travel_mm,
-            written_ul=self._written_ul,
+            written_ul=float(self._written_ul.sum()),
             material_ul=float(material.mean()) * self._layers * self._height_mm,
             unfilled=np.array([layer.unfilled for layer in self._coverage]) / material,
             outside=np.array([layer.outside for layer in self._coverage]) / material,
             travels=self._travels,
             lifted=self._lifted,
             links=self._links,
+            changes=self._changes,
+            written_ul_of_heads=tuple(self._written_ul.tolist()),
         )

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.files import write_text
+from firmware_profiles import Ink, Syringe
 from printctl.errors import SafetyError
 from printctl.lumens import (
     FilamentCheck,
@@ -21,7 +22,7 @@ from printctl.lumens import (
 )
 from printctl.pipeline.context import NETWORK, RunContext
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE
+from printctl.pipeline.stages.toolpath import GCODE, of_heads
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 
@@ -40,15 +41,12 @@ def depends(context: RunContext) -> Any:
         context.printer.model_dump(mode="json"),
         context.place_mm.tolist(),
         context.start_mm.tolist(),
+        *of_heads(context),
     ]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Hold the G-code against the network; refuse what is closed or leaks."""
-    if context.printer.heads:
-        why = "what several heads write isn't read yet; look at the scan"
-        context.bars.remark("lumens", why)
-        return {"checked": False, "why": why}, []
     check = hold(context, report)
     found = {"checked": True, **check.as_dict()}
     write_text(context.folder / LUMENS, json.dumps(found, indent=1, allow_nan=False) + "\n")
@@ -74,17 +72,23 @@ def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
 
 
 def writing_of(context: RunContext) -> Writing:
-    """How the recipe's head makes ink of the file's moves."""
+    """How the recipe's heads make ink of the file's moves."""
     x, y, z = context.start_mm.tolist()
-    part = context.recipe.toolpath
-    area = float(np.pi / 4 * context.syringe.inner_mm**2 * context.ink.flow_factor)
+    part, printer = context.recipe.toolpath, context.printer
+    loads = context.loads if printer.heads else ()
     return Writing(
-        printer=context.printer,
-        ul_per_e=None if context.printer.pneumatic else area,
+        printer=printer,
+        ul_per_e=None if printer.pneumatic else _ul_per_mm(context.syringe, context.ink),
         flow_ul_s=context.flow_ul_s,
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
         start_mm=(x, y, z),
+        ul_per_e_of_heads=tuple(_ul_per_mm(one.syringe, one.ink) for one in loads),
     )
+
+
+def _ul_per_mm(syringe: Syringe, ink: Ink) -> float:
+    """What a millimetre of the plunger lays, µL."""
+    return float(np.pi / 4 * syringe.inner_mm**2 * ink.flow_factor)
 
 
 STAGE = Stage("lumens", depends, (GCODE, NETWORK), ("kernels", "sim", "firmware_profiles"), work)

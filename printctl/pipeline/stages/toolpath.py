@@ -25,6 +25,7 @@ from design.toolpath.gcode import (
 from firmware_profiles import Ink
 from printctl.pipeline.context import NETWORK, SOLID, Filled, RunContext
 from printctl.pipeline.facts import heads_dump
+from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -75,30 +76,17 @@ class Planned:
 
 def plan(context: RunContext) -> Planned:
     """Plan the path by the recipe's method."""
-    part, ink = context.recipe.toolpath, context.ink
+    part = context.recipe.toolpath
     match part:
         case Fresh():
-            options = FreshOptions(
-                layer_height_mm=part.layer_um * 1e-3,
-                line_width_mm=part.line_um * 1e-3,
-                walls=part.walls,
-                filling=make_filling(part),
-                least_move_mm=least_move_mm(context.printer),
-                clear_mm=clear_mm(context.printer),
-                compensation=Compensation(
-                    part.compensate.shrink_percent, part.compensate.radial_um * 1e-3
-                ),
-                write_speed_mm_s=part.write_speed_mm_s,
-                travel_speed_mm_s=part.travel_speed_mm_s,
-                retract_ul=ink.retract_ul,
-                plunger_ul_s=ink.plunger_ul_s,
-            )
-            check_lumens(context.network, options)
+            options = fresh_options(context, part)
+            for own in options:
+                check_lumens(context.network, own)
             regions = [
                 make_region(region, number, context.recipe_folder, context.network)
                 for number, region in enumerate(part.regions)
             ]
-            layers = FreshLayers(context.solid, options, regions)
+            layers = FreshLayers(context.solid, options[0], regions, options[1:])
             return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
             heads = tuple(embedded_options(part, one) for one in context.loads)
@@ -106,6 +94,32 @@ def plan(context: RunContext) -> Planned:
             toolpath = embedded.toolpath
             top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
             return Planned([toolpath], top, lambda: embedded.report)
+
+
+def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
+    """The planner's choices for each head, by its ink and the lines that it writes."""
+    count = context.printer.head_count
+    widths = layer_lines_um(part, context.recipe.printer.heads, count)
+    return [
+        FreshOptions(
+            layer_height_mm=part.layer_um * 1e-3,
+            line_width_mm=line_um * 1e-3,
+            walls=part.walls,
+            filling=make_filling(part),
+            least_move_mm=least_move_mm(printer),
+            clear_mm=clear_mm(printer),
+            compensation=Compensation(
+                part.compensate.shrink_percent, part.compensate.radial_um * 1e-3
+            ),
+            write_speed_mm_s=part.write_speed_mm_s,
+            travel_speed_mm_s=part.travel_speed_mm_s,
+            retract_ul=load.ink.retract_ul,
+            plunger_ul_s=load.ink.plunger_ul_s,
+        )
+        for line_um, load, printer in zip(
+            widths, context.loads, map(context.printer.of_head, range(count)), strict=True
+        )
+    ]
 
 
 def embedded_options(part: Embedded, filled: Filled) -> EmbeddedOptions:

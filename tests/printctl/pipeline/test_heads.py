@@ -123,7 +123,7 @@ def test_two_inks_are_planned_written_and_checked(tmp_path: Path) -> None:
     assert "lowest tip that doesn't write, above the bath's surface" in names
     pushed = [one["ink_pushed_ul"] for one in found["dry_run"]["ink_of_heads"]]
     assert pushed == pytest.approx([np.pi * 0.04 * 8] * 2, rel=0.05)
-    assert not found["lumens"]["checked"]
+    assert found["lumens"]["passed"]
 
 
 def test_a_profile_with_another_count_of_heads_is_refused(tmp_path: Path) -> None:

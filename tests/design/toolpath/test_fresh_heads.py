@@ -1,0 +1,252 @@
+"""Layers in several inks: each head writes its own side of a border, and nothing of the other's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from manifold3d import Manifold
+
+from design.errors import ToolpathError
+from design.solids import Solid
+from design.toolpath import MoveKind, Toolpath
+from design.toolpath.fresh import (
+    Compensation,
+    Filling,
+    FreshLayers,
+    FreshOptions,
+    Region,
+    fresh_toolpath,
+    plan_fresh,
+)
+from tests.design.toolpath.shapes import as_solid, block
+
+HEIGHT = 0.06
+OPTIONS = FreshOptions(walls=2, clear_mm=0.0015, least_move_mm=0.0875)
+SOLID = as_solid(block(8, 4, 4 * HEIGHT))
+LUMEN = (4.0, 2.0, 0.5)
+
+
+def box(low, high):
+    corner = np.array(low, dtype=float)
+    return as_solid(block(*(np.array(high) - corner)).translate(corner.tolist()))
+
+
+def rod(x, y, radius, sides=64):
+    return Manifold.cylinder(2.0, radius, radius, sides).translate([x, y, -1.0])
+
+
+def with_lumen():
+    return as_solid(block(8, 4, 4 * HEIGHT) - rod(*LUMEN))
+
+
+def right(head=1, filling=None):
+    return Region(box((4, -1, -1), (9, 5, 1)), filling or Filling(), head)
+
+
+def planned(solid=SOLID, regions=(), own=OPTIONS, other=OPTIONS):
+    return plan_fresh(solid, own, regions, [other])
+
+
+def ink_of(path: Toolpath, head: int, layer: int | None = None) -> shapely.Geometry:
+    """What a head covers, as the union of its lines, each as wide as its ink makes it."""
+    rows = (path.kind == MoveKind.WRITE) & (path.tool == head)
+    rows &= True if layer is None else path.source == layer
+    length = np.linalg.norm(path.end[rows, :2] - path.start[rows, :2], axis=1)
+    width = path.volume_ul[rows] / (length * path.layer_height_mm)
+    ways = np.stack([path.start[rows, :2], path.end[rows, :2]], axis=1)
+    return shapely.union_all(shapely.buffer(shapely.linestrings(ways), width / 2))
+
+
+def order(path: Toolpath) -> list[list[int]]:
+    """Heads that write in each layer, in their order."""
+    found = []
+    for layer in np.unique(path.source):
+        rows = (path.kind == MoveKind.WRITE) & (path.source == layer)
+        heads = path.tool[rows]
+        found.append(heads[np.flatnonzero(np.diff(heads, prepend=-1))].tolist())
+    return found
+
+
+@pytest.mark.parametrize("percent", [0.0, 3.0])
+def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
+    own = replace(OPTIONS, compensation=Compensation((percent, 0.0, 0.0)))
+    report = planned(SOLID, [right()], own, own).report
+    volume = 4 * 4 * 4 * HEIGHT / (1 - percent / 100)
+    assert report.written_ul_of_heads == pytest.approx((volume, volume), rel=0.01)
+    assert sum(report.written_ul_of_heads) == pytest.approx(report.written_ul)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    x=st.floats(2.0, 6.0),
+    y=st.floats(1.5, 2.5),
+    radius=st.floats(0.7, 1.4),
+    least=st.sampled_from([0.0, 0.0875]),
+)
+def test_neither_ink_lies_in_the_other_s_region_and_both_meet(
+    x: float, y: float, radius: float, least: float
+) -> None:
+    own = replace(OPTIONS, least_move_mm=least)
+    path = planned(SOLID, [Region(as_solid(rod(x, y, radius)), Filling(), 1)], own, own).toolpath
+    angle = np.arange(64) / 64 * 2 * np.pi
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    disc = shapely.Polygon(np.array([x, y]) + circle)
+    outer, inner = ink_of(path, 0, 0), ink_of(path, 1, 0)
+    # Of moves long enough for the firmware a point may be left out: 0.03 lines, 4.5 µm.
+    # Else the round ends of lines at a facet's corner remain.
+    rounding = 5e-3 if least else 1e-4
+    assert outer.intersection(disc.buffer(-rounding)).area < 1e-9
+    assert inner.difference(disc.buffer(rounding)).area < 1e-9
+    beside = disc.buffer(0.04).difference(disc.buffer(-0.04))
+    bare = beside.difference(shapely.union_all([outer, inner])).area
+    assert bare / disc.length < rounding
+
+
+def test_a_straight_border_is_met_from_both_sides_to_rounding() -> None:
+    path = planned(SOLID, [right()]).toolpath
+    left, over = ink_of(path, 0).bounds, ink_of(path, 1).bounds
+    assert left[2] == pytest.approx(4.0, abs=1e-6)
+    assert over[0] == pytest.approx(4.0, abs=1e-6)
+
+
+def test_heads_alternate_so_that_a_layer_costs_one_change() -> None:
+    plan = planned(SOLID, [right()])
+    assert order(plan.toolpath) == [[0, 1], [1, 0], [0, 1], [1, 0]]
+    assert plan.report.changes == 4
+
+
+def test_a_layer_of_one_ink_costs_no_change() -> None:
+    low = Region(box((4, -1, -1), (9, 5, 2 * HEIGHT)), Filling(), 1)
+    plan = planned(SOLID, [low])
+    assert order(plan.toolpath) == [[0, 1], [1, 0], [0], [0]]
+    assert plan.report.changes == 2
+
+
+def test_a_lumen_on_the_border_keeps_its_size_between_both_inks() -> None:
+    one = fresh_toolpath(with_lumen(), OPTIONS)
+    two = planned(with_lumen(), [right()]).toolpath
+    x, y, radius = LUMEN
+    middle = shapely.Point(x, y)
+    alone, both = (
+        min(middle.distance(ink_of(path, head, 0)) for head in heads)
+        for path, heads in ((one, (0,)), (two, (0, 1)))
+    )
+    assert alone == pytest.approx(radius, abs=3e-3)
+    assert both == pytest.approx(alone, abs=3e-3)
+
+
+def test_a_lumen_s_walls_are_of_the_ink_round_it() -> None:
+    x, y, radius = LUMEN
+    round_it = Region(as_solid(rod(x, y, radius + 0.4)), Filling(), 1)
+    path = planned(with_lumen(), [round_it]).toolpath
+    middle = shapely.Point(x, y)
+    assert middle.distance(ink_of(path, 1, 0)) == pytest.approx(radius, abs=3e-3)
+    assert middle.distance(ink_of(path, 0, 0)) == pytest.approx(radius + 0.4, abs=5e-3)
+
+
+def test_each_head_has_its_own_lines_and_plunger() -> None:
+    other = replace(OPTIONS, line_width_mm=0.3, retract_ul=0.05, plunger_ul_s=0.2)
+    path = planned(SOLID, [right()], OPTIONS, other).toolpath
+    length = path.lengths
+    for head, own in enumerate((OPTIONS, other)):
+        rows = (path.tool == head) & (path.kind == MoveKind.WRITE)
+        width = path.volume_ul[rows] / (length[rows] * HEIGHT)
+        assert np.median(width) == pytest.approx(own.line_width_mm)
+        held = (path.tool == head) & np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
+        assert held.any()
+        np.testing.assert_allclose(np.abs(path.volume_ul[held]), own.retract_ul)
+        np.testing.assert_allclose(path.duration_s[held], own.retract_ul / own.plunger_ul_s)
+
+
+def test_a_head_relieves_before_it_is_left_and_primes_when_it_is_back() -> None:
+    path = planned(SOLID, [right()]).toolpath
+    works = path.kind != MoveKind.TRAVEL
+    tool, kind = path.tool[works], path.kind[works]
+    changes = np.flatnonzero(np.diff(tool)) + 1
+    assert (kind[changes - 1] == MoveKind.RETRACT).all()
+    # The second head's first line: nothing was relieved in it before.
+    assert kind[changes].tolist() == [MoveKind.WRITE, *[MoveKind.PRIME] * (len(changes) - 1)]
+    for head in (0, 1):
+        pushed = np.cumsum(path.volume_ul[(path.tool == head) & (path.kind != MoveKind.WRITE)])
+        assert pushed.max() < 1e-9
+        assert pushed.min() == pytest.approx(-OPTIONS.retract_ul)
+
+
+@pytest.mark.parametrize("retract", [0.0, 0.02])
+def test_moves_go_on_from_each_other_through_changes(retract: float) -> None:
+    own = replace(OPTIONS, retract_ul=retract, hop_mm=0.0)
+    layers = FreshLayers(SOLID, own, [right()], [own])
+    tip = None
+    for path in layers:
+        np.testing.assert_array_equal(path.start[1:], path.end[:-1])
+        if tip is not None:
+            np.testing.assert_array_equal(path.start[0], tip)
+        tip = path.end[-1]
+        assert path.end[:, 2].max() <= layers.top_mm + 1e-9
+        stands = np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
+        assert (path.lengths[stands] == 0).all()
+    assert layers.report().changes == 4
+
+
+def test_of_two_heads_regions_the_last_counts_and_a_filling_stays_a_filling() -> None:
+    whole = box((-1, -1, -1), (9, 5, 1))
+    back = planned(SOLID, [right(), Region(whole, Filling(), 0)]).toolpath
+    np.testing.assert_array_equal(back.end, fresh_toolpath(SOLID, OPTIONS).end)
+    sparse = Region(whole, Filling("lines", 0.3))
+    plain, half = planned(SOLID, [right()]), planned(SOLID, [right(), sparse])
+    for head in (0, 1):
+        ink = [plan.report.written_ul_of_heads[head] for plan in (plain, half)]
+        assert 0.3 < ink[1] / ink[0] < 0.6
+
+
+def test_a_region_without_head_changes_no_byte_of_one_headed_layers() -> None:
+    sparse = Region(box((4, -1, -1), (9, 5, 1)), Filling("lines", 0.5))
+    named = replace(sparse, head=0)
+    plain, same = fresh_toolpath(SOLID, OPTIONS, [sparse]), fresh_toolpath(SOLID, OPTIONS, [named])
+    np.testing.assert_array_equal(plain.end, same.end)
+    np.testing.assert_array_equal(plain.volume_ul, same.volume_ul)
+    assert not plain.tool.any()
+
+
+def test_all_of_a_part_may_be_another_head_s() -> None:
+    whole = Region(box((-1, -1, -1), (9, 5, 1)), Filling(), 1)
+    plan = planned(SOLID, [whole])
+    assert order(plan.toolpath) == [[1]] * 4
+    assert plan.report.changes == 0
+    assert plan.report.written_ul_of_heads[0] == 0
+
+
+def test_three_heads_go_round_with_two_changes_a_layer() -> None:
+    middle = Region(box((3, -1, -1), (5, 5, 1)), Filling(), 2)
+    plan = plan_fresh(SOLID, OPTIONS, [right(), middle], [OPTIONS, OPTIONS])
+    assert [len(set(heads)) == len(heads) == 3 for heads in order(plan.toolpath)] == [True] * 4
+    assert plan.report.changes == 8
+    volume = np.array([3 * 4, 3 * 4, 2 * 4]) * 4 * HEIGHT
+    np.testing.assert_allclose(plan.report.written_ul_of_heads, volume, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("regions", "heads", "words"),
+    [
+        ([right(2)], [OPTIONS], "region 0 is written by head 2; options are given for 2"),
+        ([right(-1)], [OPTIONS], "region 0 is written by head -1"),
+        ([right()], [replace(OPTIONS, layer_height_mm=0.1)], "layer_height_mm is 0.1 for head 1"),
+        ([right()], [replace(OPTIONS, clear_mm=0.1)], "clear_mm is 0.1 for head 1"),
+    ],
+)
+def test_heads_that_can_t_share_a_layer_are_refused(
+    regions: list[Region], heads: list[FreshOptions], words: str
+) -> None:
+    with pytest.raises(ToolpathError, match=words):
+        FreshLayers(SOLID, OPTIONS, regions, heads)
+
+
+def test_an_open_region_of_a_head_is_refused() -> None:
+    region = Region(Solid(SOLID.vertices, SOLID.faces[1:]), Filling(), 1)
+    with pytest.raises(ToolpathError, match="region 0 can't be sliced"):
+        planned(SOLID, [region])
