@@ -1,5 +1,6 @@
 """Facts about printers, needles, syringes, inks, baths and dishes, each with its source."""
 
+from firmware_profiles.controllers import Aerotech
 from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
@@ -12,6 +13,7 @@ from firmware_profiles.watching import Watched
 
 __all__ = [
     "MOST_HEADS",
+    "Aerotech",
     "Axes",
     "Bath",
     "Dish",

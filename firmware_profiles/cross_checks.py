@@ -102,6 +102,14 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
 
 
 def _safety(printer: Printer) -> Iterator[Doubt]:
+    if not printer.streamed:
+        yield Doubt(
+            "firmware",
+            "aerotech: the controller's own software runs the file; what a stop switches off, and "
+            "what stays on, is set up there",
+            False,
+        )
+        return
     timed = printer.firmware in WITH_TIMEOUT
     if timed and printer.idle_timeout_s == 0:
         yield Doubt(
@@ -135,7 +143,7 @@ def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
     head = printer.pneumatic
     if head is None:
         yield from _plunger(printer, syringes)
-    elif printer.safe_state_off[:1] != (head.closes,):
+    elif printer.streamed and printer.safe_state_off[:1] != (head.closes,):
         yield Doubt(
             "safe_state_off",
             f"doesn't begin with {head.closes!r} (dispenser: closes): a stop would leave the ink "

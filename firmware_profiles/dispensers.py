@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.commands import SwitchCommand, switch_words
 
 Kilopascal = Annotated[float, Field(gt=0, le=2000, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
@@ -42,7 +42,9 @@ class Pneumatic(BaseModel):
     kind: Literal["pneumatic"]
     pressure_kpa: Kilopascal = Field(description="What the regulator is set to, above ambient.")
     max_pressure_kpa: Kilopascal = Field(description="What the regulator can give.")
-    opens: SwitchCommand = Field(description="Opens the valve, e.g. M42 P4 S255.")
+    opens: SwitchCommand = Field(
+        description="Opens the valve, e.g. M42 P4 S255; $DO[0].X=1 on an Aerotech A3200."
+    )
     closes: SwitchCommand = Field(description="Closes it; the same command with another value.")
     opening_delay_s: Delay = Field(description="From the command until ink flows.")
     closing_delay_s: Delay = Field(description="From the command until none flows any more.")
@@ -57,7 +59,7 @@ class Pneumatic(BaseModel):
                 f"pressure_kpa {self.pressure_kpa:g} is above what the regulator gives, "
                 f"{self.max_pressure_kpa:g} kPa (max_pressure_kpa); lower it"
             )
-        one, other = self.opens.split(), self.closes.split()
+        one, other = switch_words(self.opens), switch_words(self.closes)
         if one == other or one[0].upper() != other[0].upper():
             raise ValueError(
                 f"opens {self.opens!r} and closes {self.closes!r} must be one command with two "

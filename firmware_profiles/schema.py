@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.controllers import Aerotech, check_controller
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.heads import Head, check_heads
@@ -83,9 +84,15 @@ class Printer(Facts):
     and the e of its axes is the firmware's own, unused.
     """
 
-    firmware: Literal["marlin", "prusa", "reprapfirmware", "klipper", "smoothieware"] = Field(
+    firmware: Literal[
+        "marlin", "prusa", "reprapfirmware", "klipper", "smoothieware", "aerotech"
+    ] = Field(
         description="Firmware family, which sets the protocol. All but marlin are built after "
-        "public sources and not verified against a real recording."
+        "public sources and not verified against a real recording. For aerotech jobs are written, "
+        "and not sent."
+    )
+    aerotech: Aerotech | None = Field(
+        default=None, description="Which controller; to be said for firmware aerotech alone."
     )
     baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
     x_mm: Span
@@ -180,9 +187,21 @@ class Printer(Facts):
         return self
 
     @property
+    def streamed(self) -> bool:
+        """Whether a host sends it a job's lines; else its own software loads the file."""
+        return self.firmware != "aerotech"
+
+    @property
     def pneumatic(self) -> Pneumatic | None:
         """The pneumatic head, if it is one."""
         return self.dispenser if isinstance(self.dispenser, Pneumatic) else None
+
+    @model_validator(mode="after")
+    def _controller_agrees(self) -> Printer:
+        asked = tuple(watched.query for watched in self.watch)
+        sent = {"safe_state_off": self.safe_state_off, "watch": asked}
+        check_controller(self.firmware, self.aerotech, self.dispenser, sent)
+        return self
 
     @model_validator(mode="after")
     def _heads_agree(self) -> Printer:

@@ -11,6 +11,7 @@ from firmware_profiles import Printer
 from sim.gcode import Program, code, parse_line
 
 _HOTEND_MELTS_C: Final = 170.0  # Marlin's EXTRUDE_MINTEMP
+_WITHOUT_BAR: Final = ("smoothieware", "aerotech")
 REMEDY: Final[dict[str, str]] = {
     "marlin": "send M302 P1 before",
     "prusa": "send M302 S0 before",
@@ -18,7 +19,7 @@ REMEDY: Final[dict[str, str]] = {
     "klipper": "set min_extrude_temp to 0 in printer.cfg (extruder), then "
     "cold_extrusion_configured in the profile: no command does it",
 }
-"""What to do where it doesn't; Smoothieware has no such bar."""
+"""What to do where it doesn't; Smoothieware and an Aerotech controller have no such bar."""
 
 
 def extrusion_allowed(
@@ -43,7 +44,7 @@ def extrusion_allowed(
     lines = gcode.splitlines() if len(rows) else []
     for row in rows.tolist():
         said[row] = _m302(parse_line(lines[int(program.line[row]) - 1]).values, printer.firmware)
-    free = already or printer.cold_extrusion_configured or printer.firmware == "smoothieware"
+    free = already or printer.cold_extrusion_configured or printer.firmware in _WITHOUT_BAR
     before = np.append(1 if free else -1, said)
     latest = np.maximum.accumulate(np.where(before != 0, np.arange(len(before)), 0))
     return np.asarray(before[latest][1:] > 0)

@@ -26,6 +26,11 @@ def simulated_printer(printer: Printer) -> type[MarlinPrinter]:
         When there is none.
     """
     found = _PRINTERS.get(printer.firmware)
+    if not printer.streamed:
+        raise ServeError(
+            f"{printer.name} takes no lines from a host, so there is no simulated one to send them "
+            "to; `printctl simulate FILE` runs its file through the dry run"
+        )
     if found is None:
         raise ServeError(
             f"firmware {printer.firmware!r} (profile: {printer.name}) has no simulated printer; "

@@ -22,19 +22,22 @@ from sim.dryrun_finding import Finding
 from sim.dryrun_heat import Heating, heatings
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
-from sim.gcode import Program, read_gcode
-from sim.gcode_extended import Named, without_names
+from sim.gcode import Program
+from sim.gcode_extended import Named
 from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 from sim.heads import Heads, read_heads
 from sim.marlin_board import Board
 from sim.planner import add_move, command_time, next_event, run_until, set_axis, take_head
 from sim.planner_state import LOG, Records, new_planner, new_ring
 from sim.valve import Valve, read_valve
+from sim.written import read_written
 
 FloatArray = NDArray[np.float64]
 
 _BITS_PER_BYTE: Final = 10
 _OK_BYTES: Final = 3
+_AT_ONCE_BAUD: Final = 1e9
+"""Where the controller has the whole file, its lines don't have to come."""
 
 
 @dataclass(frozen=True)
@@ -178,14 +181,12 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    named: tuple[Named, ...] = ()
     written, head = gcode, printer.pneumatic
-    if printer.firmware == "klipper":
-        gcode, named = without_names(gcode)
-    program = read_gcode(gcode, start_mm, printer.head_count)
+    program, gcode, named = read_written(written, printer, start_mm)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
+    bit_s = _BITS_PER_BYTE / (printer.baud if printer.streamed else _AT_ONCE_BAUD)
     duration = _plan(
         program.kind,
         program.target,
@@ -193,11 +194,11 @@ def dry_run(
         program.value,
         program.command,
         program.tool,
-        sent_length(program).astype(np.float64) * (_BITS_PER_BYTE / printer.baud),
-        _OK_BYTES * _BITS_PER_BYTE / printer.baud,
+        sent_length(program).astype(np.float64) * bit_s,
+        _OK_BYTES * bit_s,
         np.zeros(max(in_flight, 1)),
         extrudes,
-        Board().costs(),
+        Board().costs() * (1.0 if printer.streamed else 0.0),
         planner,
         ring,
         log,

@@ -7,6 +7,8 @@
 - klipper: ``gcode.py``, ``gcode_move.py``, ``toolhead.py``, ``extruder.py``, ``heaters.py``,
   ``fan.py`` and docs/G-Codes.md: what a printer.cfg with an extruder, a bed and a fan gives. Macros
   and commands of other sections are the machine's own.
+- aerotech: the words that `sim.dialect_aerotech` puts its commands into; what it can't is told by
+  its name, and unknown.
 - smoothieware: https://smoothieware.org/supported-g-codes; it answers ok to what it doesn't know.
 
 What a machine knows beyond that its profile names (`extra_commands`).
@@ -17,6 +19,7 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles import Printer
+from sim.dialect_aerotech import NAMES as OUTPUTS
 from sim.gcode import NO_COMMAND, code_name
 from sim.marlin_codes import KNOWN as MARLIN
 
@@ -64,6 +67,7 @@ KNOWN: Final[dict[str, frozenset[str]]] = {
     "reprapfirmware": _RRF,
     "klipper": _KLIPPER,
     "smoothieware": _SMOOTHIE,
+    "aerotech": _names("G", 0, 1, 4, 20, 21, 90, 91, 92) | _names("M", 105, 400),
 }
 """By the profile's ``firmware``; T with any number is known to all."""
 
@@ -103,5 +107,6 @@ def is_known(printer: Printer, number: int) -> bool:
 
 
 def is_known_name(printer: Printer, name: str) -> bool:
-    """Whether a Klipper knows a command with a name."""
-    return name in EXTENDED or name in {other.upper() for other in printer.extra_commands}
+    """Whether a Klipper, or an Aerotech controller, knows a command with a name."""
+    known = OUTPUTS if printer.firmware == "aerotech" else EXTENDED
+    return name in known or name in {other.upper() for other in printer.extra_commands}

@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
+from sim.dialect_aerotech import output_of
 from sim.executed import ExecutedMotion
-from sim.gcode import Program, parse_line, read_gcode
-from sim.gcode_extended import Named, without_names
+from sim.gcode import Program, parse_line
+from sim.gcode_extended import Named
 from sim.gcode_modal import DWELL
+from sim.written import read_written
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -94,7 +96,7 @@ def read_switch(
     lines = gcode.splitlines()
     row_of = dict(zip(program.line.tolist()[::-1], range(len(program) - 1, -1, -1), strict=True))
     by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
-    name = on.split()[0].encode().upper()
+    name = opens[0].encode()
     plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
     found = sorted({*plain, *(n for n, (said, _) in by_name.items() if said.encode() == name)})
     rows, states = [], []
@@ -122,16 +124,16 @@ def read_with_valve(
     start_mm : tuple, mm
         Where the tip stands before the first line.
     """
-    named: tuple[Named, ...] = ()
-    plain, head = gcode, printer.pneumatic
-    if printer.firmware == "klipper":
-        plain, named = without_names(gcode)
-    program = read_gcode(plain, start_mm, printer.head_count)
+    program, _, named = read_written(gcode, printer, start_mm)
+    head = printer.pneumatic
     return program, None if head is None else read_valve(program, gcode, named, head)
 
 
 def _command(text: str) -> tuple[str, Words]:
     """Name and words of a command, whichever way it is written."""
+    output = output_of(text)
+    if output is not None:
+        return output[0], frozenset(output[1].items())
     first, *rest = text.split()
     if _CODE.fullmatch(first.encode()):
         parsed = parse_line(text.encode("latin-1"))

@@ -41,6 +41,7 @@ from printctl.cli.set_up_options import (
     of_each,
     set_up,
 )
+from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
 from printctl.link.states import PrintOutcome
@@ -106,6 +107,7 @@ def print_job(
     stop or kill.
     """
     profile = load(Printer, printer)
+    refuse_unsent(profile, str(file))
     place = folder if folder is not None else file.with_name(file.name + ".print")
     tip = three_numbers(start, "--start")
     loads = loads_of(profile, syringe, ink, needle)

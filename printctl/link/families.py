@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.link.errors import Refused
 from printctl.link.marlin_doubt import Timing
 from printctl.link.pairing import Pairing
 from printctl.link.protocol import LinkProtocol
@@ -58,7 +59,32 @@ FAMILIES: Final[dict[str, Family]] = {
         "klipper", KlipperProtocol, keepalive=False, tells_steps=False, remembers=False
     ),
 }
-"""By the profile's ``firmware``."""
+"""By the profile's ``firmware``; an Aerotech controller isn't among them, see `refuse_unsent`."""
+
+
+def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> None:
+    """Refuse a printer that takes no lines from a host.
+
+    Parameters
+    ----------
+    printer : Printer
+    job : str
+        What is to be loaded in its own software instead.
+    then : str
+        What else is to be done, a sentence.
+
+    Raises
+    ------
+    Refused
+        For an Aerotech controller.
+    """
+    if not printer.streamed:
+        raise Refused(
+            f"{printer.name} can't be driven from here: an Aerotech controller runs a program file "
+            f"by itself and takes no lines from a host. Load {job} in the controller's own "
+            "software and run it there; pause, stop and the record of the print are that "
+            "software's, too" + (f". {then}" if then else "")
+        )
 
 
 def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
@@ -69,7 +95,13 @@ def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
     printer : Printer
     quiet_s : float
         See `printctl.link.transport.Transport`.
+
+    Raises
+    ------
+    Refused
+        For a printer that takes no lines.
     """
+    refuse_unsent(printer)
     timing = Timing(quiet_s=quiet_s)
     if printer.lines_in_flight == 2:  # the profile allows it for Marlin and its fork alone
         return MarlinProtocol(timing, Pairing(printer.receive_buffer_bytes))
@@ -77,5 +109,12 @@ def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
 
 
 def family_of(printer: Printer) -> Family:
-    """The family that a profile names."""
+    """The family that a profile names.
+
+    Raises
+    ------
+    Refused
+        For a printer that takes no lines.
+    """
+    refuse_unsent(printer)
     return FAMILIES[printer.firmware]

@@ -87,6 +87,8 @@ def parse_job(data: bytes, name: str, max_line_bytes: int = 96) -> Job:
     file_lines: list[int] = []
     marks = MarkReader()
     for number, raw in enumerate(data.splitlines(), start=1):
+        if raw[:2] == b"//":  # how a comment begins in an Aerotech's file
+            raw = b";" + raw[2:]
         command = raw.split(b";", 1)[0]
         if b"(" in command:
             command = _PARENTHESES.sub(b"", command)

@@ -22,7 +22,7 @@ from printctl.link.care import Care
 from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
-from printctl.link.families import protocol_for
+from printctl.link.families import protocol_for, refuse_unsent
 from printctl.link.history import remember_meanwhile
 from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
@@ -127,6 +127,7 @@ def _save(record: LinkRecord, folder: Path) -> None:
 
 def _print(order: Order, record: LinkRecord) -> Status:
     printer = load(Printer, order.profile)
+    refuse_unsent(printer, str(order.job))
     job = load_job(order.job, printer.max_line_bytes)
     history = resumable(order.folder, job.sha256) if order.resume else None
     transport = open_port(order.port, printer, order.baud)

@@ -28,12 +28,24 @@ _NAME: Final = "the firmware's own switch-off"
 
 def firmware_checks(run: DryRun, printer: Printer) -> list[Check]:
     """The timeout, the safe state, and what no command can set."""
+    if not printer.streamed:
+        return [_run_by_hand(printer)]
     return [
         _timeout(run, printer),
         *_safe_state(printer),
         *_watched(printer),
         *_configured(run, printer),
     ]
+
+
+def _run_by_hand(printer: Printer) -> Check:
+    """What a host that sends nothing can't see to."""
+    remedy = (
+        "load the file in the controller's own software; before it runs, enable the axes, touch "
+        "off, and see that its units are mm, its ramps as in the profile, and that its stop shuts "
+        "the valve or halts the plunger: nothing from here can"
+    )
+    return Check("asked of you", 0, 0, "", False, f"{printer.name}: aerotech", remedy, "warns")
 
 
 def _safe_state(printer: Printer) -> list[Check]:

@@ -68,7 +68,7 @@ def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
     return [
         *(_none(run, name, where, remedy) for name, where, remedy in rows),
         _left_closed(run, valve, head),
-        _asked_to_watch(head),
+        *([_asked_to_watch(head)] if printer.streamed else []),
         *_timing(run, valve, head),
     ]
 

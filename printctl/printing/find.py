@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from firmware_profiles import Printer, load
 from printctl.errors import PrintctlError, SafetyError
 from printctl.link.care import Care
 from printctl.link.client import PrintClient, attach, resume_print, start_print
 from printctl.link.errors import LinkError, NoLink
+from printctl.link.families import refuse_unsent
 from printctl.link.journal import read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
@@ -80,11 +82,13 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     SafetyError
         When the file's print was interrupted, and `resume` isn't set.
     LinkError
-        When the print can't be started or gone on with.
+        When the print can't be started or gone on with; `Refused` for a printer that takes no
+        lines from a host.
     """
     client = running(order)
     if client is not None:
         return client
+    refuse_unsent(load(Printer, order.printer), str(order.job))
     if order.resume:
         return resume_print(order.folder, open_port())
     if order.port != SIMULATED:

@@ -14,7 +14,7 @@ from firmware_profiles import Printer
 from printctl.link.channel import Over, Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import LinkError
-from printctl.link.families import protocol_for
+from printctl.link.families import protocol_for, refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.job import Job
 from printctl.link.journal import Journal
@@ -72,8 +72,10 @@ def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settin
     Raises
     ------
     LinkError
-        `PortInUse` while a print or another program holds the port; or nobody answers.
+        `PortInUse` while a print or another program holds the port; `Refused` for a printer that
+        takes no lines from a host; or nobody answers.
     """
+    refuse_unsent(printer)
     transport = open_port(named_port(port, printer), printer, baud)
     try:
         with tempfile.TemporaryDirectory() as folder:

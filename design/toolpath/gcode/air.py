@@ -2,10 +2,10 @@
 
 The pressure fixes the flow Q, so a move of length l that is to lay the volume V must take V/Q: its
 speed is Q l/V, whatever the toolpath asked for. The valve opens and closes while the head stands
-(M400 before each), and the head waits for the valve's delay after each: ink flows before the first
-move begins, and no more when the needle leaves. What flows while the valve closes is laid on the
-spot. Primes and retractions are left out: there is no plunger to relieve, a closed valve takes the
-pressure off.
+(M400, or the dialect's own wait, before each), and the head waits for the valve's delay after each:
+ink flows before the first move begins, and no more when the needle leaves. What flows while the
+valve closes is laid on the spot. Primes and retractions are left out: there is no plunger to
+relieve, a closed valve takes the pressure off.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import Stops, per_axis
+from design.toolpath.gcode.dialect import Dialect
 from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.gcode.marks import Marks
 from design.toolpath.gcode.numbers import decimals_for
@@ -135,7 +136,13 @@ def _refuse_beyond(
 
 
 def valve_lines(
-    toolpath: Toolpath, table: Table, head: Pneumatic, marks: Marks, *, standing_doses: bool
+    toolpath: Toolpath,
+    table: Table,
+    head: Pneumatic,
+    marks: Marks,
+    dialect: Dialect,
+    *,
+    standing_doses: bool,
 ) -> Marks:
     """The valve's commands and the marks, each before its row of the table.
 
@@ -150,17 +157,19 @@ def valve_lines(
     interrupted = np.isin(np.arange(len(kind)), marks.row)
     opens = np.flatnonzero(flows & (~before | doses | interrupted))
     closes = np.flatnonzero(flows & (~after | doses | np.roll(interrupted, -1))) + 1
+    shut = _switch(head, dialect, to_open=False)
+    opened = _switch(head, dialect, to_open=True)
     found = [
-        *((row, 0, text) for row in closes.tolist() for text in _switch(head, to_open=False)),
+        *((row, 0, text) for row in closes.tolist() for text in shut),
         *((row, 1, text) for row, text in zip(marks.row.tolist(), marks.text, strict=True)),
-        *((row, 2, text) for row in opens.tolist() for text in _switch(head, to_open=True)),
+        *((row, 2, text) for row in opens.tolist() for text in opened),
     ]
     found.sort(key=lambda entry: entry[:2])
     return Marks(np.array([row for row, _, _ in found], np.int64), [text for *_, text in found])
 
 
-def _switch(head: Pneumatic, *, to_open: bool) -> list[str]:
+def _switch(head: Pneumatic, dialect: Dialect, *, to_open: bool) -> list[str]:
     """Wait for the motors, switch, wait for the valve."""
     delay = head.opening_delay_s if to_open else head.closing_delay_s
-    pause = [f"G4 P{np.ceil(delay * 1e3):.0f}"] if delay > 0 else []
-    return ["M400", head.opens if to_open else head.closes, *pause]
+    pause = [dialect.dwell(delay)] if delay > 0 else []
+    return [dialect.waits, head.opens if to_open else head.closes, *pause]

@@ -19,15 +19,26 @@ Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common t
   adds at each change; ours is in the places already. M221 and M200 hold for one head each.
   Klipper's ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
 - Smoothieware, https://smoothieware.org/supported-g-codes: no timeout; extrudes cold.
+- Aerotech, not verified on a machine. Its file is loaded by the controller's own software.
+  Automation1's help (help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in
+  seconds, so that F is mm/s; G0 moves each axis at its own rate, not along a line, so travels are
+  G1 here; ``//`` begins a comment. A3200: mecode's own program text (github.com/jminardi/mecode,
+  header.txt and footer.txt): ``$DO0.0=0``, ``G4 P0.15`` in seconds; ORNL Slicer 2,
+  aerobasic_writer.cpp: ``VELOCITY ON`` keeps the head from stopping at each move's end,
+  ``$DO[0].X=1``, F in mm/s; G71 and G92 as in the programs of others. ``;`` begins a comment in
+  mecode's files, but would part two statements in AeroScript, so it isn't used.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 from design.errors import ToolpathError
-from firmware_profiles import Printer
+from design.toolpath.gcode.numbers import FEED_DECIMALS
+from design.toolpath.gcode.render import WORDS
+from firmware_profiles import Aerotech, Printer
 
 _PLUNGER_S: Final = ("M221", "M200")
 
@@ -55,6 +66,24 @@ class Dialect:
         Whether a timeout of 0 s may be written, to switch it off.
     of_each_head, of_others : tuple of str
         What each of several heads is told, ``{head}``; what all but the first are: no offset.
+    modes : tuple of str
+        Units and absolute places.
+    absolute_e : tuple of str
+        What a plunger needs beside them.
+    waits : str
+        Waits until the motors stand.
+    words : bytes
+        Letters of X, Y, Z, the plunger's axis, feed and dwell.
+    feed_s : float, s
+        What F is told per: a minute or a second.
+    feed_decimals, dwell_decimals : int
+        Digits of F, and of a dwell, after the point; 0 for a dwell in whole ms, 3 for one in s.
+    travels : int
+        Number of the G command of a travel.
+    comment : str
+        What begins a comment.
+    counts_anew : bool
+        Whether E is counted anew before float32 rounds it.
     """
 
     idle_timeout: str = ""
@@ -64,6 +93,16 @@ class Dialect:
     zero_is_off: bool = True
     of_each_head: tuple[str, ...] = ()
     of_others: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ("G21", "G90")
+    absolute_e: tuple[str, ...] = ("M82",)
+    waits: str = "M400"
+    words: bytes = WORDS
+    feed_s: float = 60.0
+    feed_decimals: int = FEED_DECIMALS
+    dwell_decimals: int = 0
+    travels: int = 0
+    comment: str = ";"
+    counts_anew: bool = True
 
     def header(self, printer: Printer, start: Place | None = None) -> list[str]:
         """Lines before the first move: timeout, units, absolute positions, absolute linear E.
@@ -86,9 +125,9 @@ class Dialect:
         """Units, modes, and what makes the dispenser ready: a plunger's E, or a closed valve."""
         if printer.pneumatic:
             clean = [line for line in self.clean if not line.startswith(_PLUNGER_S)]
-            return [printer.pneumatic.closes, "G21", "G90", *clean]
+            return [printer.pneumatic.closes, *self.modes, *clean]
         cold = [self.cold_extrusion] if self.cold_extrusion else []
-        return ["G21", "G90", "M82", *self.clean, *cold]
+        return [*self.modes, *self.absolute_e, *self.clean, *cold]
 
     def _heads(self, printer: Printer) -> list[str]:
         """The firmware adds no offset of its own, and takes each head's E as it is."""
@@ -100,7 +139,12 @@ class Dialect:
 
     def footer(self) -> list[str]:
         """Lines after the last move: wait until it has ended."""
-        return ["M400"]
+        return [self.waits]
+
+    def dwell(self, seconds: float) -> str:
+        """A pause, rounded up to whole milliseconds."""
+        milliseconds = math.ceil(seconds * 1e3)
+        return f"G4 P{milliseconds / 10**self.dwell_decimals:g}"
 
 
 DIALECTS: Final[dict[str, Dialect]] = {
@@ -120,7 +164,22 @@ DIALECTS: Final[dict[str, Dialect]] = {
         zero_is_off=False,
     ),
     "smoothieware": Dialect(),
+    "aerotech": Dialect(
+        clean=(),
+        modes=("G71", "G76", "G90"),
+        absolute_e=(),
+        feed_s=1.0,
+        feed_decimals=5,
+        dwell_decimals=3,
+        travels=1,
+        comment="//",
+        counts_anew=False,
+    ),
 }
+"""By the profile's ``firmware``; an Aerotech's is completed by its controller."""
+
+_BLENDING: Final = {"a3200": "VELOCITY ON", "automation1": "G108"}
+_WAITS: Final = {"a3200": "WAIT MOVEDONE {}", "automation1": "WaitForMotionDone([{}])"}
 
 
 def dialect_of(printer: Printer) -> Dialect:
@@ -136,4 +195,25 @@ def dialect_of(printer: Printer) -> Dialect:
             f"no G-code writer for firmware {printer.firmware!r} (profile {printer.name!r}); "
             f"there is one for: {', '.join(sorted(DIALECTS))}"
         )
-    return DIALECTS[printer.firmware]
+    found = DIALECTS[printer.firmware]
+    if printer.firmware != "aerotech":
+        return found
+    if printer.aerotech is None:
+        raise ToolpathError(
+            f"profile {printer.name!r} doesn't say which Aerotech controller it is for; give it "
+            "(aerotech: {controller: a3200})"
+        )
+    return _completed(found, printer.aerotech)
+
+
+def _completed(dialect: Dialect, aerotech: Aerotech) -> Dialect:
+    """Blending and waiting in the controller's language, and the plunger's own letter."""
+    letter = aerotech.plunger_axis or ""
+    axes = ["X", "Y", "Z", *letter]
+    between = " " if aerotech.controller == "a3200" else ", "
+    return replace(
+        dialect,
+        modes=(*dialect.modes, _BLENDING[aerotech.controller]),
+        waits=_WAITS[aerotech.controller].format(between.join(axes)),
+        words=WORDS.replace(b"E", (letter or "E").encode()),
+    )

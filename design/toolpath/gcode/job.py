@@ -40,7 +40,7 @@ class Gcode:
     @property
     def line_count(self) -> int:
         """Number of commands; marks aren't counted."""
-        return len(self.line_move) - self.data.count(b";")
+        return len(self.line_move) - self.data.count(b";") - self.data.count(b"//")
 
     @staticmethod
     def joined(parts: Sequence[Gcode]) -> Gcode:

@@ -8,7 +8,8 @@ PASS_END   a pass that ended along vessel n is written, the needle is above all 
 RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
 ========== ====================================================================================
 
-A mark is a line of its own, ``;LAYER_END:3``; a firmware never sees it. In a FRESH print the tip
+A mark is a line of its own, ``;LAYER_END:3`` (``//LAYER_END:3`` where that begins a comment); a
+firmware never sees it. In a FRESH print the tip
 is always at the top of what is written; in an embedded one a pass ends above it.
 """
 
@@ -46,6 +47,10 @@ class Marks:
             parts += [lines[at:place], text.encode(), b"\n"]
             at = place
         return b"".join([*parts, lines[at:]])
+
+    def begun_by(self, comment: str) -> Marks:
+        """The same behind another sign of a comment than the semicolon."""
+        return Marks(self.row, [comment + text[1:] for text in self.text])
 
 
 @dataclass(frozen=True)

@@ -101,9 +101,11 @@ def _render(
     return ends
 
 
-def render(table: Table, decimals: tuple[int, int, int, int, int, int]) -> tuple[bytes, int]:
+def render(
+    table: Table, decimals: tuple[int, int, int, int, int, int], letters: bytes = WORDS
+) -> tuple[bytes, int]:
     """Text of the commands and its longest line in bytes, the line end not counted."""
-    words = np.frombuffer(WORDS, dtype=np.uint8)
+    words = np.frombuffer(letters, dtype=np.uint8)
     text = np.empty(CHUNK * ROW_BYTES, dtype=np.uint8)
     parts, longest = [], 0
     for low in range(0, len(table.code), CHUNK):

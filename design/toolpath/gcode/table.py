@@ -8,7 +8,8 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import Stops, per_axis
-from design.toolpath.gcode.numbers import FEED_DECIMALS, Decimals, decimals_for
+from design.toolpath.gcode.dialect import dialect_of
+from design.toolpath.gcode.numbers import Decimals, decimals_for
 from design.toolpath.gcode.render import Table
 from design.toolpath.toolpath import FloatArray, IntArray
 from firmware_profiles import Printer
@@ -97,7 +98,7 @@ def tabulate(
     given[:, _P] = stops.code == _DWELL
     feed = int(value[moves[-1], _F]) if len(moves) else reached.feed
     table, base = Table(stops.code, value, given, stops.source, stops.move), 0
-    if not printer.pneumatic:
+    if not printer.pneumatic and dialect_of(printer).counts_anew:
         table, base = _counted_anew(table, reached, digits)
     return table, Reached(quanta[-1] if len(quanta) else reached.quanta, feed, base)
 
@@ -131,7 +132,7 @@ def _scale(digits: Decimals) -> FloatArray:
 
 
 def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -> IntArray:
-    """F of each command, mm/min in its last digit, never above an axis' limit.
+    """F of each command in its last digit, never above an axis' limit.
 
     A move steep in Z or rich in ink goes slower as a whole, so its path and its ink per length
     stay as they are. What counts is the way as written, which rounding may have tilted. Rounded
@@ -147,7 +148,8 @@ def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -
         limit = per_axis(printer.max_speed_mm_s) * length[:, None] / change
     limit[change == 0] = np.inf
     speed = np.minimum(stops.speed_mm_s, limit.min(axis=1))
-    quanta = np.floor(speed * 60.0 * 10.0**FEED_DECIMALS * (1 + 1e-9))
+    dialect = dialect_of(printer)
+    quanta = np.floor(speed * dialect.feed_s * 10.0**dialect.feed_decimals * (1 + 1e-9))
     return np.maximum(quanta, 1).astype(np.int64)
 
 

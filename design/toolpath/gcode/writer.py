@@ -12,7 +12,7 @@ from design.toolpath.gcode.commands import Stops, joined, stops
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.marks import Context, Marks, marks_of
-from design.toolpath.gcode.numbers import FEED_DECIMALS, decimals_for
+from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
 from design.toolpath.gcode.table import Reached, declared, place_text, tabulate
 from design.toolpath.gcode.trip import begin_of, way_in, way_out
@@ -120,14 +120,18 @@ class Writer:
 
     def _marks(self, toolpath: Toolpath, table: Table, *, last: bool) -> Marks:
         marks = marks_of(toolpath, table, Context(self._source, last))
+        marks = marks.begun_by(self._dialect.comment)
         head, doses = self._printer.pneumatic, self._options.standing_doses
         if head is None:
             return marks
-        return valve_lines(toolpath, table, head, marks, standing_doses=doses)
+        return valve_lines(toolpath, table, head, marks, self._dialect, standing_doses=doses)
 
     def _rendered(self, toolpath: Toolpath, table: Table, marks: Marks) -> Gcode:
-        digits = decimals_for(self._printer)
-        text, longest = render(table, (digits.x, digits.y, digits.z, digits.e, FEED_DECIMALS, 0))
+        digits, dialect = decimals_for(self._printer), self._dialect
+        table = replace(table, code=np.where(table.code == 0, dialect.travels, table.code))
+        times = (dialect.feed_decimals, dialect.dwell_decimals)
+        places = (digits.x, digits.y, digits.z, digits.e, *times)
+        text, longest = render(table, places, dialect.words)
         room = self._printer.max_line_bytes
         if longest > room - LINK_BYTES:
             raise ToolpathError(

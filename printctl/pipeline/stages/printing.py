@@ -9,6 +9,7 @@ from typing import Any
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care
+from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
@@ -25,6 +26,7 @@ from printctl.printing import (
     usable_mm,
 )
 from printctl.progress import Report
+from printctl.recipe.making import SimulatedScan
 from sim.executed import ExecutedMotion
 
 EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
@@ -92,6 +94,8 @@ def retreat_of(context: RunContext, lift_mm: float) -> Retreat:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Start the print (or find the one that is going on here) and follow it to its end."""
+    if not context.printer.streamed:
+        return loaded_by_hand(context), []
     part = context.recipe.printer
     folder = context.folder / JOURNAL_FOLDER
     folder.mkdir(exist_ok=True)
@@ -122,6 +126,31 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if part.port != SIMULATED:
         return summary, []
     return {**summary, **executed_facts(context)}, [EXECUTED]
+
+
+def loaded_by_hand(context: RunContext) -> dict[str, Any]:
+    """Leave out the print on a controller that runs the file by itself, with a word.
+
+    Raises
+    ------
+    Refused
+        When the recipe's scan is to be simulated from a print that nobody follows here.
+    """
+    file = context.folder / GCODE
+    if isinstance(context.scan_part, SimulatedScan):
+        then = "Then give the scan of the part as a file (scan: {file: ...}) and run again"
+        refuse_unsent(context.printer, str(file), then)
+    context.bars.remark(
+        "print",
+        f"left out: {context.printer.name} runs its program by itself; load {file} in the "
+        "controller's own software and print it there, before the scan",
+    )
+    return {
+        "printer": context.printer.name,
+        "port": context.recipe.printer.port,
+        "state": "by hand",
+        "lines": 0,
+    }
 
 
 def executed_facts(context: RunContext) -> dict[str, Any]:
