@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from printctl.errors import UsageError
 
@@ -92,7 +92,7 @@ class LineFit:
 
 def quantile(dof: float) -> float:
     """Student's t of the 95 % interval."""
-    return float(student.ppf(0.5 + LEVEL / 2, dof))
+    return float(stdtrit(dof, 0.5 + LEVEL / 2))
 
 
 def reading_variance(last_digit: float) -> float:

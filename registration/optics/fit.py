@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from registration.errors import SegmentationError
 from registration.optics.beam import Beam, OctCalibration
@@ -176,7 +176,7 @@ def _intervals(best: object, count: int) -> dict[str, tuple[float, float]]:
     jacobian, left, values = best.jac, best.fun, best.x  # type: ignore[attr-defined]
     free = max(1, len(left) - len(values))
     spread = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * (left @ left) / free)
-    half = student.ppf(0.975, free) * spread
+    half = stdtrit(free, 0.975) * spread
     return {
         name: (float(values[i] - half[i]), float(values[i] + half[i]))
         for i, name in enumerate(_NAMES[:count])

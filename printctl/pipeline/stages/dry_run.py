@@ -12,6 +12,7 @@ from design.files import write_text
 from firmware_profiles import Printer
 from printctl.link.job import parse_job
 from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE, of_heads
 from printctl.preflight import (
@@ -104,7 +105,8 @@ def widest_filament_mm(context: RunContext, number: int = 0) -> float:
     """Thickest filament that a head writes: a vessel, or in layers a line."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
-        return part.line_um * 1e-3
+        heads = context.recipe.printer.heads
+        return layer_lines_um(part, heads, context.printer.head_count)[number] * 1e-3
     own = np.repeat(context.vessel_head == number, np.diff(context.network.offset))
     return 2.0 * float(context.network.radius[own].max(initial=0.0))
 
