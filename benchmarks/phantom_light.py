@@ -76,6 +76,7 @@ def render(
     pieces: FloatArray,
     radius: FloatArray,
     balls: FloatArray,
+    plugs: FloatArray,
     cells: tuple[FloatArray, IntArray, IntArray, IntArray],
     light: Light,
     seed: int,
@@ -84,8 +85,8 @@ def render(
     nx, ny, nz = shape
     numbers = np.array([light.counts, light.attenuation_mm, light.liquid, light.noise])
     return _render(
-        nx, ny, nz, np.array(voxel_mm), np.ascontiguousarray(to_part), size, pieces, radius, balls,
-        *cells, numbers, light.looks, np.uint64(seed + 1),
+        nx, ny, nz, np.array(voxel_mm), np.ascontiguousarray(to_part), size, pieces, radius,
+        balls, plugs, *cells, numbers, light.looks, np.uint64(seed + 1),
     )  # fmt: skip
 
 
@@ -100,7 +101,7 @@ def _mixed(state: Any) -> Any:
 
 @numba.njit
 def _gel(
-    x: float, y: float, z: float, size: Any, pieces: Any, radius: Any, balls: Any,
+    x: float, y: float, z: float, size: Any, pieces: Any, radius: Any, balls: Any, plugs: Any,
     origin: Any, count: Any, offset: Any, owner: Any,
 ) -> float:  # fmt: skip
     """Signed distance to the gel's surface, mm: below 0 in the gel, within 0.1 mm right."""
@@ -128,6 +129,11 @@ def _gel(
         t = min(1.0, max(0.0, t))
         away = math.sqrt((x - ax - t * dx) ** 2 + (y - ay - t * dy) ** 2 + (z - az - t * dz) ** 2)
         lumen = min(lumen, away - radius[p, 0] - t * (radius[p, 1] - radius[p, 0]))
+    for plug in plugs:
+        # Gel between two planes across a lumen: middle, direction, half length, reach.
+        u, v, w = x - plug[0], y - plug[1], z - plug[2]
+        if u * u + v * v + w * w < plug[7] * plug[7]:
+            lumen = max(lumen, plug[6] - abs(u * plug[3] + v * plug[4] + w * plug[5]))
     return max(box, -lumen)
 
 
@@ -144,7 +150,8 @@ def _share(above: float, below: float) -> float:
 @numba.njit(parallel=True)
 def _render(
     nx: int, ny: int, nz: int, voxel: Any, to_part: Any, size: Any, pieces: Any, radius: Any,
-    balls: Any, origin: Any, count: Any, offset: Any, owner: Any, numbers: Any, looks: int,
+    balls: Any, plugs: Any, origin: Any, count: Any, offset: Any, owner: Any, numbers: Any,
+    looks: int,
     seed: Any,
 ) -> Any:  # fmt: skip
     out = np.empty((nz, ny, nx), np.uint16)
@@ -160,7 +167,9 @@ def _render(
                 x = to_part[0, 0] * sx + to_part[0, 1] * sy + to_part[0, 2] * sz + to_part[0, 3]
                 y = to_part[1, 0] * sx + to_part[1, 1] * sy + to_part[1, 2] * sz + to_part[1, 3]
                 z = to_part[2, 0] * sx + to_part[2, 1] * sy + to_part[2, 2] * sz + to_part[2, 3]
-                below = _gel(x, y, z, size, pieces, radius, balls, origin, count, offset, owner)
+                below = _gel(
+                    x, y, z, size, pieces, radius, balls, plugs, origin, count, offset, owner
+                )  # fmt: skip
                 upper, above = above, below
                 if level == 0:
                     continue

@@ -7,6 +7,7 @@ NAME`` measures a part; ``--quick`` takes a tenth of the cases.
 from __future__ import annotations
 
 from benchmarks.command import Job, run
+from benchmarks.registration_defects import defect_rows
 from benchmarks.registration_pose import interval_rows, landing_rows
 from benchmarks.registration_vessels import diameter_rows, whole_rows
 
@@ -15,6 +16,7 @@ JOBS: dict[str, Job] = {
     "landing": landing_rows,
     "intervals": interval_rows,
     "diameters": diameter_rows,
+    "defects": defect_rows,
 }
 
 

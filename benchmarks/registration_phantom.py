@@ -214,8 +214,8 @@ def scan_of(design: Design, setting: Setting, seed: int) -> tuple[NDArray[np.uin
     cells = cells_of(design.size, pieces, radius, balls)
     to_part = np.linalg.inv(truth.scan_from_part)
     volume = render(
-        setting.shape, setting.voxel_mm, to_part, design.size, pieces, radius, balls, cells,
-        setting.light, seed,
+        setting.shape, setting.voxel_mm, to_part, design.size, pieces, radius, balls,
+        _plugs(design, setting), cells, setting.light, seed,
     )  # fmt: skip
     return volume, truth
 
@@ -253,9 +253,8 @@ def _pieces(design: Design, setting: Setting) -> tuple[FloatArray, FloatArray]:
         share, radius = _profile(float(np.linalg.norm(b - a)), float(r) + setting.wall_mm, here)
         point = a + share[:, None] * (b - a)
         for k in range(len(share) - 1):
-            if radius[k] > 0 and radius[k + 1] > 0:
-                pieces.append(np.concatenate([point[k], point[k + 1]]))
-                radii.append((radius[k], radius[k + 1]))
+            pieces.append(np.concatenate([point[k], point[k + 1]]))
+            radii.append((radius[k], radius[k + 1]))
         for defect in here:
             if defect.kind == "leak":
                 at = a + defect.at * (b - a)
@@ -264,11 +263,22 @@ def _pieces(design: Design, setting: Setting) -> tuple[FloatArray, FloatArray]:
     return np.array(pieces), np.array(radii)
 
 
+def _plugs(design: Design, setting: Setting) -> FloatArray:
+    """Occlusions as rows of middle, direction, half length and reach, (k, 8)."""
+    found = [np.zeros((0, 8))]
+    for defect in setting.defects:
+        if defect.kind == "occlusion":
+            a, b = design.node[design.vessel[defect.vessel]]
+            way, half = (b - a) / np.linalg.norm(b - a), defect.size_mm / 2
+            reach = half + 2 * float(design.radius[defect.vessel])
+            found.append(np.array([[*(a + defect.at * (b - a)), *way, half, reach]]))
+    return np.concatenate(found)
+
+
 def _profile(length: float, r: float, defects: list[Defect]) -> tuple[FloatArray, FloatArray]:
-    """Places along a vessel and the radius there; 0 where it is closed."""
+    """Places along a vessel and the radius there."""
     bumps = [d for d in defects if d.kind in ("bulge", "stenosis")]
-    closed = [d for d in defects if d.kind == "occlusion"]
-    if not bumps and not closed:
+    if not bumps:
         return np.array([0.0, 1.0]), np.array([r, r])
     share = np.linspace(0, 1, 8 * CUTS + 1)
     radius = np.full(len(share), r)
@@ -276,8 +286,6 @@ def _profile(length: float, r: float, defects: list[Defect]) -> tuple[FloatArray
         sign = 1.0 if d.kind == "bulge" else -1.0
         width = max(0.35, 1.5 * r) / length
         radius += sign * d.size_mm * np.exp(-(((share - d.at) / width) ** 2))
-    for d in closed:
-        radius[np.abs(share - d.at) * length < d.size_mm / 2] = 0.0
     return share, radius
 
 
