@@ -80,7 +80,7 @@ def interval_rows(quick: bool) -> Iterator[Row]:
     errors, halves = [], []
     design = branched()
     surface = ModelSurface.of(as_designed(design)[0])
-    count = 10 if quick else 100
+    count = 24 if quick else 100
     rng = np.random.default_rng(7)
     for seed in range(count):
         print(f"intervals: seed {seed}", file=sys.stderr, flush=True)
