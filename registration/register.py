@@ -46,8 +46,8 @@ class RegistrationOptions:
     Attributes
     ----------
     working_voxel_mm : float or None, mm
-        Voxels are averaged to about this; None takes a twelfth of the thinnest lumen, more where
-        the scan is large, and at most 0.1 mm.
+        Voxels are averaged to about this; None takes an eighth of the thinnest lumen, in OCT a
+        twelfth or what a large scan asks for, and at most 0.1 mm.
     smoothing_mm : float or None, mm
         Gaussian; None takes 0.8 of the working voxel.
     lumens : "dark" or "bright"
@@ -191,8 +191,11 @@ def _both_ways(
 def _segmentation_options(
     scan: Scan, options: RegistrationOptions, thinnest: float
 ) -> SegmentationOptions:
-    voxel = float(np.prod(scan.geometric_voxel_mm))
-    fine = max(thinnest / 12, (voxel * scan.volume.size / MOST_WORKING_VOXELS) ** (1 / 3))
+    fine = thinnest / 8
+    if scan.modality == "oct":
+        voxel = float(np.prod(scan.geometric_voxel_mm))
+        most = (voxel * scan.volume.size / MOST_WORKING_VOXELS) ** (1 / 3)
+        fine = max(thinnest / 12, most)
     return SegmentationOptions(
         working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
         smoothing_mm=options.smoothing_mm,

@@ -34,10 +34,10 @@ class SegmentationOptions:
     Attributes
     ----------
     working_voxel_mm : float, mm
-        Voxels are averaged to about this edge; a twelfth of the thinnest lumen is right.
+        Voxels are averaged to about this edge; an eighth of the thinnest lumen is right, in OCT a twelfth.
     smoothing_mm : float or None, mm
-        Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`, or of the scan's
-        own coarsest voxel.
+        Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`, or in OCT of the
+        scan's own coarsest voxel.
     lumens : "dark" or "bright"
         Against the gel; "bright" when filled with contrast agent.
     speck_mm : float, mm
@@ -91,8 +91,7 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     """
     options = options or SegmentationOptions()
     _check_volume(scan)
-    coarsest = max(options.working_voxel_mm, *scan.geometric_voxel_mm)
-    smoothing = options.smoothing_mm or 0.8 * coarsest
+    smoothing = options.smoothing_mm or 0.8 * _fineness(scan, options)
     working = Working.of(scan, options.working_voxel_mm, smoothing)
     strength: Strength | None = None
     if scan.modality == "oct":
@@ -103,6 +102,12 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     return Segmentation(
         field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength
     )
+
+
+def _fineness(scan: Scan, options: SegmentationOptions) -> float:
+    """What smoothing goes by, mm: speckle has the size of a voxel, however fine the work."""
+    own = scan.geometric_voxel_mm if scan.modality == "oct" else ()
+    return max((options.working_voxel_mm, *own))
 
 
 def _check_volume(scan: Scan) -> None:
