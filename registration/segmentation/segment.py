@@ -34,7 +34,8 @@ class SegmentationOptions:
     Attributes
     ----------
     working_voxel_mm : float, mm
-        Voxels are averaged to about this edge; an eighth of the thinnest lumen is right, in OCT a twelfth.
+        Voxels are averaged to about this edge; an eighth of the thinnest lumen is right, in OCT
+        a twelfth.
     smoothing_mm : float or None, mm
         Standard deviation of the Gaussian; None takes 0.8 of `working_voxel_mm`, or in OCT of the
         scan's own coarsest voxel.
