@@ -1,7 +1,8 @@
 """Scan to report: pose, scale, intervals, diameters, defects: ``make bench-registration``.
 
 Scans are a phantom's (`registration_phantom`), made without any of the product's code. ``--only
-NAME`` measures a part; ``--quick`` takes a tenth of the cases.
+NAME`` measures a part; ``--quick`` takes a tenth to a
+quarter of the cases.
 """
 
 from __future__ import annotations
