@@ -1,15 +1,18 @@
 """Compile every kernel by running tiny recipes through the whole chain, and drawing a picture.
 
 Kernels are compiled for the types they are called with, so the chain itself is the only list of
-them that can't go out of date.
+them that can't go out of date. Numba compiles on one core; two chains of recipes with few kernels
+in common are run in two processes.
 """
 
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,8 +22,7 @@ from rich.console import Console
 from design.errors import GrowthError
 from printctl.link.history import DATA_VARIABLE
 from printctl.networks import Drive, load_source
-from printctl.pipeline import run_recipe
-from printctl.pipeline.run import design_recipe
+from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import Recipe, parse_recipe
 from registration.picture import PictureOptions, draw_picture, quantities
 
@@ -61,22 +63,41 @@ CROWDED: dict[str, Any] = EMBEDDED | {
 
 
 def warm_kernels() -> None:
-    """Run the recipes in a scratch folder, draw one of their networks, and forget them."""
-    silent = Console(file=io.StringIO())
-    with tempfile.TemporaryDirectory() as folder, history_in(Path(folder) / "data"):
-        scratch = Path(folder)
+    """Run all recipes in scratch folders, and forget them."""
+    # Spawned: a fork of a process with numba's threads may hang.
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, spawn) as pool:
+        for chain in [pool.submit(warm_growth), pool.submit(warm_prints)]:
+            chain.result()
 
-        def warmed(data: dict[str, Any], run: Run) -> Path:
-            recipe = parse_recipe(data, "warm-up recipe")
-            run(recipe, scratch, scratch / recipe.name, silent)
-            return scratch / recipe.name
 
-        warmed(LAYERED, run_recipe)
-        warmed(POLISHED, design_recipe)
+def warm_prints() -> None:
+    """Both kinds of prints, whole, and a picture."""
+    with scratch_folder() as scratch:
+        _warmed(LAYERED, run_recipe, scratch)
+        draw(_warmed(EMBEDDED, run_recipe, scratch))
+
+
+def warm_growth() -> None:
+    """What grows, is polished and joined."""
+    with scratch_folder() as scratch:
+        _warmed(POLISHED, design_recipe, scratch)
         # What finds no way has compiled all that looks for one.
         with suppress(GrowthError):
-            warmed(CROWDED, design_recipe)
-        draw(warmed(EMBEDDED, run_recipe))
+            _warmed(CROWDED, design_recipe, scratch)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A folder for runs that nobody remembers."""
+    with tempfile.TemporaryDirectory() as folder, history_in(Path(folder) / "data"):
+        yield Path(folder)
+
+
+def _warmed(data: dict[str, Any], run: Run, scratch: Path) -> Path:
+    recipe = parse_recipe(data, "warm-up recipe")
+    run(recipe, scratch, scratch / recipe.name, Console(file=io.StringIO()))
+    return scratch / recipe.name
 
 
 @contextmanager

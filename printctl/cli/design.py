@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
-from printctl.pipeline import design_recipe
+from printctl.pipeline.run import design_recipe
 from printctl.recipe import load_recipe
 
 

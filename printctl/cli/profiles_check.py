@@ -9,7 +9,7 @@ import typer
 
 from firmware_profiles import Syringe, doubts, load, shipped
 from printctl.cli.options import JsonFlag, print_json, print_lines
-from printctl.cli.profiles import find_profile
+from printctl.cli.profiles_show import find_profile
 
 
 def check(

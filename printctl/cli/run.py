@@ -9,7 +9,7 @@ import typer
 
 from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
 from printctl.cli.process_lines import process_lines
-from printctl.pipeline import run_recipe
+from printctl.pipeline.run import run_recipe
 from printctl.recipe import load_recipe
 
 OutOption = Annotated[

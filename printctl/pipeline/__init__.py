@@ -1,5 +1,1 @@
-"""The stages of a run, from tissue to report, and running them without doing anything twice."""
-
-from printctl.pipeline.run import design_recipe, run_recipe, toolpath_recipe
-
-__all__ = ["design_recipe", "run_recipe", "toolpath_recipe"]
+"""The stages of a run, from tissue to report; `run` does them, none of them twice."""

@@ -10,7 +10,7 @@ from printctl import warm
 from printctl.link.history import PrintHistory, data_folder, remember_meanwhile
 from printctl.link.journal import Journal
 from printctl.link.record import JOURNAL
-from printctl.warm import history_in, warm_kernels
+from printctl.warm import history_in, warm_growth, warm_prints
 
 
 def test_prints_made_to_compile_are_not_among_the_users(tmp_path, monkeypatch):
@@ -30,7 +30,8 @@ def test_prints_made_to_compile_are_not_among_the_users(tmp_path, monkeypatch):
     for name in ("run_recipe", "design_recipe"):
         monkeypatch.setattr(warm, name, printed)
     monkeypatch.setattr(warm, "draw", lambda folder: None)
-    warm_kernels()
+    warm_growth()
+    warm_prints()
     assert len(remembered) == 4
     assert all(remembered)
     assert data_folder() == tmp_path / "mine"

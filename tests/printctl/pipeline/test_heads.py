@@ -15,8 +15,8 @@ from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, SafetyError, UsageError
-from printctl.pipeline import toolpath_recipe
 from printctl.pipeline.heads import vessel_heads
+from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.recipe.heads import HeadPart
 

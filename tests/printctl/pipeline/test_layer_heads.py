@@ -14,8 +14,8 @@ from design.network import VesselNetwork
 from design.network_csv import write_network_csv
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
-from printctl.pipeline import toolpath_recipe
 from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh

@@ -1,0 +1,76 @@
+"""What the subcommands are, and where each stands.
+
+A command's module is imported when it is asked for, not before: `printctl pause` shouldn't wait
+for the mesh library that `printctl solid` needs.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+COMMANDS: dict[str, str] = {
+    "run": "run:run",
+    "design": "design:design",
+    "toolpath": "toolpath:toolpath",
+    "slice": "slice:slice_mesh",
+    "simulate": "simulate:simulate",
+    "print": "print_job:print_job",
+    "status": "status:status",
+    "pause": "pause:pause",
+    "resume": "resume:resume",
+    "reload": "reload:reload",
+    "alive": "alive:alive",
+    "recover": "recover:recover",
+    "sim-printer": "sim_printer:sim_printer",
+    "register": "register:register",
+    "view": "view:view",
+    "convert": "convert:convert",
+    "solid": "solid:solid",
+    "measure": "measure:measure",
+    "lumens": "lumens:lumens",
+    "ports": "ports:ports",
+    "profiles": "profiles:profiles",
+    "history": "history:history",
+    "calibrate": "calibrate:calibrate",
+    "doctor": "doctor:doctor",
+    "init": "init:init",
+}
+"""Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
+
+CALLED_WITH: dict[str, dict[str, Any]] = {
+    "sim-printer": {"allow_extra_args": True, "ignore_unknown_options": True}
+}
+"""Of commands that hand on what they are given."""
+
+
+class LazyGroup(TyperGroup):
+    """The subcommands of `COMMANDS`, in their order, each imported when it is used."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names, in the order of help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of that name, or None."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name].split(":")
+        found = getattr(import_module(f"printctl.cli.{module}"), attribute)
+        if isinstance(found, typer.Typer):
+            command: Any = typer.main.get_group(found)
+        else:
+            alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
+            alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(found)
+            command = typer.main.get_command(alone)
+        command.name = cmd_name
+        return command
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find what was typed; for a slip of the pen the base class looks at `commands`."""
+        names: Any = dict.fromkeys(COMMANDS)
+        self.commands = names
+        return super().resolve_command(ctx, args)

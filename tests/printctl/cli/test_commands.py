@@ -1,0 +1,39 @@
+"""Subcommands are found, and only the one that is asked for is loaded."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from printctl.cli.commands import COMMANDS
+from printctl.cli.main import app
+
+LOADED = """
+import sys
+from printctl.cli.main import app
+app(["pause", "--help"], standalone_mode=False)
+print("registration" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_can_be_asked_for_help(name):
+    result = CliRunner().invoke(app, [name, "--help"])
+    assert result.exit_code == 0, result.output
+    assert f" {name} " in result.output
+
+
+def test_a_slip_of_the_pen_is_answered_with_what_may_have_been_meant():
+    result = CliRunner().invoke(app, ["pauze"])
+    assert result.exit_code == 2
+    assert "pause" in result.output
+
+
+def test_pausing_waits_for_no_library_of_another_command():
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "False"
