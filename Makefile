@@ -5,13 +5,17 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration clean
+.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
 
 test: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+
+# Long runs of shipped examples, minutes each.
+test-slow: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -m slow --numprocesses 2
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Kernels on whole volumes: binning, smoothing, light at walls, local levels."""
+"""Kernels on whole volumes: binning, smoothing, local levels."""
 
 from __future__ import annotations
 
@@ -45,6 +45,28 @@ def bin_mean(
                             row[x] += value
             for x in range(nx):
                 out[z, y, x] = row[x] * share - np.float32(offset)
+    return out
+
+
+@pjit
+def mean_where(
+    values: FloatVolume, mask: NDArray[np.bool_], bins: tuple[int, int, int]
+) -> FloatVolume:
+    """Sum of `values` where `mask` holds, over blocks of ``bins`` voxels, by the block's size."""
+    bz, by, bx = bins
+    nz, ny, nx = values.shape[0] // bz, values.shape[1] // by, values.shape[2] // bx
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    share = np.float32(1.0 / (bz * by * bx))
+    for z in numba.prange(nz):
+        for y in range(ny):
+            for x in range(nx):
+                total = np.float32(0.0)
+                for k in range(z * bz, (z + 1) * bz):
+                    for j in range(y * by, (y + 1) * by):
+                        for i in range(x * bx, (x + 1) * bx):
+                            if mask[k, j, i]:
+                                total += values[k, j, i]
+                out[z, y, x] = total * share
     return out
 
 
@@ -107,7 +129,7 @@ def smooth(
 
 
 @jit
-def _between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int) -> float:
+def between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int) -> float:
     """A coarse field (block centres at every `factor`-th voxel) at a voxel, trilinear."""
     mz, my, mx = field.shape
     c = min(max((z + 0.5) / factor[0] - 0.5, 0.0), mz - 1.0)
@@ -133,45 +155,9 @@ def normalise(
     for z in numba.prange(nz):
         for y in range(ny):
             for x in range(nx):
-                at = _between(low, factor, z, y, x)
-                span = max(_between(high, factor, z, y, x) - at, 0.1)
+                at = between(low, factor, z, y, x)
+                span = max(between(high, factor, z, y, x) - at, 0.1)
                 values[z, y, x] = np.float32((values[z, y, x] - at) / span)
-
-
-@pjit
-def over_light(
-    signal: FloatVolume,
-    light: FloatVolume,
-    own: NDArray[np.bool_],
-    beside: FloatVolume,
-    share: FloatVolume,
-    factor: tuple[int, int, int],
-    most: float,
-) -> tuple[FloatVolume, NDArray[np.bool_]]:
-    """Signal over the light that a voxel would get as gel, and whether that light is known.
-
-    Where an A-scan runs in gel (`own`) it is its own; else that of the gel `beside` it, given at
-    every `factor`-th voxel together with its weight `share`. Where there is none within reach
-    there is no gel either: 0.
-    """
-    nz, ny, nx = signal.shape
-    out = np.empty((nz, ny, nx), dtype=np.float32)
-    known = np.empty((nz, ny, nx), dtype=np.bool_)
-    for z in numba.prange(nz):
-        for y in range(ny):
-            for x in range(nx):
-                through = 0.0
-                if own[z, y, x]:
-                    through = light[z, y, x]
-                else:
-                    weight = _between(share, factor, z, y, x)
-                    if weight > 0.005:
-                        through = _between(beside, factor, z, y, x) / weight
-                known[z, y, x] = through > 0.0
-                out[z, y, x] = np.float32(0.0)
-                if through > 0.0:
-                    out[z, y, x] = np.float32(min(signal[z, y, x] / through, most))
-    return out, known
 
 
 @pjit

@@ -3,8 +3,8 @@
 Four things decide whether a wall comes out where it is, and each is taken away:
 
 - light fades on its way down and is brighter below lumens (`light`);
-- an A-scan that a steep wall fills in part has no light of its own to be held against: the gel
-  beside it has;
+- an A-scan that a steep wall fills in part has no light of its own to be held against: gel and
+  liquid beside it have (`walls`);
 - what is left of both, and the instrument's roll-off, changes slowly: gel and liquid have local
   levels, taken well inside of either;
 - the surface lies halfway between these two, not halfway to nothing.
@@ -12,32 +12,20 @@ Four things decide whether a wall comes out where it is, and each is taken away:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.filters import (
-    bin_mean,
-    gaussian_weights,
-    near_in_depth,
-    normalise,
-    over_light,
-    smooth,
-)
+from registration.segmentation.filters import bin_mean, gaussian_weights, mean_where, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.volume import GelField, Strength
+from registration.segmentation.walls import Sides, share_of_volume, smoothed
 from registration.segmentation.working import Working, probe
 
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-BESIDE_MM = 0.12
-"""How far about beside a wall the gel's light is looked for: standard deviation, level."""
-OWN_MM = 0.3
-"""An A-scan with the inside of gel so near above or below has light of its own."""
 GEL_MM, LIQUID_MM = 0.25, 0.15
 """Levels are averaged over about this distance; the liquid's changes faster outside the gel."""
 COARSE_MM = 0.09
@@ -52,8 +40,6 @@ BRIGHT = 0.25
 """Above this part of the brightest, gel is meant."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
-_REFLECTION = 3.0
-"""Gel is never so much brighter than gel; reflections are, and would spill over."""
 
 
 def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
@@ -72,25 +58,18 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     light, typical = light_left(signal, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     sides = _sides(signal, light, typical)
     light *= np.float32(typical)
-    ratio, known = _against_gel(signal, light, sides, working)
-    # A wall that leans lets light in from the side: thin and dazzling beside the gel's own. It is
-    # taken down where speckle is smoothed enough to know, and before it spreads.
-    values = np.minimum(working.smoothed(ratio, 0.6), np.float32(DAZZLE))
+    _, fy, fx = _coarse(working, signal)
+    share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+    # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
+    # they spread.
+    values = np.minimum(working.smoothed(share, 0.6), np.float32(DAZZLE))
     values = working.smoothed(values, 0.8)
-    del ratio, light
+    del share, light
     liquid, gel, factor = _levels(values, sides, known, working)
     normalise(values, liquid, gel, factor)
     contrast = _contrast(values, sides)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
     return field, contrast, Strength(signal, noise)
-
-
-@dataclass(frozen=True)
-class Sides:
-    """Voxels well within the gel, and well without, (nz, ny, nx) each."""
-
-    gel: Mask
-    liquid: Mask
 
 
 def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
@@ -115,23 +94,6 @@ def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -
         )
 
 
-def _against_gel(
-    signal: FloatVolume, light: FloatVolume, sides: Sides, working: Working
-) -> tuple[FloatVolume, Mask]:
-    """Signal over what gel would send back there, and where that is known."""
-    _, fy, fx = _coarse(working, signal)
-    factor = (1, fy, fx)
-    lateral = BESIDE_MM / (working.voxel_mm[:2] * (fx, fy))
-    weights = (gaussian_weights(0.0), gaussian_weights(lateral[1]), gaussian_weights(lateral[0]))
-    share = bin_mean(sides.gel, factor, False, 0.0)
-    beside = bin_mean(np.where(sides.gel, light, np.float32(0)), factor, False, 0.0)
-    own = near_in_depth(sides.gel, max(1, round(OWN_MM / float(working.voxel_mm[2]))))
-    return over_light(
-        signal, light, own, _smoothed(beside, weights), _smoothed(share, weights), factor,
-        _REFLECTION,
-    )  # fmt: skip
-
-
 def _levels(
     values: FloatVolume, sides: Sides, known: Mask, working: Working
 ) -> tuple[FloatVolume, FloatVolume, tuple[int, int, int]]:
@@ -154,10 +116,10 @@ def _local(
 ) -> FloatVolume:
     """Mean of `values` over the voxels `where`, around each place; far from any of them `usual`."""
     z, y, x = (gaussian_weights(s) for s in sigma)
-    weight = _smoothed(bin_mean(where, factor, False, 0.0), (z, y, x))
-    total = bin_mean(np.where(where, values, np.float32(0)), factor, False, 0.0)
+    weight = smoothed(bin_mean(where, factor, False, 0.0), (z, y, x))
+    total = mean_where(values, where, factor)
     few = np.float32(1e-4)
-    return np.asarray((_smoothed(total, (z, y, x)) + few * np.float32(usual)) / (weight + few))
+    return np.asarray((smoothed(total, (z, y, x)) + few * np.float32(usual)) / (weight + few))
 
 
 def _contrast(values: FloatVolume, sides: Sides) -> float:
@@ -175,13 +137,6 @@ def _contrast(values: FloatVolume, sides: Sides) -> float:
             "the brighter, that scale is right, and the exposure"
         )
     return contrast
-
-
-def _smoothed(values: FloatVolume, weights: tuple[FloatVolume, ...]) -> FloatVolume:
-    out = np.empty_like(values)
-    z, y, x = weights
-    smooth(values, out, (z, y, x), 0.0)
-    return out
 
 
 def _coarse(working: Working, values: FloatVolume) -> tuple[int, int, int]:

@@ -11,7 +11,6 @@ from registration.segmentation.filters import (
     gaussian_weights,
     near_in_depth,
     normalise,
-    over_light,
     smooth,
 )
 from registration.segmentation.levels import sparse_levels
@@ -144,18 +143,3 @@ def test_levels_are_mapped_to_nothing_and_one() -> None:
     values = ramp.astype(np.float32)
     normalise(values, low, high, factor)
     np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
-
-
-def test_beside_a_wall_the_gel_s_light_counts_and_far_from_gel_there_is_none() -> None:
-    signal = np.full((2, 4, 6), 8.0, np.float32)
-    light = np.full(signal.shape, 4.0, np.float32)
-    own = np.zeros(signal.shape, bool)
-    own[:, :, :2] = True
-    share = np.zeros(signal.shape, np.float32)
-    share[:, :, 2:4] = 0.5
-    beside = 16.0 * share
-    ratio, known = over_light(signal, light, own, beside, share, (1, 1, 1), 3.0)
-    np.testing.assert_allclose(ratio[0, 0], [2, 2, 0.5, 0.5, 0, 0])
-    np.testing.assert_array_equal(known[0, 0], [True, True, True, True, False, False])
-    most, _ = over_light(signal, light / 4, own, beside, share, (1, 1, 1), 3.0)
-    assert most.max() == 3.0

@@ -23,6 +23,7 @@ def _run(recipe: Path, folder: Path) -> None:
     assert done.returncode == 0, report["verdict"]
 
 
+@pytest.mark.slow
 def test_shipped_phantom(tmp_path: Path) -> None:
     _run(ROOT / "examples" / "cortex_embedded.yaml", tmp_path)
 

@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.system.cli import ROOT, printctl, recipe_file
 
 
+@pytest.mark.slow
 def test_heart_keeps_to_what_the_needle_can_write(tmp_path: Path) -> None:
     recipe = ROOT / "examples" / "heart_printable.yaml"
     done = printctl("design", recipe, "--out", "heart", "--json", cwd=tmp_path)
@@ -18,6 +21,7 @@ def test_heart_keeps_to_what_the_needle_can_write(tmp_path: Path) -> None:
     assert "lumens of 0.4 mm and walls of 0.1 mm or more kept" in network["notes"][0]
 
 
+@pytest.mark.slow
 def test_design_says_how_far_the_tree_could_grow(tmp_path: Path) -> None:
     vasculature = {
         "terminals": 40,

@@ -56,7 +56,7 @@ def test_every_terminal_is_joined_once(closed):
         )
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_loops_in_a_torus_keep_clear_and_inside(seed):
     tissue = tissue_of(surfaces.torus())
     network = close_loops(tissue, *pair(tissue, seed)).network

@@ -1,0 +1,191 @@
+"""How much of a voxel is gel, from what it sends back and from the light on its way there.
+
+Light on its way down (`light`) is the sum over rays; G of it runs in gel, N in liquid, which
+scatters by a part q of what gel does. A voxel sends back G + q N, so both are known, and
+G / (G + N) is the share of its light that is in gel. Where all its rays have come the same way, at
+a wall that lies across the light, that is the share of its volume.
+
+Along a steep wall they haven't. A wall that faces the light lets rays in from the side, less faded
+than those beside them; under a wall that faces away some have faded in gel before they left it. A
+wall a millimetre down that leans by a degree comes out 10 um off by that. Two bounds hold for any
+mixture:
+
+- gel's rays are at least as bright as those that came through gel all the way: share <= G / gel;
+- liquid's are at most as bright as those that came through liquid: share <= 1 - N / liquid,
+
+with the light beside the wall, in gel and in liquid. The first is exact where the wall faces away,
+the second where it faces the light, both where it stands upright. Which is less is asked of
+averages along the wall: the lesser of two values with speckle in them would always be too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import pjit
+from registration.segmentation.filters import (
+    Weights,
+    between,
+    bin_mean,
+    gaussian_weights,
+    mean_where,
+    near_in_depth,
+    smooth,
+)
+from registration.segmentation.working import Working
+
+FloatVolume = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Factor = tuple[int, int, int]
+
+BESIDE_MM = 0.12
+"""How far about beside a wall light is looked for: standard deviation, level."""
+ALONG_MM = 0.15
+"""Over about this depth it is asked which way a wall leans: standard deviation."""
+OWN_MM = 0.3
+"""An A-scan with the inside of gel so near above or below has light of its own."""
+LEAST_WEIGHT = 0.005
+"""Of what lies beside, for its light to count."""
+STRONG = 0.1
+"""Where light is above this part of the strongest, liquid is told from noise."""
+_OUTSIDE = 3.0
+"""No share is so far from 0..1; reflections are, and would spill over."""
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Voxels well within the gel, and well without, (nz, ny, nx) each."""
+
+    gel: Mask
+    liquid: Mask
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Light in gel or in liquid beside each place, on a coarse grid: times its weight, and that."""
+
+    light: FloatVolume
+    weight: FloatVolume
+
+    @staticmethod
+    def of(light: FloatVolume, where: Mask, factor: Factor, weights: Weights) -> Beside:
+        """Look around level."""
+        return Beside(
+            smoothed(mean_where(light, where, factor), weights),
+            smoothed(bin_mean(where, factor, False, 0.0), weights),
+        )
+
+
+def share_of_volume(
+    signal: FloatVolume, light: FloatVolume, sides: Sides, working: Working, factor: Factor
+) -> tuple[FloatVolume, Mask]:
+    """Share of gel of every voxel, speckle and all, and where that is known.
+
+    Parameters
+    ----------
+    signal : (nz, ny, nx) float32
+        What came back, less the noise.
+    light : (nz, ny, nx) float32
+        What would have come back of gel under all the light that was there.
+    sides : Sides
+    working : Working
+    factor : (fz, fy, fx)
+        The coarse grid's; fz is 1.
+    """
+    x_mm, y_mm, z_mm = working.voxel_mm
+    sigma = BESIDE_MM / (y_mm * factor[1]), BESIDE_MM / (x_mm * factor[2])
+    level = gaussian_weights(sigma[0]), gaussian_weights(sigma[1])
+    flat = (gaussian_weights(0.0), *level)
+    gel = Beside.of(light, sides.gel, factor, flat)
+    liquid = Beside.of(light, sides.liquid, factor, flat)
+    scatter = scatter_of_liquid(signal, light, sides.liquid)
+    own = near_in_depth(sides.gel, max(1, round(OWN_MM / float(z_mm))))
+    upright = _lesser(signal, light, ~own, gel, liquid, scatter, factor)
+    upright = smoothed(upright, (gaussian_weights(ALONG_MM / float(z_mm)), *level))
+    return _shares(
+        signal, light, own, gel.light, gel.weight, liquid.light, liquid.weight, upright, factor,
+        scatter,
+    )  # fmt: skip
+
+
+def scatter_of_liquid(signal: FloatVolume, light: FloatVolume, liquid: Mask) -> float:
+    """Part of what gel sends back that liquid does, by the same light."""
+    every = max(1, signal.size // 1_000_000)
+    beam, back = light.ravel()[::every], signal.ravel()[::every]
+    known = liquid.ravel()[::every] & (beam > STRONG * np.percentile(beam, 99))
+    if np.count_nonzero(known) < 1000:
+        return 0.0
+    return float(np.clip(np.minimum(back[known] / beam[known], 1.0).mean(), 0.0, 0.5))
+
+
+def smoothed(values: FloatVolume, weights: Weights) -> FloatVolume:
+    """Gaussian-smoothed copy of a coarse field."""
+    out = np.empty_like(values)
+    smooth(values, out, weights, 0.0)
+    return out
+
+
+def _lesser(
+    signal: FloatVolume,
+    light: FloatVolume,
+    steep: Mask,
+    gel: Beside,
+    liquid: Beside,
+    scatter: float,
+    factor: Factor,
+) -> FloatVolume:
+    """The second bound less the first, summed over steep walls, on the coarse grid."""
+    back, beam = (mean_where(values, steep, factor) for values in (signal, light))
+    in_gel = (back - scatter * beam) / (1.0 - scatter)
+    both = np.minimum(gel.weight, liquid.weight) > LEAST_WEIGHT
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = in_gel * gel.weight / gel.light
+        second = (
+            bin_mean(steep, factor, False, 0.0) - (beam - in_gel) * liquid.weight / liquid.light
+        )
+    return np.where(both, second - first, 0.0).astype(np.float32)
+
+
+@pjit
+def _shares(
+    signal: FloatVolume,
+    light: FloatVolume,
+    own: Mask,
+    gel_light: FloatVolume,
+    gel_weight: FloatVolume,
+    liquid_light: FloatVolume,
+    liquid_weight: FloatVolume,
+    lesser: FloatVolume,
+    factor: Factor,
+    scatter: float,
+) -> tuple[FloatVolume, Mask]:
+    """Shares, and where they are known: where there is no gel beside, there is none: 0."""
+    nz, ny, nx = signal.shape
+    out = np.zeros((nz, ny, nx), dtype=np.float32)
+    known = np.empty((nz, ny, nx), dtype=np.bool_)
+    for z in numba.prange(nz):
+        for y in range(ny):
+            for x in range(nx):
+                beam = light[z, y, x]
+                in_gel = (signal[z, y, x] - scatter * beam) / (1.0 - scatter)
+                share = 0.0
+                found = own[z, y, x]
+                if found:
+                    share = in_gel / beam
+                else:
+                    weight = between(gel_weight, factor, z, y, x)
+                    found = weight > LEAST_WEIGHT
+                    if found:
+                        share = in_gel * weight / between(gel_light, factor, z, y, x)
+                    if found and between(lesser, factor, z, y, x) < 0.0:
+                        weight = between(liquid_weight, factor, z, y, x)
+                        if weight > LEAST_WEIGHT:
+                            passing = between(liquid_light, factor, z, y, x) / weight
+                            share = 1.0 - (beam - in_gel) / passing
+                known[z, y, x] = found
+                out[z, y, x] = np.float32(min(max(share, -_OUTSIDE), _OUTSIDE))
+    return out, known
