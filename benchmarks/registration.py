@@ -8,6 +8,7 @@ quarter of the cases.
 from __future__ import annotations
 
 from benchmarks.command import Job, run
+from benchmarks.registration_cloudcompare import cloudcompare_rows
 from benchmarks.registration_defects import defect_rows
 from benchmarks.registration_pose import interval_rows, landing_rows
 from benchmarks.registration_vessels import diameter_rows, whole_rows
@@ -18,6 +19,7 @@ JOBS: dict[str, Job] = {
     "intervals": interval_rows,
     "diameters": diameter_rows,
     "defects": defect_rows,
+    "cloudcompare": cloudcompare_rows,
 }
 
 

@@ -23,24 +23,29 @@ from registration import register_scan
 Row = dict[str, Any]
 
 
+def scene(folder: Path) -> list[str]:
+    """Write a scan of 1000 x 500 x 250 voxels and its design; the command that registers it."""
+    design = planar()
+    volume, _ = scan_of(design, Setting(), 1)
+    tifffile.imwrite(folder / "scan.tif", volume)
+    vertices, faces = design.mesh()
+    trimesh.Trimesh(vertices, faces, process=False).export(folder / "part.stl")
+    (folder / "network.csv").write_text(design.csv())
+    command = [sys.executable, "-m", "printctl", "register", str(folder / "scan.tif")]
+    command += ["--model", str(folder / "part.stl"), "--voxel-um", "15,15,12", "--json"]
+    command += ["--refractive-index", "1.34", "--geometric-depth", "--modality", "oct"]
+    command += ["--scale", "linear", "--depth-down", "--axes", "ZYX"]
+    return [*command, "--out", str(folder / "out")]
+
+
 def whole_rows(quick: bool) -> Iterator[Row]:
     """``printctl register`` on a file of 1000 x 500 x 250 voxels."""
-    design, setting = planar(), Setting()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        volume, _ = scan_of(design, setting, 1)
-        tifffile.imwrite(folder / "scan.tif", volume)
-        vertices, faces = design.mesh()
-        trimesh.Trimesh(vertices, faces, process=False).export(folder / "part.stl")
-        (folder / "network.csv").write_text(design.csv())
-        command = [sys.executable, "-m", "printctl", "register", str(folder / "scan.tif")]
-        command += ["--model", str(folder / "part.stl"), "--voxel-um", "15,15,12", "--json"]
-        command += ["--refractive-index", "1.34", "--geometric-depth", "--modality", "oct"]
-        command += ["--scale", "linear", "--depth-down", "--axes", "ZYX"]
+        command = scene(Path(scratch))
         runs = []
         for _ in range(2 if quick else 4):  # the first fills the disk's cache
             began = time.monotonic()
-            cpu, memory = timed([*command, "--out", str(folder / "out")])
+            cpu, memory = timed(command)
             runs.append((time.monotonic() - began, cpu, memory))
         wall, cpu, memory = np.median(np.array(runs[1:]), axis=0).tolist()
     measure = "1000 x 500 x 250 voxels to report"

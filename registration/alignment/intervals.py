@@ -3,10 +3,9 @@
 Two things move them. Noise: neighbouring surface points err together, so what counts is patches,
 not points; the covariance that a bootstrap of patches would find is had without drawing (the
 sandwich of White 1980, 10.2307/1912934, clustered by patch). And what repeats in every scan of a
-kind: a wall's place depends a little on how it faces the light. No resampling shows that; each
-direction of walls, and lumens apart from outer faces, gets an error of its own, a small part of
-the blur under which the surface was found. And light that comes in through a wall that leans is
-brighter than the gel's beside it, the more so the deeper: such walls are off by their lean.
+kind: a wall's place depends a little on how it faces the light. No resampling shows that. Each
+direction of walls, and lumens apart from outer faces, gets an error of its own, a small part of the
+blur under which the surface was found; and all walls together one along the light.
 """
 
 from __future__ import annotations
@@ -23,13 +22,9 @@ FloatArray = NDArray[np.float64]
 
 PATCH_MM = 1.0
 """Points of one cell of this edge err together."""
-SYSTEMATIC = 0.05
-"""Standard deviation of a wall's repeatable error, as a part of the blur."""
-LEAN_MM = 0.3
-"""Standard deviation of a wall's error over its lean from the beam, in sines (on phantoms a wall
-that leaned by 1 degree was 2 to 5 um off), alike at all depths and growing with it."""
-STEEP = 0.17
-"""Sine of the lean up to which a surface is a wall to the light."""
+OWN, ALONG_LIGHT = 0.03, 0.05
+"""Standard deviations of a wall's repeatable error, as parts of the blur: of each direction, and
+along the light of all walls (set on phantoms under three lights, held against others)."""
 NORMAL_95 = 1.96
 
 
@@ -64,8 +59,7 @@ def uncertainty(
     patch = _numbers(np.floor(fit.apply(points) / PATCH_MM).astype(np.int64))
     noise = _summed(scores, patch)
     count = len(noise)
-    pulls = _summed(step.jacobian * step.weight[:, None], _facing(step.direction, step.bends))
-    systematic = np.vstack([SYSTEMATIC * blur_mm * pulls, _leaning(step, points, fit, blur_mm)])
+    systematic = blur_mm * _repeatable(step, fit.rotation[:, 2])
     middle = count / max(count - 1, 1) * noise.T @ noise + systematic.T @ systematic
     half = NORMAL_95 * np.sqrt(np.diag(bread @ middle @ bread))
     scale = np.full(3, np.nan)
@@ -79,17 +73,12 @@ def uncertainty(
     )
 
 
-def _leaning(step: Linearised, points: FloatArray, fit: Fit, blur_mm: float) -> FloatArray:
-    """What walls that lean pull at, (2, k): alike at all depths, and growing with it."""
-    beam = fit.rotation[:, 2]
-    lean = step.direction @ beam
-    steep = np.abs(lean) < STEEP
-    height = (fit.apply(points) - fit.centre) @ beam
-    height /= max(float(np.abs(height).max()), 1e-9)
-    # A sharp volume has no light to mislead.
-    size = LEAN_MM if blur_mm > 0 else 0.0
-    weight = size * step.weight * np.where(steep, lean, 0.0)
-    return np.stack([step.jacobian.T @ weight, step.jacobian.T @ (weight * height)])
+def _repeatable(step: Linearised, beam: FloatArray) -> FloatArray:
+    """What a standard deviation of each repeatable error pulls at, per unit of blur, (g, k)."""
+    pulls = step.jacobian * step.weight[:, None]
+    own = _summed(pulls, _facing(step.direction, step.bends))
+    along = (step.direction @ beam) @ pulls
+    return np.vstack([OWN * own, ALONG_LIGHT * along])
 
 
 def _facing(direction: FloatArray, bends: FloatArray) -> NDArray[np.int64]:
