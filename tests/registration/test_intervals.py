@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from design.solids import block_solid
 from registration.alignment.fit import Fit, Freedom, refine
-from registration.alignment.intervals import PATCH_MM, SYSTEMATIC, uncertainty
+from registration.alignment.intervals import ALONG_LIGHT, OWN, PATCH_MM, uncertainty
 from registration.distance import ModelSurface
 
 SIZE = np.array([8.0, 5.0, 3.0])
@@ -59,9 +58,9 @@ def test_what_every_scan_shares_widens_them_by_the_blur() -> None:
     sharp = uncertainty(MODEL, points, START, FREE, 0.0)
     blurred = uncertainty(MODEL, points, START, FREE, 0.05)
     assert sharp.shift_mm.max() < 1e-6
-    # Two opposite faces, each off by its own share.
-    expected = 1.96 * SYSTEMATIC * 0.05 / np.sqrt(2)
-    assert blurred.shift_mm[2] == pytest.approx(expected, rel=0.1)
+    # Two opposite faces, each off by its own share, and along the light all by the same.
+    expected = 1.96 * 0.05 * np.array([OWN**2 / 2, OWN**2 / 2, OWN**2 / 2 + ALONG_LIGHT**2]) ** 0.5
+    np.testing.assert_allclose(blurred.shift_mm, expected, rtol=0.1)
 
 
 def test_what_was_not_fitted_has_no_interval() -> None:
