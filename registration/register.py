@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from registration.alignment import Alignment, AlignmentOptions, Fit, align
+from registration.alignment import Alignment, AlignmentOptions, Fit, align, cross_check
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.findings import Inspection, inspect
@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 MOST_WORKING_VOXELS = 25_000_000
 """What a segmentation works on, unless 0.1 mm asks for more: a gigabyte and a half."""
 HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
+CROSS_UM = 20.0
+"""Of two programs' poses; more is said."""
 CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
 """Tolerances for which the share within is told."""
 
@@ -108,13 +110,21 @@ def register_scan(
     segmentation = segment(scan, _segmentation_options(scan, options, thinnest))
     points = segmentation.vertices[segmentation.seen]
     blur = segmentation.field.blur_mm
-    alignment = align(surface, points, scan.depth_down, options.alignment, blur_mm=blur)
+    alignment = align(
+        surface,
+        points,
+        scan.depth_down,
+        options.alignment,
+        blur_mm=blur,
+        depth_standard=scan.depth_standard,
+    )
     spread = surface_points(surface)
     scanned = ScannedSurface.of(segmentation)
     rigid, scaled = (
         _both_ways(surface, scanned, fit, spread, is_lumen)
         for fit in (alignment.rigid, alignment.scaled)
     )
+    cross = cross_check(surface, spread, points, alignment.scaled)
     found = inspect(
         Inspection(
             network,
@@ -138,6 +148,7 @@ def register_scan(
         margin=alignment.margin,
         ambiguous=alignment.ambiguous,
         uncertainty=alignment.uncertainty,
+        cross_check_um=cross,
         rigid=summarise(rigid.there_mm, limits),
         scaled=summarise(scaled.there_mm, limits),
         rigid_back=summarise(rigid.back_mm, limits),
@@ -163,7 +174,7 @@ def register_scan(
         overlap_rigid=found.overlap_rigid,
         overlap_scaled=found.overlap_scaled,
         perfusion=found.perfusion,
-        notes=_notes(scan, alignment, found.vessels, float(seen.mean())),
+        notes=_notes(scan, alignment, found.vessels, float(seen.mean()), cross),
     )
 
 
@@ -232,7 +243,11 @@ def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:
 
 
 def _notes(
-    scan: Scan, alignment: Alignment, vessels: tuple[VesselGauge, ...], seen: float
+    scan: Scan,
+    alignment: Alignment,
+    vessels: tuple[VesselGauge, ...],
+    seen: float,
+    cross_um: float | None,
 ) -> tuple[str, ...]:
     """What a reader must know before trusting the numbers."""
     notes = []
@@ -246,10 +261,15 @@ def _notes(
             "Depth scale not fitted: less than 2 mm of depth in view, so it can't be told from an "
             "error of the refractive index."
         )
-    elif scan.optical_depth:
+    elif scan.optical_depth and not scan.depth_standard:
         notes.append(
             f"Depth scale rests on the refractive index {scan.refractive_index:g} of the scan: "
             "shrinkage in depth and an error of the index look the same."
+        )
+    if cross_um is not None and cross_um > CROSS_UM:
+        notes.append(
+            f"small_gicp, asked for the same pose, carries a corner of the part {cross_um:.0f} um "
+            f"from ours (usual: below {CROSS_UM:g}): look at both before trusting either."
         )
     if seen < 0.98:
         notes.append(f"{100 * (1 - seen):.0f} % of the surface lies where light failed; left out.")

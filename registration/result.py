@@ -42,6 +42,9 @@ class RegistrationReport:
         Margin too small to be sure of the pose.
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
+    cross_check_um : float or None, µm
+        How far another program's pose carries any corner of the part from ours; None where that
+        program (small_gicp) isn't installed.
     rigid, scaled : Deviation
         Of the seen scanned surface, to the design, after each fit.
     rigid_back, scaled_back : Deviation
@@ -87,6 +90,7 @@ class RegistrationReport:
     margin: float
     ambiguous: bool
     uncertainty: Uncertainty
+    cross_check_um: float | None
     rigid: Deviation
     scaled: Deviation
     rigid_back: Deviation
@@ -131,6 +135,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "scale": report.uncertainty.scale.tolist(),
             "offset_um": 1e3 * report.uncertainty.offset_mm,
         },
+        "cross_check_um": report.cross_check_um,
         "ambiguity": {"margin": report.margin, "flag": report.ambiguous},
         "histogram": {
             "edges_um": report.histogram_edges_um.tolist(),

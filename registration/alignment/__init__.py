@@ -1,8 +1,9 @@
 """Alignment of scanned surface points to a model."""
 
 from registration.alignment.align import Alignment, align
+from registration.alignment.cross_check import cross_check
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.options import AlignmentOptions
 
-__all__ = ["Alignment", "AlignmentOptions", "Fit", "Uncertainty", "align"]
+__all__ = ["Alignment", "AlignmentOptions", "Fit", "Uncertainty", "align", "cross_check"]

@@ -61,12 +61,14 @@ def align(
     options: AlignmentOptions | None = None,
     *,
     blur_mm: float = 0.0,
+    depth_standard: bool = False,
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
     The part may be turned any way about the vertical, tilted by about 10 degrees and shifted by
     several mm. `depth_down`: the scan's z points into the part's -z. `blur_mm`: standard deviation
-    of the blur under which the surface was found, which has narrowed lumens.
+    of the blur under which the surface was found, which has narrowed lumens. `depth_standard`:
+    depth was measured on something of known height, so its scale may be fitted in any part.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def align(
     grid = distance_grid(surface, 2.5, 0.15)
     few, many = _thinned(points, options.coarse_points), _thinned(points, options.fine_points)
     some = _thinned(points, 4000)
-    axes = _stretching_axes(surface, many, options)
+    axes = (0, 1, 2) if depth_standard else _stretching_axes(surface, many, options)
     search = Search(surface, grid, depth_down, axes, options)
     rivals = search.rivals(few, some, RIVALS)
     mirrored = search.rivals(few * _MIRROR, some * _MIRROR, 1)[0]

@@ -1,0 +1,76 @@
+"""The pose again, by a program that shares nothing with ours: small_gicp, where it is installed.
+
+It gets points of the design and points of the scan, stretched as the scaled fit says, and starts
+from a pose that is off on purpose. Point-to-plane ICP with normals of its own (Koide 2024,
+10.21105/joss.06948) then has to come back to where our fit is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from registration.alignment.fit import Fit
+from registration.distance import ModelSurface
+
+FloatArray = NDArray[np.float64]
+
+OFF_DEG, OFF_MM = 1.0, np.array([0.1, -0.1, 0.05])
+"""Where it starts from, from our pose: about the part's middle, and along x, y, z."""
+POINTS = 40_000
+"""Of the scan that are used."""
+GRID_MM = 0.02
+"""Points nearer to each other than this are merged."""
+REACH_MM = 0.5
+"""Points further apart than this aren't each other's."""
+
+
+def cross_check(
+    surface: ModelSurface, spread: FloatArray, points: FloatArray, fit: Fit
+) -> float | None:
+    """How far small_gicp's pose carries any corner of the part from ours, µm.
+
+    Parameters
+    ----------
+    surface : ModelSurface
+    spread : (m, 3) float64, mm
+        Points all over it.
+    points : (n, 3) float64, mm
+        The scanned surface, in the scan's frame.
+    fit : Fit
+        Scan to part, with its stretch.
+
+    Returns
+    -------
+    float or None
+        None where small_gicp isn't installed (extra ``crosscheck``).
+    """
+    try:
+        import small_gicp
+    except ImportError:
+        return None
+    every = max(1, len(points) // POINTS)
+    found = small_gicp.align(
+        spread,
+        fit.apply(points[::every]),
+        _off(surface.bounds.mean(axis=0)),
+        registration_type="PLANE_ICP",
+        downsampling_resolution=GRID_MM,
+        max_correspondence_distance=REACH_MM,
+        num_threads=1,  # several would add up in another order each time
+        max_iterations=100,
+        rotation_epsilon=1e-6,
+        translation_epsilon=1e-6,
+    ).T_target_source
+    corners = np.stack(np.meshgrid(*surface.bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    moved = corners @ found[:3, :3].T + found[:3, 3] - corners
+    return 1e3 * float(np.linalg.norm(moved, axis=1).max())
+
+
+def _off(middle: FloatArray) -> FloatArray:
+    axis = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
+    start = np.eye(4)
+    start[:3, :3] = Rotation.from_rotvec(np.deg2rad(OFF_DEG) * axis).as_matrix()
+    start[:3, 3] = middle - start[:3, :3] @ middle + OFF_MM
+    return start
