@@ -250,7 +250,7 @@ def _notes(
     cross_um: float | None,
 ) -> tuple[str, ...]:
     """What a reader must know before trusting the numbers."""
-    notes = []
+    notes = list(scan.notes)
     if alignment.ambiguous:
         notes.append(
             f"Pose ambiguous: the best wrong pose deviates only {alignment.margin:.2f} times as "

@@ -14,7 +14,7 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.scan_options import corrected_scan, voxel_mm
+from printctl.cli.scan_options import voxel_mm
 from printctl.errors import UsageError
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
@@ -28,7 +28,13 @@ from printctl.pipeline.stages.registration import (
 )
 from printctl.pipeline.stages.report import HTML
 from printctl.pipeline.verdict import verdict
-from registration import RegistrationReport, register_scan, report_dict
+from registration import (
+    RegistrationOptions,
+    RegistrationReport,
+    register_scan,
+    report_dict,
+)
+from registration.corrected import corrected_scan
 from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
 
@@ -90,6 +96,12 @@ def register(
             "--air-above", help="Air lies above the sample: undo refraction at its surface."
         ),
     ] = False,
+    filled: Annotated[
+        bool,
+        typer.Option(
+            "--filled", help="Lumens are brighter than the gel: filled with contrast agent."
+        ),
+    ] = False,
     tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
     diameter_tolerance_percent: Annotated[
         float, typer.Option("--diameter-tolerance-percent", min=0.1)
@@ -114,13 +126,14 @@ def register(
     measured = corrected_scan(scan, overrides, oct_calibration, air_above)
     for note in measured.notes:
         messages().print(f"note: {note}", markup=False)
-    found = register_scan(measured, surface, vessels)
+    options = RegistrationOptions(lumens="bright" if filled else "dark")
+    found = register_scan(measured, surface, vessels, options)
     numbers = {**report_dict(found), "sign_convention": SIGN}
     data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
         "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
-        "scan": {"source": str(scan), "notes": list(measured.notes)},
+        "scan": {"source": str(scan)},
         "registration": numbers,
     }
     _write(out, data, found, surface, vessels)

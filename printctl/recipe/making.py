@@ -128,6 +128,9 @@ class SimulatedScan(Part):
     simulated: Literal["oct", "microct"]
     voxel_um: Annotated[tuple[float, float, float], Field(description="x, y, z")] = (25, 25, 15)
     shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
+    format: Literal["tif", "oct"] = Field(
+        default="tif", description="Of the file: TIFF, or Thorlabs' for an OCT."
+    )
     seed: Seed | None = Field(default=None, description="Of the noise and the pose; else derived.")
     defects: Annotated[tuple[DefectPart, ...], Field(max_length=100)] = Field(
         default=(), description="Put into the deposit before it is scanned."
@@ -140,6 +143,8 @@ class SimulatedScan(Part):
                 raise ValueError(f"voxel {value:g} µm lies outside 1 to 1000 µm; mend voxel_um")
         if self.simulated == "microct" and len(set(self.voxel_um)) > 1:
             raise ValueError("a micro-CT's voxels are cubes; give voxel_um three equal sizes")
+        if self.simulated == "microct" and self.format == "oct":
+            raise ValueError("a micro-CT writes no .oct; leave format out, or say tif")
         return self
 
 
@@ -151,7 +156,29 @@ class FileScan(Part):
         default=None, description="x, y, z; where the file doesn't say."
     )
     refractive_index: Annotated[float, Field(ge=1, le=2)] | None = None
+    optical_depth: bool | None = Field(
+        default=None, description="Whether the depth voxel counts optical path."
+    )
     modality: Literal["oct", "microct", "confocal"] | None = None
+    scale: Literal["linear", "db"] | None = Field(default=None, description="Of the intensity.")
+    axes: str | None = Field(
+        default=None, description="Order of the file's axes, slowest first, like zyx."
+    )
+    depth_down: bool | None = Field(
+        default=None, description="Whether growing depth index goes down into the sample."
+    )
+    mirrored: bool | None = Field(
+        default=None, description="Whether the file's x, y, z are left-handed."
+    )
+    filled: bool = Field(
+        default=False, description="Lumens are brighter than the gel: filled with contrast agent."
+    )
+    oct_calibration: str | None = Field(
+        default=None, description="File of `printctl calibrate oct`, relative to the recipe."
+    )
+    air_above: bool = Field(
+        default=False, description="Air lies above the sample: undo refraction at its surface."
+    )
 
 
 def _scan_kind(value: Any) -> str:

@@ -15,10 +15,9 @@ from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
-from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions
-from printctl.pipeline.stages.scan import SCAN, TRUTH, load_scan
+from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.pipeline.tracing import by_layer, made_by, read_job
 from printctl.pipeline.truth import pose_error
@@ -57,8 +56,7 @@ def depends(context: RunContext) -> Any:
     ]
     if not isinstance(part, FileScan):
         return made
-    path = context.recipe_folder / part.file
-    return [part.model_dump(mode="json"), digest_file(path), made]
+    return [part.model_dump(mode="json"), *digest_user_files(context.recipe_folder, part), made]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -66,7 +64,11 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
     scan = load_scan(context)
-    options = RegistrationOptions(flow=conditions(context.recipe.flow))
+    part = context.scan_part
+    filled = isinstance(part, FileScan) and part.filled
+    options = RegistrationOptions(
+        lumens="bright" if filled else "dark", flow=conditions(context.recipe.flow)
+    )
     found = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {**report_dict(found), "sign_convention": SIGN}
@@ -148,7 +150,8 @@ def check_truth(context: RunContext, found: RegistrationReport, model: Solid) ->
 
 def reads(context: RunContext) -> tuple[str, ...]:
     """The design, and the simulated scan where there is one."""
-    scan = (SCAN, TRUTH) if isinstance(context.scan_part, SimulatedScan) else ()
+    part = context.scan_part
+    scan = (scan_name(part), TRUTH) if isinstance(part, SimulatedScan) else ()
     return (NETWORK, LUMEN, SOLID, GCODE, LINE_MAP, *scan)
 
 

@@ -18,8 +18,9 @@ from printctl.pipeline.stages.toolpath import GCODE
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import Scan, ScanOverrides, read_scan
+from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
-from registration.readers import is_mosaic, listed_files, read_mosaic
+from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
 from sim.deposit import Deposit, deposit, deposit_of_heads, united
 from sim.deposit_air import pneumatic_deposit
@@ -34,7 +35,7 @@ from sim.scanner import (
     with_defects,
 )
 
-SCAN, TRUTH = "scan.tif", "scan_truth.json"
+TRUTH = "scan_truth.json"
 
 _NAMES = {"oct": "OCT", "microct": "micro-CT"}
 
@@ -48,11 +49,22 @@ def depends(context: RunContext) -> Any:
     part = context.scan_part
     found = part.model_dump(mode="json")
     if isinstance(part, FileScan):
-        return [found, digest_scan(context.recipe_folder / part.file)]
+        return [found, *digest_user_files(context.recipe_folder, part)]
     laid: list[Any] = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
     if context.printer.heads:
         laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
     return [found, context.recipe.seed, *laid]
+
+
+def scan_name(part: SimulatedScan) -> str:
+    """The simulated scan's file, in the run's folder."""
+    return f"scan.{part.format}"
+
+
+def digest_user_files(folder: Path, part: FileScan) -> list[Any]:
+    """The user's scan, and the calibration of what made it."""
+    device = "" if part.oct_calibration is None else digest_scan(folder / part.oct_calibration)
+    return [digest_scan(folder / part.file), device]
 
 
 def digest_scan(path: Path) -> list[str]:
@@ -77,13 +89,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     scanned = simulate(context, part, report)
     report(0.8, "writing")
     scan = to_scan(scanned, context)
-    write_scan(context.folder / SCAN, scan)
+    write_scan(context.folder / scan_name(part), scan)
     write_truth(context, scanned)
     found = describe(scan, f"simulated {_NAMES[part.simulated]}")
     if part.defects:
         ordered = [f"{defect.defect} in vessel {defect.vessel}" for defect in part.defects]
         found["defects_on_order"] = ordered
-    return found, [SCAN, TRUTH]
+    return found, [scan_name(part), TRUTH]
 
 
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
@@ -148,7 +160,7 @@ def to_scan(scanned: Scanned, context: RunContext) -> Scan:
         scale=scanned.scale,
         modality=scanned.modality,
         depth_down=scanned.depth_down,
-        came_from=context.folder / SCAN,
+        came_from=context.folder / "scan",
     )
 
 
@@ -165,14 +177,22 @@ def load_scan(context: RunContext) -> Scan:
     """The scan of this run: the user's, or the simulated one read back from its file."""
     part = context.scan_part
     if isinstance(part, SimulatedScan):
-        return read_scan(context.folder / SCAN)
+        return read_scan(context.folder / scan_name(part))
     size = part.voxel_um
     voxel = (size[2] * 1e-3, size[1] * 1e-3, size[0] * 1e-3) if size else None
-    overrides = ScanOverrides(
-        voxel_mm=voxel, refractive_index=part.refractive_index, modality=part.modality
+    said = ScanOverrides(
+        voxel_mm=voxel,
+        refractive_index=part.refractive_index,
+        optical_depth=part.optical_depth,
+        scale=part.scale,
+        modality=part.modality,
+        depth_down=part.depth_down,
+        axes=part.axes,
+        mirrored=part.mirrored,
     )
-    path = context.recipe_folder / part.file
-    return read_mosaic(path, overrides) if is_mosaic(path) else read_scan(path, overrides)
+    folder = context.recipe_folder
+    device = None if part.oct_calibration is None else folder / part.oct_calibration
+    return corrected_scan(folder / part.file, said, device, part.air_above)
 
 
 def describe(scan: Scan, source: str) -> dict[str, Any]:
@@ -197,6 +217,4 @@ def reads(context: RunContext) -> tuple[str, ...]:
     return (EXECUTED, GCODE, NETWORK) if part.defects else (EXECUTED, GCODE)
 
 
-STAGE = Stage(
-    "scan", depends, reads, ("kernels", "sim", "registration/readers", "registration/writers"), work
-)
+STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration"), work)

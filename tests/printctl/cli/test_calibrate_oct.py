@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.cli.scan_options import corrected_scan, voxel_mm
+from printctl.cli.scan_options import voxel_mm
 from printctl.errors import UsageError
 from registration import ScanOverrides, write_scan_tiff
+from registration.corrected import corrected_scan
 from registration.errors import ScanFileError
 from registration.optics import OctCalibration, read_calibration, write_calibration
 from registration.writers import write_scan_oct

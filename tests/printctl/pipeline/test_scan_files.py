@@ -2,11 +2,65 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-from printctl.pipeline.stages.scan import digest_scan
-from registration.writers import write_scan_zarr
+import pytest
+from pydantic import ValidationError
+
+from printctl.pipeline.stages.scan import digest_scan, digest_user_files, load_scan
+from printctl.recipe.making import FileScan, SimulatedScan
+from registration.optics.beam import OctCalibration
+from registration.optics.file import write_calibration
+from registration.writers import write_scan, write_scan_zarr
 from tests.registration.readers.crafted import counts, scan
+
+
+def loaded(folder: Path, **said: Any) -> Any:
+    """A scan as a recipe that says this of it reads it."""
+    context: Any = SimpleNamespace(recipe_folder=folder, scan_part=FileScan(**said))
+    return load_scan(context)
+
+
+def test_a_recipe_says_what_the_file_doesnt(tmp_path: Path) -> None:
+    counts(9, 10, 11).tofile(tmp_path / "s.raw")
+    sidecar = {"shape": [9, 10, 11], "dtype": "uint16", "byte_order": "little", "axes": "zyx"}
+    (tmp_path / "s.json").write_text(json.dumps(sidecar))
+    found = loaded(
+        tmp_path,
+        file="s.raw",
+        voxel_um=(30, 20, 10),
+        axes="yzx",
+        refractive_index=1.4,
+        optical_depth=True,
+        modality="oct",
+        scale="db",
+        depth_down=False,
+        mirrored=False,
+    )
+    assert found.volume.shape == (10, 9, 11)
+    assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
+    assert (found.scale, found.refractive_index, found.optical_depth) == ("db", 1.4, True)
+    assert not found.depth_down
+
+
+def test_a_recipe_names_the_devices_calibration(tmp_path: Path) -> None:
+    write_scan(tmp_path / "s.tif", scan(volume=counts(20, 20, 20)))
+    said = {"file": "s.tif", "oct_calibration": "device.yaml"}
+    before = digest_user_files(tmp_path, FileScan(**said))
+    device = OctCalibration(refractive_index=1.45, depth_standard=True)
+    write_calibration(tmp_path / "device.yaml", device)
+    assert digest_user_files(tmp_path, FileScan(**said)) != before
+    assert loaded(tmp_path, **said).depth_standard
+    assert not loaded(tmp_path, file="s.tif").depth_standard
+
+
+def test_only_an_oct_writes_a_thorlabs_file() -> None:
+    assert SimulatedScan(simulated="oct", format="oct").format == "oct"
+    with pytest.raises(ValidationError, match="micro-CT writes no"):
+        SimulatedScan(simulated="microct", voxel_um=(30, 30, 30), format="oct")
 
 
 def test_every_file_of_a_folder_counts(tmp_path: Path) -> None:
