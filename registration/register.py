@@ -29,6 +29,7 @@ from registration.gauging.changes import FALSE_ALARM
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions, segment
+from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class RegistrationOptions:
         Between sections along a vessel; None takes a quarter of the thinnest lumen.
     tolerances_um : tuple of float, µm
         For which the share of the surface within is told.
+    walls : WallCalibration or None
+        How far off walls come out in scans of this kind, which is taken out.
     false_alarm : float
         Probability that a scan without defects shows a bulge or a stenosis.
     flow : FlowConditions or None
@@ -71,6 +74,7 @@ class RegistrationOptions:
     lumens: Literal["dark", "bright"] = "dark"
     section_mm: float | None = None
     tolerances_um: tuple[float, ...] = TOLERANCES_UM
+    walls: WallCalibration | None = None
     false_alarm: float = FALSE_ALARM
     flow: FlowConditions | None = None
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
@@ -174,7 +178,11 @@ def register_scan(
         overlap_rigid=found.overlap_rigid,
         overlap_scaled=found.overlap_scaled,
         perfusion=found.perfusion,
-        notes=_notes(scan, alignment, found.vessels, float(seen.mean()), cross),
+        walls=options.walls,
+        notes=(
+            *_notes(scan, alignment, found.vessels, float(seen.mean()), cross),
+            *_wall_notes(options.walls, found.vessels),
+        ),
     )
 
 
@@ -211,6 +219,7 @@ def _segmentation_options(
         working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
         smoothing_mm=options.smoothing_mm,
         lumens=options.lumens,
+        wall_mm=0.0 if options.walls is None else 1e-3 * options.walls.offset_um,
     )
 
 
@@ -293,3 +302,24 @@ def _notes(
     if bare:
         notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
     return tuple(notes)
+
+
+def _wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) -> list[str]:
+    """What was taken out of the walls, and for which vessels nobody has shown that it holds."""
+    if walls is None:
+        return []
+    notes = [
+        f"Walls were moved {walls.offset_um:+.1f} um into the gel, the offset of a phantom "
+        f"(± {walls.interval_um:.1f} um; every diameter shares that error twice)."
+    ]
+    beyond = [
+        str(vessel.vessel)
+        for vessel in vessels
+        if not 0.8 * walls.from_um <= vessel.designed_um <= 1.25 * walls.to_um
+    ]
+    if beyond:
+        notes.append(
+            f"The phantom's channels were {walls.from_um:.0f} to {walls.to_um:.0f} um wide; of "
+            f"vessels {', '.join(beyond)} that offset isn't known."
+        )
+    return notes

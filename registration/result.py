@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from registration.alignment import Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.topology import Overlap, Topology
+from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
 
@@ -78,6 +79,8 @@ class RegistrationReport:
         Dice and volume ratio of the lumens after each fit.
     perfusion : Perfusion or None
         Flow through the lumens as printed; None where the design itself has none.
+    walls : WallCalibration or None
+        What was taken out of every wall.
     notes : tuple of str
         What a reader must know.
     """
@@ -116,6 +119,7 @@ class RegistrationReport:
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
+    walls: WallCalibration | None
     notes: tuple[str, ...]
 
 
@@ -160,6 +164,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "vessels": [_vessel_dict(vessel) for vessel in report.vessels],
         "all_open": report.all_open,
         "defects": [asdict(defect) for defect in report.defects],
+        "walls": None if report.walls is None else asdict(report.walls),
         "notes": list(report.notes),
     }
     cleaned: dict[str, Any] = _clean(plain)

@@ -13,6 +13,7 @@ from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
 from printctl.cli.calibrate_oct import oct_device
 from printctl.cli.calibrate_offset import offset
+from printctl.cli.calibrate_walls import walls
 from printctl.cli.calibrate_weigh import weigh
 
 calibrate = typer.Typer(
@@ -25,3 +26,4 @@ calibrate.command("level")(level)
 calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
 calibrate.command("oct")(oct_device)
+calibrate.command("walls")(walls)

@@ -37,6 +37,7 @@ from registration import (
 from registration.corrected import corrected_scan
 from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
+from registration.walls_file import read_walls
 
 
 def register(
@@ -96,6 +97,9 @@ def register(
             "--air-above", help="Air lies above the sample: undo refraction at its surface."
         ),
     ] = False,
+    walls: Annotated[
+        Path | None, typer.Option("--walls", help="File of `printctl calibrate walls`.")
+    ] = None,
     filled: Annotated[
         bool,
         typer.Option(
@@ -126,7 +130,9 @@ def register(
     measured = corrected_scan(scan, overrides, oct_calibration, air_above)
     for note in measured.notes:
         messages().print(f"note: {note}", markup=False)
-    options = RegistrationOptions(lumens="bright" if filled else "dark")
+    options = RegistrationOptions(
+        lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
+    )
     found = register_scan(measured, surface, vessels, options)
     numbers = {**report_dict(found), "sign_convention": SIGN}
     data: dict[str, Any] = {

@@ -176,6 +176,9 @@ class FileScan(Part):
     oct_calibration: str | None = Field(
         default=None, description="File of `printctl calibrate oct`, relative to the recipe."
     )
+    walls: str | None = Field(
+        default=None, description="File of `printctl calibrate walls`, relative to the recipe."
+    )
     air_above: bool = Field(
         default=False, description="Air lies above the sample: undo refraction at its surface."
     )

@@ -53,8 +53,9 @@ class Sections:
     closed_outline : (n,) bool
         At least 90 % of the rays met the wall.
     diameter : (n,) float64, mm
-        Of the circle of equal area, widened by what the field's own blur took away; 0 where the
-        lumen is closed, NaN without an outline.
+        Of the circle of equal area, widened by what the field's own blur took away and by what a
+        calibration says of this instrument's walls; 0 where the lumen is closed, NaN without an
+        outline.
     median : (n,) float64, mm
         Twice the median distance to the wall over the rays that met it.
     met : (n,) float64
@@ -104,10 +105,10 @@ def cut(field: GelField, planes: Planes) -> Sections:
     radii = _fill_gaps(rays)
     area = np.pi * (radii**2).mean(axis=1)  # sectors, not triangles: the wall is round
     outline = is_open & (met >= 0.9)
-    round_ = _unblurred(2 * np.sqrt(area / np.pi), field.blur_mm)
+    round_ = _true(2 * np.sqrt(area / np.pi), field)
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))
     offset = np.where(outline, np.linalg.norm(shift, axis=1), np.nan)
-    median = _unblurred(2 * np.median(radii, axis=1), field.blur_mm)
+    median = _true(2 * np.median(radii, axis=1), field)
     oval, noise = _shape(radii, field.blur_mm)
     return Sections(
         in_field=_in_field(field, planes, circle),
@@ -139,6 +140,11 @@ def _shape(radii: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
     # Harmonics 0 to 2 have taken five degrees of freedom.
     error = rest / np.sqrt(independent - 5.0)
     return (mean + second) / (mean - second), 2 * error
+
+
+def _true(diameter: FloatArray, field: GelField) -> FloatArray:
+    """Diameter without the field's blur, and with walls where this instrument's truly are."""
+    return np.asarray(np.maximum(_unblurred(diameter, field.blur_mm) + 2 * field.wall_mm, 0.0))
 
 
 def _unblurred(diameter: FloatArray, blur: float) -> FloatArray:

@@ -10,7 +10,7 @@ Not done yet: roll-off from the instrument's file, shadows of absorbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,6 +41,8 @@ class SegmentationOptions:
         scan's own coarsest voxel.
     lumens : "dark" or "bright"
         Against the gel; "bright" when filled with contrast agent.
+    wall_mm : float, mm
+        How much further into the gel this instrument's walls truly lie (`walls_file`).
     speck_mm : float, mm
         Closed surfaces with a box diagonal below this are noise.
     """
@@ -48,6 +50,7 @@ class SegmentationOptions:
     working_voxel_mm: float = 0.05
     smoothing_mm: float | None = None
     lumens: Literal["dark", "bright"] = "dark"
+    wall_mm: float = 0.0
     speck_mm: float = 0.5
 
 
@@ -100,9 +103,9 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     else:
         field, contrast = plain_field(scan, working, options.lumens)
     mesh = surface_mesh(field, strength, options.speck_mm)
-    return Segmentation(
-        field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength
-    )
+    vertices = mesh.vertices - options.wall_mm * mesh.outward
+    field = replace(field, wall_mm=options.wall_mm)
+    return Segmentation(field, vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength)
 
 
 def _fineness(scan: Scan, options: SegmentationOptions) -> float:

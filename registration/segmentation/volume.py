@@ -32,6 +32,8 @@ class GelField:
         Centre of voxel (0, 0, 0) in the scan's frame, as x, y, z.
     blur_mm : float, mm
         Standard deviation of what binning and smoothing have blurred (not the instrument).
+    wall_mm : float, mm
+        How much further into the gel walls truly lie than where the level is crossed.
     """
 
     values: Volume
@@ -40,6 +42,7 @@ class GelField:
     voxel_mm: FloatArray
     origin_mm: FloatArray
     blur_mm: float
+    wall_mm: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
         """``sign * value - level`` at (..., 3) scan positions; NaN outside the field of view."""

@@ -36,6 +36,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.walls_file import read_walls
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
 SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
@@ -64,12 +65,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
     scan = load_scan(context)
-    part = context.scan_part
-    filled = isinstance(part, FileScan) and part.filled
-    options = RegistrationOptions(
-        lumens="bright" if filled else "dark", flow=conditions(context.recipe.flow)
-    )
-    found = register_scan(scan, model, context.network, options)
+    found = register_scan(scan, model, context.network, _options(context))
     report(0.8, "tracing")
     summary = {**report_dict(found), "sign_convention": SIGN}
     add_traces(summary, context, found)
@@ -80,6 +76,15 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
     return summary, [NUMBERS, DEVIATION, *names]
+
+
+def _options(context: RunContext) -> RegistrationOptions:
+    """What the recipe says of the scan and of what flows."""
+    flow, part = conditions(context.recipe.flow), context.scan_part
+    if not isinstance(part, FileScan):
+        return RegistrationOptions(flow=flow)
+    walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)
+    return RegistrationOptions(lumens="bright" if part.filled else "dark", walls=walls, flow=flow)
 
 
 def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:

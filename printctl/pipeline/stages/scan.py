@@ -62,9 +62,9 @@ def scan_name(part: SimulatedScan) -> str:
 
 
 def digest_user_files(folder: Path, part: FileScan) -> list[Any]:
-    """The user's scan, and the calibration of what made it."""
-    device = "" if part.oct_calibration is None else digest_scan(folder / part.oct_calibration)
-    return [digest_scan(folder / part.file), device]
+    """The user's scan, and the calibrations of what made it."""
+    devices = [name for name in (part.oct_calibration, part.walls) if name is not None]
+    return [digest_scan(folder / name) for name in (part.file, *devices)]
 
 
 def digest_scan(path: Path) -> list[str]:
