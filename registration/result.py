@@ -167,7 +167,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "walls": None if report.walls is None else asdict(report.walls),
         "notes": list(report.notes),
     }
-    cleaned: dict[str, Any] = _clean(plain)
+    cleaned: dict[str, Any] = json_ready(plain)
     return cleaned
 
 
@@ -230,12 +230,12 @@ def _rounded(values: FloatArray, decimals: int) -> list[float]:
     return rounded
 
 
-def _clean(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
     """The same with string keys and None for NaN and infinity, which JSON has not."""
     if isinstance(value, dict):
-        return {str(key): _clean(item) for key, item in value.items()}
+        return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_clean(item) for item in value]
+        return [json_ready(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

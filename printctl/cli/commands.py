@@ -27,6 +27,7 @@ COMMANDS: dict[str, str] = {
     "recover": "recover:recover",
     "sim-printer": "sim_printer:sim_printer",
     "register": "register:register",
+    "compare": "compare:compare_prints",
     "view": "view:view",
     "convert": "convert:convert",
     "solid": "solid:solid",

@@ -14,7 +14,9 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.run_folder import print_folder
 from printctl.cli.scan_options import voxel_mm
+from printctl.comparing import print_identity
 from printctl.errors import UsageError
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
@@ -22,6 +24,7 @@ from printctl.pipeline.stages.registration import (
     DEVIATION,
     NUMBERS,
     SIGN,
+    design_facts,
     load_deviation,
     write_deviation,
     write_exports,
@@ -106,6 +109,12 @@ def register(
             "--filled", help="Lumens are brighter than the gel: filled with contrast agent."
         ),
     ] = False,
+    printed_in: Annotated[
+        Path | None,
+        typer.Option(
+            "--print", help="The print that was scanned: its folder or file; else the run's own."
+        ),
+    ] = None,
     tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
     diameter_tolerance_percent: Annotated[
         float, typer.Option("--diameter-tolerance-percent", min=0.1)
@@ -116,7 +125,8 @@ def register(
 
     Exit code 1 when the print doesn't pass.
     """
-    surface, vessels = _design(model, network, lumens, unit)
+    surface, path = _design(model, network, lumens, unit)
+    vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
     overrides = ScanOverrides(
         voxel_mm=voxel_mm(voxel_um),
         refractive_index=refractive_index,
@@ -134,12 +144,13 @@ def register(
         lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
     )
     found = register_scan(measured, surface, vessels, options)
-    numbers = {**report_dict(found), "sign_convention": SIGN}
+    numbers = {**report_dict(found), "sign_convention": SIGN, "design": design_facts(path)}
     data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
         "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
         "scan": {"source": str(scan)},
+        "printed": printed,
         "registration": numbers,
     }
     _write(out, data, found, surface, vessels)
@@ -173,8 +184,8 @@ def _write(
 
 def _design(
     model: Path, network: Path | None, lumens: bool, unit: LengthUnit
-) -> tuple[Solid, VesselNetwork]:
-    """Surface and network of the design, in mm."""
+) -> tuple[Solid, Path]:
+    """Surface of the design in mm, and where its network is."""
     if model.is_dir():
         surface = read_solid(model / (LUMEN if lumens else SOLID), unit="mm")
         beside = model / NETWORK
@@ -186,4 +197,17 @@ def _design(
     path = network if network is not None else beside
     if not path.is_file():
         raise UsageError(f"no network at {path}; give --network network.csv for the vessel table")
-    return surface, read_network_csv(path, unit="mm")
+    return surface, path
+
+
+def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:
+    """Which print was scanned, as far as a journal tells it."""
+    if named is None:
+        return print_identity(print_folder(model)) if model.is_dir() else None
+    found = print_identity(print_folder(named))
+    if found is None:
+        raise UsageError(
+            f"--print {named} has no journal of a print; give the print's folder, its run's, or "
+            "its G-code file"
+        )
+    return found

@@ -20,9 +20,9 @@ from registration.distance import ModelSurface
 
 FloatArray = NDArray[np.float64]
 
-PATCH_MM = 1.0
+PATCH_MM = 0.5
 """Points of one cell of this edge err together."""
-OWN, ALONG_LIGHT = 0.03, 0.05
+OWN, ALONG_LIGHT = 0.035, 0.045
 """Standard deviations of a wall's repeatable error, as parts of the blur: of each direction, and
 along the light of all walls (set on phantoms under three lights, held against others)."""
 NORMAL_95 = 1.96

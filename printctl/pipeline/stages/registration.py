@@ -15,6 +15,7 @@ from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid, write_ply
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
+from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
@@ -67,7 +68,11 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     scan = load_scan(context)
     found = register_scan(scan, model, context.network, _options(context))
     report(0.8, "tracing")
-    summary = {**report_dict(found), "sign_convention": SIGN}
+    summary = {
+        **report_dict(found),
+        "sign_convention": SIGN,
+        "design": design_facts(context.folder / NETWORK),
+    }
     add_traces(summary, context, found)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
@@ -85,6 +90,11 @@ def _options(context: RunContext) -> RegistrationOptions:
         return RegistrationOptions(flow=flow)
     walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)
     return RegistrationOptions(lumens="bright" if part.filled else "dark", walls=walls, flow=flow)
+
+
+def design_facts(network: Path) -> dict[str, str]:
+    """What tells this design's registrations from another's, for a comparison of prints."""
+    return {"network_sha256": digest_file(network)}
 
 
 def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:

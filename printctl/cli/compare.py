@@ -1,0 +1,106 @@
+"""`printctl compare`: several prints of one design against each other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from design.files import write_text
+from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.comparing import Judged, read_folders
+from printctl.errors import UsageError
+from registration.comparison import compare, comparison_csv, comparison_dict, verdict
+from registration.report.comparison import write_comparison_html
+
+JSON: Final = "compare.json"
+CSV: Final = "compare.csv"
+HTML: Final = "compare.html"
+
+
+def compare_prints(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN...",
+            help="Run folders, or folders that `printctl register` wrote; two or more.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    prints: Annotated[
+        str | None,
+        typer.Option(
+            "--prints",
+            metavar="A,A,B,...",
+            help="Which print each folder's scan is of, by any names; else by its journal.",
+        ),
+    ] = None,
+    tolerance_um: Annotated[
+        float | None,
+        typer.Option("--tolerance-um", min=0.1, help="Judge all prints anew by this RMS limit."),
+    ] = None,
+    diameter_tolerance_percent: Annotated[
+        float | None,
+        typer.Option(
+            "--diameter-tolerance-percent",
+            min=0.1,
+            help="Judge all prints anew by this limit, and tell the capability (Cp, Cpk).",
+        ),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Hold several prints of one design against each other: what repeats, varies, drifts.
+
+    Exit code 0 whatever the verdicts are; 1 when the registrations can't be compared.
+    """
+    scans = read_folders(
+        folders, _names(prints, len(folders)), _judged(tolerance_um, diameter_tolerance_percent)
+    )
+    found = compare(scans, diameter_tolerance_percent)
+    notes = _judged_note(tolerance_um, diameter_tolerance_percent)
+    data = comparison_dict(found)
+    data["notes"] = [*notes, *data["notes"]]
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_text(out / CSV, comparison_csv(found))
+    write_comparison_html(out / HTML, found, _title(folders), notes)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(*verdict(found)["reasons"], *data["notes"], str(out / HTML))
+
+
+def _names(text: str | None, count: int) -> list[str] | None:
+    if text is None:
+        return None
+    names = [name.strip() for name in text.split(",")]
+    if len(names) != count or not all(names):
+        raise UsageError(
+            f"--prints {text!r} names {len(names)} prints for {count} folders; give one name for "
+            "each folder, in their order, like A,A,B"
+        )
+    return names
+
+
+def _judged(tolerance_um: float | None, percent: float | None) -> Judged | None:
+    if tolerance_um is None and percent is None:
+        return None
+    return Judged(tolerance_um or 100.0, percent or 10.0)
+
+
+def _judged_note(tolerance_um: float | None, percent: float | None) -> list[str]:
+    judged = _judged(tolerance_um, percent)
+    if judged is None:
+        return []
+    return [
+        f"All prints are judged anew: RMS deviation at most {judged.tolerance_um:g} µm, diameters "
+        f"within ±{judged.diameter_percent:g} %."
+    ]
+
+
+def _title(folders: list[Path]) -> str:
+    names = [folder.resolve().name for folder in folders]
+    return f"{names[0]} to {names[-1]}"

@@ -1,0 +1,31 @@
+"""Which print a scan is of, by the print's own journal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from printctl.link.history_entry import entry_of
+from printctl.link.record import JOURNAL
+
+
+def print_identity(folder: Path) -> dict[str, Any] | None:
+    """What tells a print from all others; None where there is no journal of one.
+
+    Parameters
+    ----------
+    folder : Path
+        That holds the journal.
+
+    Returns
+    -------
+    dict or None
+        ``id`` (as `printctl history` names it), ``started`` (s since 1970), ``gcode_sha256``.
+    """
+    journal = folder / JOURNAL
+    if not journal.is_file():
+        return None
+    entry = entry_of(journal)
+    if entry is None:
+        return None
+    return {"id": entry.id, "started": entry.started or None, "gcode_sha256": entry.sha256}

@@ -1,0 +1,131 @@
+"""Read what a run or `printctl register` left in a folder, as a comparison takes it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from printctl.comparing.identity import print_identity
+from printctl.errors import UsageError
+from printctl.pipeline.stages.printing import JOURNAL_FOLDER
+from printctl.pipeline.stages.registration import NUMBERS
+from printctl.pipeline.stages.report import JSON as REPORT
+from printctl.pipeline.verdict import verdict
+from registration.comparison import GaugedScan, Origin, gauged_scan
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Limits by which all prints are judged anew.
+
+    Attributes
+    ----------
+    tolerance_um : float, µm
+    diameter_percent : float, %
+    """
+
+    tolerance_um: float
+    diameter_percent: float
+
+
+def read_folders(
+    folders: Sequence[Path], prints: Sequence[str] | None, judged: Judged | None
+) -> list[GaugedScan]:
+    """Read the registrations of several folders.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Run folders, or those of `printctl register`.
+    prints : sequence of str or None
+        The print that each is a scan of, by any name; None: as the journals say.
+    judged : Judged or None
+        None: the verdicts stand that were given.
+
+    Raises
+    ------
+    UsageError
+        For a folder that isn't one of these, or is named twice.
+    ComparisonError
+        For a registration that is broken.
+    """
+    places = [folder.resolve() for folder in folders]
+    twice = [str(f) for f, place in zip(folders, places, strict=True) if places.count(place) > 1]
+    if twice:
+        raise UsageError(f"{twice[0]} is named twice; name each registration once")
+    names = [folder.resolve().name for folder in folders]
+    labels = [
+        name if names.count(name) == 1 else str(folder)
+        for folder, name in zip(folders, names, strict=True)
+    ]
+    given = prints if prints is not None else [None] * len(folders)
+    return [
+        _read(folder, label, name, judged)
+        for folder, label, name in zip(folders, labels, given, strict=True)
+    ]
+
+
+def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None) -> GaugedScan:
+    whole = _load(folder)
+    own = "registration" in whole
+    numbers = whole["registration"] if own else whole
+    if not isinstance(numbers, dict) or "vessels" not in numbers:
+        raise UsageError(
+            f"{folder / NUMBERS} holds no registration; run it, or register the scan, again"
+        )
+    made = whole.get("printed") if own else print_identity(folder / JOURNAL_FOLDER)
+    told = whole.get("verdict") if own else _report_verdict(folder)
+    if judged is not None:
+        told = verdict(numbers, judged.tolerance_um, judged.diameter_percent)
+    made, told = made or {}, told or {}
+    origin = Origin(
+        label=label,
+        design=_design(numbers, folder),
+        print_id=print_id or made.get("id") or str(folder.resolve()),
+        started=made.get("started"),
+        passed=told.get("passed"),
+        reasons=tuple(told.get("reasons", ())),
+    )
+    return gauged_scan(numbers, origin)
+
+
+def _load(folder: Path) -> dict[str, Any]:
+    path = folder / NUMBERS
+    if not folder.is_dir():
+        raise UsageError(
+            f"{folder} isn't a folder; name a run's, or one that `printctl register` wrote"
+        )
+    if not path.is_file():
+        raise UsageError(
+            f"{folder} has no {NUMBERS}: it is neither a run that came as far as its registration "
+            "nor a folder of `printctl register`"
+        )
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as exc:
+        raise UsageError(f"{path} can't be read ({exc}); register the scan again") from exc
+    if not isinstance(found, dict):
+        raise UsageError(f"{path} holds no registration; register the scan again")
+    return found
+
+
+def _design(numbers: dict[str, Any], folder: Path) -> str:
+    design = numbers.get("design")
+    if not isinstance(design, dict) or not isinstance(design.get("network_sha256"), str):
+        raise UsageError(
+            f"{folder / NUMBERS} doesn't say which design it was held against (an older version "
+            "wrote it); run it, or register the scan, again"
+        )
+    return str(design["network_sha256"])
+
+
+def _report_verdict(folder: Path) -> dict[str, Any] | None:
+    """Of a whole run; None where it has none that can be read."""
+    try:
+        found = json.loads((folder / REPORT).read_text(encoding="utf-8"))["verdict"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return found if isinstance(found, dict) else None

@@ -1,0 +1,22 @@
+"""Several prints of one design: what repeats, what varies, what drifts."""
+
+from registration.comparison.compare import Comparison, Print, compare
+from registration.comparison.errors import ComparisonError
+from registration.comparison.findings import comparison_dict, notes, sentences, verdict
+from registration.comparison.scans import GaugedScan, Origin, gauged_scan
+from registration.comparison.tables import comparison_csv
+
+__all__ = [
+    "Comparison",
+    "ComparisonError",
+    "GaugedScan",
+    "Origin",
+    "Print",
+    "compare",
+    "comparison_csv",
+    "comparison_dict",
+    "gauged_scan",
+    "notes",
+    "sentences",
+    "verdict",
+]

@@ -1,0 +1,164 @@
+"""What a comparison found, in sentences and as JSON."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from registration.comparison.compare import Comparison
+from registration.comparison.intervals import Interval, sd_factors
+from registration.comparison.vessels import SIGNIFICANT
+from registration.result import json_ready
+
+FEW = 10
+"""Prints below which the notes say what so few are worth."""
+
+
+def verdict(found: Comparison) -> dict[str, Any]:
+    """``passed`` (None where no print has a verdict) and the reasons, in sentences."""
+    known = [p.passed for p in found.prints if p.passed is not None]
+    return {"passed": all(known) if known else None, "reasons": sentences(found)}
+
+
+def sentences(found: Comparison) -> list[str]:
+    """What a reader wants to know first."""
+    return [
+        _history(found),
+        _centre(found),
+        _spread(found),
+        _standing_out(found),
+        _drift(found),
+        _defects(found),
+    ]
+
+
+def _history(found: Comparison) -> str:
+    known = [p for p in found.prints if p.passed is not None]
+    if not known:
+        return f"{len(found.prints)} prints, none with a verdict"
+    failed = [p.label for p in known if not p.passed]
+    text = f"{len(known) - len(failed)} of {len(known)} prints pass"
+    if len(known) < len(found.prints):
+        text += f" ({len(found.prints) - len(known)} more have no verdict)"
+    return text + (f"; failed: {_some(failed)}" if failed else "")
+
+
+def _centre(found: Comparison) -> str:
+    mean = found.quantity("mean_diameter_error").parts.mean
+    if not math.isfinite(mean.value):
+        return "No vessel was measured in every scan, so there is no mean diameter error"
+    return f"Diameters are off by {_told(mean, 'µm', True)} on average"
+
+
+def _spread(found: Comparison) -> str:
+    pooled = found.repeatability
+    if pooled.observed_sd.df < 1:
+        return "One print alone: nothing is known of how prints differ"
+    text = f"A vessel's diameter varies from print to print by {_told(pooled.observed_sd, 'µm')} SD"
+    if pooled.scan_sd.df < 1:
+        return text + ", scan noise included (no print was scanned twice)"
+    return (
+        f"{text}; scans of one print by {_told(pooled.scan_sd, 'µm')}, which leaves "
+        f"{_told(pooled.print_sd, 'µm')} to the prints"
+    )
+
+
+def _standing_out(found: Comparison) -> str:
+    off = [str(v.vessel) for v in found.vessels if v.off]
+    varies = [str(v.vessel) for v in found.vessels if v.varies]
+    if not off and not varies:
+        return "No vessel is off in every print, or varies more than the others, beyond chance"
+    said = [
+        f"{len(names)} of {len(found.vessels)} vessels {what}: {_some(names)}"
+        for names, what in ((off, "off in every print alike"), (varies, "varying more than others"))
+        if names
+    ]
+    return "; ".join(said)
+
+
+def _drift(found: Comparison) -> str:
+    drawn = [(q, q.per_print) for q in found.quantities if q.per_print is not None]
+    if not drawn:
+        return "Drift: needs three prints"
+    moving = [f"{q.name.replace('_', ' ')} by {_told(t.slope, q.unit, True)} a print"
+              for q, t in drawn if t.p < SIGNIFICANT / len(drawn)]  # fmt: skip
+    vessels = [str(v.vessel) for v in found.vessels if v.p_drift < SIGNIFICANT]
+    if vessels:
+        moving.append(f"the diameter of vessels {_some(vessels)}")
+    return "Drifts: " + "; ".join(moving) if moving else "No drift beyond chance"
+
+
+def _defects(found: Comparison) -> str:
+    common = [d for d in found.defects if d.common]
+    if not found.defects:
+        return "No defects"
+    places = ", ".join(f"{d.kind} in vessel {d.vessel} ({len(d.prints)} of {len(found.prints)})"
+                       for d in common[:4])  # fmt: skip
+    single = len(found.defects) - len(common)
+    text = f"{len(common)} defect{'s' if len(common) != 1 else ''} common to several prints"
+    return f"{text}{f': {places}' if places else ''}; {single} in one print alone"
+
+
+def notes(found: Comparison) -> list[str]:
+    """What a reader must know before trusting the numbers."""
+    result = []
+    count = len(found.prints)
+    if 2 <= count < FEW:
+        low, high = sd_factors(count - 1)
+        better = sd_factors(FEW - 1)
+        result.append(
+            f"{count} prints are few: a standard deviation from them may be {low:.2f} to "
+            f"{high:.3g} times what is given (from {FEW}: {better[0]:.2f} to {better[1]:.2f})."
+        )
+    repeated = [p for p in found.prints if len(p.scans) > 1]
+    if repeated:
+        said = "; ".join(", ".join(found.scans[k].label for k in p.scans) for p in repeated)
+        result.append(f"Taken for scans of one print: {said}.")
+    if not found.by_time:
+        result.append(
+            "Prints stand in the order in which they were named: not all say when they were made."
+        )
+    result.append(
+        "The segmentation moves all walls alike by some µm, which no number of prints averages "
+        "out: an error that all vessels share may be the scan's. What a vessel is off beyond the "
+        "others isn't."
+    )
+    return result
+
+
+def comparison_dict(found: Comparison) -> dict[str, Any]:
+    """JSON-ready numbers; what isn't known or finite is None. Prints and vessels from 0."""
+    plain = {
+        "schema": 1,
+        "verdict": verdict(found),
+        "design": {"network_sha256": found.scans[0].design},
+        "by_time": found.by_time,
+        "diameter_tolerance_percent": found.tolerance_percent,
+        "prints": [asdict(p) for p in found.prints],
+        "scans": [
+            {"label": s.label, "passed": s.passed, "reasons": s.reasons,
+             "error_um": s.error_um.tolist(), "rms_um": s.rms_um, "rigid_rms_um": s.rigid_rms_um}
+            for s in found.scans
+        ],
+        "quantities": {q.name: asdict(q) for q in found.quantities},
+        "repeatability": asdict(found.repeatability),
+        "vessels": [{**asdict(v), "off": v.off, "varies": v.varies} for v in found.vessels],
+        "defects": [{**asdict(d), "common": d.common} for d in found.defects],
+        "notes": notes(found),
+    }  # fmt: skip
+    cleaned: dict[str, Any] = json_ready(plain)
+    return cleaned
+
+
+def _told(found: Interval, unit: str, signed: bool = False) -> str:
+    """``−3.1 µm (−5 to −1)``."""
+    form = "+.2f" if signed else ".2f"
+    value = f"{found.value:{form}} {unit}"
+    if math.isfinite(found.low):
+        value += f" (95 %: {found.low:{form}} to {found.high:{form}})"
+    return value.replace("-", "\N{MINUS SIGN}")
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:8]) + (" …" if len(names) > 8 else "")

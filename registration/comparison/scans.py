@@ -1,0 +1,172 @@
+"""One registered scan, as a comparison needs it: read out of registration.json's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.comparison.errors import ComparisonError
+
+FloatArray = NDArray[np.float64]
+Record = Mapping[str, Any]
+
+AXES: Final = ("x", "y", "z")
+_NEEDED: Final = ("vessels", "defects", "scale", "offset_um", "interval_95", "scaled", "rigid")
+
+
+@dataclass(frozen=True)
+class GaugedScan:
+    """A scan that was held against its design.
+
+    Attributes
+    ----------
+    label : str
+        What the reader knows it by.
+    design : str
+        Digest of the design's network.
+    print_id : str
+        Two scans with the same are scans of one print.
+    started : float or None
+        When the print began, s since 1970; None where nobody wrote it down.
+    passed : bool or None
+        Its verdict; None where none was given.
+    reasons : tuple of str
+        Of the verdict.
+    designed_um, measured_um, length_mm : (v,) float64
+        Of each vessel; NaN where it wasn't measured. Closed vessels aren't a diameter: NaN.
+    open : tuple of (bool or None)
+        Of each vessel.
+    sections : tuple of (along_mm, diameter_um)
+        Of each vessel.
+    unseen_mm : tuple of lists of (from, to)
+        Of each vessel.
+    scale, scale_half : (3,) float64
+        Size over the design's along x, y, z, and half of the 95 % interval; NaN: not fitted.
+    offset_um, offset_half_um : float
+    rms_um, rigid_rms_um : float
+        Deviation after the scaled and the rigid fit.
+    defects : tuple of mapping
+        As in registration.json.
+    numbers : mapping
+        All of registration.json's.
+    """
+
+    label: str
+    design: str
+    print_id: str
+    started: float | None
+    passed: bool | None
+    reasons: tuple[str, ...]
+    designed_um: FloatArray
+    measured_um: FloatArray
+    length_mm: FloatArray
+    open: tuple[bool | None, ...]
+    sections: tuple[tuple[FloatArray, FloatArray], ...]
+    unseen_mm: tuple[Sequence[Sequence[float]], ...]
+    scale: FloatArray
+    scale_half: FloatArray
+    offset_um: float
+    offset_half_um: float
+    rms_um: float
+    rigid_rms_um: float
+    defects: tuple[Record, ...]
+    numbers: Record
+
+    @property
+    def error_um(self) -> FloatArray:
+        """Measured less designed diameter of each vessel, (v,), µm."""
+        return self.measured_um - self.designed_um
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where numbers come from; the fields are those of `GaugedScan`."""
+
+    label: str
+    design: str
+    print_id: str
+    started: float | None = None
+    passed: bool | None = None
+    reasons: tuple[str, ...] = ()
+
+
+def gauged_scan(numbers: Record, origin: Origin) -> GaugedScan:
+    """Take out of a registration's numbers what is compared.
+
+    Raises
+    ------
+    ComparisonError
+        When something is missing, or isn't what it should be.
+    """
+    missing = [key for key in _NEEDED if key not in numbers]
+    if missing:
+        raise ComparisonError(
+            f"{origin.label}: its registration lacks {', '.join(missing)}; it was written by an "
+            "older version, or isn't one: register the scan again"
+        )
+    try:
+        return _gauged(numbers, origin)
+    except (KeyError, TypeError, ValueError, IndexError) as exc:
+        raise ComparisonError(
+            f"{origin.label}: its registration is broken ({type(exc).__name__}: {exc}); register "
+            "the scan again"
+        ) from exc
+
+
+def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
+    vessels, interval = numbers["vessels"], numbers["interval_95"]
+    if not vessels or [row["vessel"] for row in vessels] != list(range(len(vessels))):
+        raise ValueError("its vessels aren't numbered from 0 without a gap")
+    measured = _numbers([row["measured_um"] for row in vessels])
+    return GaugedScan(
+        **vars(origin),
+        designed_um=_numbers([row["designed_um"] for row in vessels]),
+        measured_um=np.where(measured > 0, measured, np.nan),
+        length_mm=_numbers([row["length_mm"] for row in vessels]),
+        open=tuple(row["open"] for row in vessels),
+        sections=tuple(
+            (_numbers(row["along_mm"]), _numbers(row["diameter_um"])) for row in vessels
+        ),
+        unseen_mm=tuple(row["unseen_mm"] for row in vessels),
+        scale=_numbers(numbers["scale"]),
+        scale_half=_numbers(interval["scale"]),
+        offset_um=float(_numbers([numbers["offset_um"]])[0]),
+        offset_half_um=float(_numbers([interval["offset_um"]])[0]),
+        rms_um=float(numbers["scaled"]["rms_um"]),
+        rigid_rms_um=float(numbers["rigid"]["rms_um"]),
+        defects=tuple(numbers["defects"]),
+        numbers=numbers,
+    )
+
+
+def _numbers(values: Sequence[Any]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def check_comparable(scans: Sequence[GaugedScan]) -> None:
+    """Refuse fewer than two scans, or scans of different designs.
+
+    Raises
+    ------
+    ComparisonError
+        With the folders of each design.
+    """
+    if len(scans) < 2:
+        raise ComparisonError("a comparison takes two registrations or more; name another")
+    designs: dict[str, list[str]] = {}
+    for scan in scans:
+        designs.setdefault(scan.design, []).append(scan.label)
+    if len(designs) > 1:
+        said = "; ".join(f"{key[:12]}: {', '.join(names)}" for key, names in designs.items())
+        raise ComparisonError(
+            f"these are prints of {len(designs)} different designs (digests of their "
+            f"network.csv: {said}); compare prints of one design"
+        )
+    counts = {scan.label: len(scan.designed_um) for scan in scans}
+    if len(set(counts.values())) > 1:
+        said = ", ".join(f"{label}: {count}" for label, count in counts.items())
+        raise ComparisonError(f"the registrations differ in their number of vessels ({said})")

@@ -1,0 +1,5 @@
+"""The comparison of several prints: page, drawings and tables."""
+
+from registration.report.comparison.page import comparison_figures, write_comparison_html
+
+__all__ = ["comparison_figures", "write_comparison_html"]

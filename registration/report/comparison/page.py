@@ -1,0 +1,129 @@
+"""Write the comparison as one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from markupsafe import Markup
+
+from design.files import write_text
+from registration.comparison import Comparison
+from registration.comparison import notes as standing_notes
+from registration.comparison import verdict as found_verdict
+from registration.report.comparison.figures import (
+    along_figure,
+    history_figure,
+    quantities_figure,
+    vessels_figure,
+)
+from registration.report.comparison.sections import (
+    key_figures,
+    print_table,
+    shared_table,
+    spread_facts,
+    trend_table,
+    vessel_table,
+)
+from registration.report.page import environment, style
+from registration.report.scripts import as_script_json, content_policy, data_url
+from registration.report.svg import inline_figure
+from registration.report.wording import number
+
+_STATIC: Final = Path(__file__).parents[1] / "static"
+_ENTRY: Final = (
+    'import { startTheme } from "report/theme"; import { startTables } from "report/tables"; '
+    'startTheme(); startTables(); document.documentElement.dataset.state = "ready";'
+)
+
+
+def write_comparison_html(
+    path: Path, found: Comparison, title: str, notes: Sequence[str] = ()
+) -> None:
+    """Write a comparison as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an old one is replaced only by a whole new one.
+    found : Comparison
+    title : str
+        Of the design, usually.
+    notes : sequence of str
+        Sentences to those that follow from the comparison itself.
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    write_text(path, comparison_html(found, title, notes))
+
+
+def comparison_html(found: Comparison, title: str, notes: Sequence[str] = ()) -> str:
+    """The text of the page; same input, same text."""
+    modules = _modules()
+    context = {
+        "title": title,
+        "facts": facts(found),
+        "data": {"verdict": found_verdict(found)},
+        "key_figures": key_figures(found),
+        "figures": {
+            name: inline_figure(picture, caption, f"{name}-")
+            for name, (caption, picture) in comparison_figures(found).items()
+        },
+        "captions": {name: caption for name, (caption, _) in comparison_figures(found).items()},
+        "print_table": print_table(found),
+        "vessel_table": vessel_table(found),
+        "trend_table": trend_table(found),
+        "shared_table": shared_table(found),
+        "spread_facts": spread_facts(found),
+        "notes": [*notes, *standing_notes(found)],
+        "style": style(),
+        "policy": content_policy([modules, _ENTRY]),
+        "modules": modules,
+        "entry": Markup(_ENTRY),
+    }
+    return environment().get_template("comparison.html").render(context)
+
+
+def facts(found: Comparison) -> list[str]:
+    """A few words for the top of the page."""
+    return [
+        f"{number(len(found.prints))} prints, {number(len(found.scans))} scans",
+        f"{number(len(found.vessels))} vessels",
+        f"design {found.scans[0].design[:12]}",
+    ]
+
+
+def comparison_figures(found: Comparison) -> dict[str, tuple[str, bytes]]:
+    """Name to caption and drawing (SVG)."""
+    made = {
+        "quantities": (
+            "By print: each scan with the 95 % interval of its own registration, the prints' "
+            "mean and its 95 % interval (band)",
+            quantities_figure(found),
+        ),
+        "vessels": (
+            "Diameter error of each vessel: mean over the prints with its 95 % interval, each "
+            "print (small), tolerance (ticks)",
+            vessels_figure(found),
+        ),
+        "history": ("Diameter error from print to print", history_figure(found)),
+        "along": (
+            "Diameter along the vessels: every scan, the later the darker; designed (line)",
+            along_figure(found),
+        ),
+    }
+    return {
+        name: (caption, picture) for name, (caption, picture) in made.items() if picture is not None
+    }
+
+
+@cache
+def _modules() -> str:
+    """Import map of the page's scripts, as JSON."""
+    files = {f"report/{name}": _STATIC / f"{name}.js" for name in ("tables", "theme")}
+    return as_script_json({"imports": {name: data_url(path) for name, path in files.items()}})

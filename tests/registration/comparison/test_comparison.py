@@ -1,0 +1,120 @@
+"""Comparison of prints: known variances and trends come back, strangers are refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from registration.comparison import ComparisonError, Origin, compare, comparison_dict, gauged_scan
+from registration.comparison.intervals import holm, mean_interval, sd_interval
+from registration.comparison.scans import GaugedScan
+from registration.comparison.trend import trend
+from registration.comparison.variance import components
+
+
+def scan(errors: Any, print_id: str, design: str = "d" * 64, **more: Any) -> GaugedScan:
+    rows = [
+        {"vessel": v, "designed_um": 500.0, "measured_um": 500.0 + e, "length_mm": 5.0,
+         "open": True, "along_mm": [], "diameter_um": [], "unseen_mm": []}
+        for v, e in enumerate(errors)
+    ]  # fmt: skip
+    numbers = {
+        "vessels": rows, "defects": more.pop("defects", []), "scale": [0.99, 0.99, 1.0],
+        "offset_um": -5.0, "interval_95": {"scale": [0.001, 0.001, None], "offset_um": 1.0},
+        "scaled": {"rms_um": 10.0}, "rigid": {"rms_um": 20.0},
+    }  # fmt: skip
+    label = f"{print_id}-{float(np.sum(errors)):.3f}"
+    return gauged_scan(numbers, Origin(label, design, print_id, **more))
+
+
+def test_between_and_scan_variance_come_back() -> None:
+    random = np.random.default_rng(1)
+    prints, scans = 400, 3
+    number = np.repeat(np.arange(prints), scans)
+    drawn = 8 * random.normal(size=prints)
+    values = -3 + drawn[number] + 2 * random.normal(size=prints * scans)
+    found = components(values, number.tolist())
+    # Of these very prints, not of the population: an unlucky draw is no fault of the estimate.
+    assert found.print_sd.value == pytest.approx(drawn.std(ddof=1), rel=0.02)
+    assert found.scan_sd.value == pytest.approx(2, rel=0.1)
+
+
+def test_interval_of_the_prints_own_spread_covers_it() -> None:
+    random = np.random.default_rng(2)
+    number = np.repeat(np.arange(6), 2)
+    covered = 0
+    for _ in range(400):
+        values = 3 * random.normal(size=6)[number] + 2 * random.normal(size=12)
+        found = components(values, number.tolist()).print_sd
+        covered += found.low <= 3 <= found.high
+    assert 0.92 <= covered / 400 <= 0.985
+
+
+def test_intervals_are_those_of_the_tables() -> None:
+    # t(0.975, 2) = 4.303; chi-squared with 2: 7.378 and 0.05064.
+    mean = mean_interval(np.array([1.0, 2.0, 3.0]))
+    assert mean.high - mean.value == pytest.approx(4.303 / np.sqrt(3), rel=1e-3)
+    spread = sd_interval(1.0, 2)
+    assert spread.low == pytest.approx(np.sqrt(2 / 7.378), rel=1e-3)
+    assert spread.high == pytest.approx(np.sqrt(2 / 0.05064), rel=1e-3)
+    np.testing.assert_allclose(holm([0.01, np.nan, 0.04, 0.03]), [0.03, np.nan, 0.06, 0.06])
+
+
+def test_a_trend_comes_back() -> None:
+    random = np.random.default_rng(3)
+    y = 5 + 2.5 * np.arange(12) + random.normal(size=12)
+    found, known = trend(range(12), y), stats.linregress(np.arange(12), y)
+    assert found is not None
+    assert found.slope.value == pytest.approx(known.slope)
+    assert found.p == pytest.approx(known.pvalue)
+    assert found.slope.low < 2.5 < found.slope.high
+    assert trend([0, 1], [1.0, 2.0]) is None
+
+
+def test_a_vessel_that_is_always_off_and_one_that_varies_are_named() -> None:
+    random = np.random.default_rng(4)
+    errors = random.normal(0, 1, (8, 6))
+    errors[:, 2] -= 20
+    errors[:, 4] += 25 * np.array([1, -1, 1, -1, 1, -1, 1, -1])
+    found = compare([scan(row, f"p{k}") for k, row in enumerate(errors)], 10.0)
+    assert [v.vessel for v in found.vessels if v.off] == [2]
+    assert [v.vessel for v in found.vessels if v.varies] == [4]
+    able = found.vessels[2].capability
+    assert able is not None
+    assert able.cp.value == pytest.approx(50 / (3 * errors[:, 2].std(ddof=1)))
+    assert comparison_dict(found)["vessels"][2]["off"] is True
+
+
+def test_prints_stand_in_the_order_of_time() -> None:
+    found = compare([scan([1.0], "b", started=200.0), scan([2.0], "a", started=100.0)])
+    assert [p.print_id for p in found.prints] == ["a", "b"]
+    assert found.by_time
+
+
+def test_defects_at_one_place_are_common() -> None:
+    def bulge(low: float) -> dict[str, Any]:
+        return {"kind": "bulge", "vessel": 0, "other": None, "from_mm": low, "to_mm": low + 1,
+                "size_um": 50.0}  # fmt: skip
+
+    found = compare([
+        scan([1.0], "a", defects=[bulge(1.0)]),
+        scan([2.0], "b", defects=[bulge(1.5), bulge(3.5)]),
+    ])  # fmt: skip
+    assert [(d.common, d.from_mm, d.to_mm) for d in found.defects] == [
+        (True, 1.0, 2.5), (False, 3.5, 4.5),
+    ]  # fmt: skip
+
+
+def test_different_designs_are_refused() -> None:
+    with pytest.raises(ComparisonError, match="2 different designs"):
+        compare([scan([1.0], "a"), scan([2.0], "b", design="e" * 64)])
+    with pytest.raises(ComparisonError, match="two registrations or more"):
+        compare([scan([1.0], "a")])
+
+
+def test_a_broken_registration_says_so() -> None:
+    with pytest.raises(ComparisonError, match=r"lacks vessels.*register the scan again"):
+        gauged_scan({}, Origin("a", "d", "p"))
