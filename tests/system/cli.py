@@ -1,14 +1,19 @@
-"""Run the command line as a user does, in a process of its own."""
+"""Run the command line as a user does, in a process of its own or, to save its start, in this."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+
+from printctl.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"
@@ -28,6 +33,24 @@ def printctl(
         check=False,
         preexec_fn=preexec,
     )
+
+
+def called(*args: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run ``printctl`` with ``args`` in ``cwd`` by its entry: no signals, no limits of its own."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    words = ["printctl", *map(str, args)]
+    with (
+        contextlib.chdir(cwd),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr(sys, "argv", words)
+        try:
+            main()
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def recipe_file(folder: Path, base: str, **sections: Any) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.system.cli import ROOT, printctl, recipe_file
+from tests.system.cli import ROOT, called, printctl, recipe_file
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 
@@ -19,7 +19,7 @@ def _refused(
 ) -> str:
     """Run a command on ``recipe``, expect ``code`` and every one of ``words``, no traceback."""
     out = ("--out", "out" if command[0] != "toolpath" else "out.gcode")
-    done = printctl(*command, recipe, *out, cwd=folder)
+    done = called(*command, recipe, *out, cwd=folder)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     for word in words:

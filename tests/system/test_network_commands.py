@@ -11,7 +11,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from tests.system.cli import printctl
+from tests.system.cli import called as printctl
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 FORK = (
