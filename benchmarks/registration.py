@@ -10,6 +10,7 @@ from __future__ import annotations
 from benchmarks.command import Job, run
 from benchmarks.registration_cloudcompare import cloudcompare_rows
 from benchmarks.registration_defects import defect_rows
+from benchmarks.registration_feedback import feedback_rows
 from benchmarks.registration_pose import interval_rows, landing_rows
 from benchmarks.registration_vessels import diameter_rows, whole_rows
 
@@ -20,6 +21,7 @@ JOBS: dict[str, Job] = {
     "diameters": diameter_rows,
     "defects": defect_rows,
     "cloudcompare": cloudcompare_rows,
+    "feedback": feedback_rows,
 }
 
 

@@ -111,7 +111,7 @@ def register_scan(
     surface = ModelSurface.of(model)
     is_lumen = _model_is_lumen(surface, network)
     thinnest = 2 * float(network.radius.min())
-    segmentation = segment(scan, _segmentation_options(scan, options, thinnest))
+    segmentation = segment(scan, segmentation_options(scan, options, thinnest))
     points = segmentation.vertices[segmentation.seen]
     blur = segmentation.field.blur_mm
     alignment = align(
@@ -207,9 +207,10 @@ def _both_ways(
     return _BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 
-def _segmentation_options(
+def segmentation_options(
     scan: Scan, options: RegistrationOptions, thinnest: float
 ) -> SegmentationOptions:
+    """How a scan is segmented for a design whose thinnest lumen is so wide, mm."""
     fine = thinnest / 8
     if scan.modality == "oct":
         voxel = float(np.prod(scan.geometric_voxel_mm))

@@ -178,6 +178,7 @@ _DECIMALS = {
     "ovality_along": 4,
     "offset_along_um": 2,
     "noise_um": 2,
+    "shift_along_um": 2,
 }
 """Of the numbers along a vessel: far below what they are good for, and half the file."""
 

@@ -18,6 +18,7 @@ from printctl.cli.run_folder import print_folder
 from printctl.cli.scan_options import voxel_mm
 from printctl.comparing import print_identity
 from printctl.errors import UsageError
+from printctl.feedback import ORIGIN, keep_origin
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.stages.registration import (
@@ -26,6 +27,7 @@ from printctl.pipeline.stages.registration import (
     SIGN,
     design_facts,
     load_deviation,
+    scan_facts,
     write_deviation,
     write_exports,
 )
@@ -144,7 +146,12 @@ def register(
         lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
     )
     found = register_scan(measured, surface, vessels, options)
-    numbers = {**report_dict(found), "sign_convention": SIGN, "design": design_facts(path)}
+    numbers = {
+        **report_dict(found),
+        "sign_convention": SIGN,
+        "design": design_facts(path),
+        "measured_by": scan_facts(measured),
+    }
     data: dict[str, Any] = {
         "schema": 1,
         "recipe": scan.stem,
@@ -153,7 +160,7 @@ def register(
         "printed": printed,
         "registration": numbers,
     }
-    _write(out, data, found, surface, vessels)
+    _write(out, data | _origin(model, scan, out), found, surface, vessels)
     write_exports(out, measured, vessels, found)
     if as_json:
         print_json(data)
@@ -180,6 +187,12 @@ def _write(
         ReportSurface("As designed", surface.vertices, surface.faces),
     ]
     write_report_html(out / HTML, data, shown, vessels)
+
+
+def _origin(model: Path, scan: Path, out: Path) -> dict[str, Any]:
+    """How the part was made, where the model is a run; a compensation needs it."""
+    found = keep_origin(model, scan, out) if model.is_dir() else None
+    return {} if found is None else {ORIGIN: found}
 
 
 def _design(

@@ -18,7 +18,9 @@ from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
+from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
+from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
@@ -30,6 +32,8 @@ from printctl.recipe.making import Embedded, FileScan, SimulatedScan
 NETWORK = "network.csv"
 LUMEN = "lumen.stl"
 SOLID = "solid.stl"
+
+SIMULATED_PORT = "simulated"
 
 LIGHT_REACHES_MM = 3.5
 """Deeper parts are beyond OCT in scattering gels; the planar part, 3 mm, is at its limit."""
@@ -167,6 +171,38 @@ class RunContext:
         return read_solid(self.folder / SOLID, unit="mm")
 
     @cached_property
+    def compensation(self) -> CompensationFile | None:
+        """What earlier prints asked for, where the recipe names it."""
+        name = self.recipe.toolpath.compensation
+        return None if name is None else load_compensation(self.recipe_folder / name)
+
+    @property
+    def compensation_digest(self) -> dict[str, str]:
+        """SHA-256 of that file by its name; empty without one."""
+        name = self.recipe.toolpath.compensation
+        return {} if name is None else self.digests([name])
+
+    @cached_property
+    def corrections(self) -> Corrections:
+        """What that changes; nothing without one."""
+        return NEUTRAL if self.compensation is None else corrections_of_file(self.compensation)
+
+    @cached_property
+    def local_network(self) -> VesselNetwork:
+        """The network with its lumens corrected, in the design's size."""
+        return self.corrections.locally(self.network)
+
+    @cached_property
+    def written_network(self) -> VesselNetwork:
+        """The network as it is to be written, in the tissue's frame."""
+        return self.corrections.stretch.network(self.local_network)
+
+    @cached_property
+    def written_bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of the tissue as it is written, (2, 3), mm."""
+        return self.corrections.stretch.points(self.tissue.bounds)
+
+    @cached_property
     def place_mm(self) -> NDArray[np.float64]:
         """Where the part's origin stands in the printer's frame, (3,), mm.
 
@@ -176,12 +212,7 @@ class RunContext:
         if self.recipe.printer.place_mm is not None:
             return np.array(self.recipe.printer.place_mm)
         low, high = self.tissue.bounds
-        middle = np.array(
-            [(span.low + span.high) / 2 for span in (self.printer.x_mm, self.printer.y_mm)]
-        )
-        floor = self.printer.z_mm.low + self.bath.floor_clearance_mm
-        # Whole microns, so that the numbers in the G-code stay short.
-        return np.round(np.append(middle - (low + high)[:2] / 2, floor - low[2]), 3)
+        return default_place(low, high, self.printer, self.bath)
 
     @cached_property
     def start_mm(self) -> NDArray[np.float64]:
@@ -191,5 +222,20 @@ class RunContext:
         point lies above the middle of the part, clear of it.
         """
         low, high = self.tissue.bounds + self.place_mm
-        above = min(high[2] + 5.0, self.printer.z_mm.high)
+        top = self.written_bounds[1, 2] + self.place_mm[2]
+        above = min(top + 5.0, self.printer.z_mm.high)
         return np.round(np.append((low + high)[:2] / 2, above), 3)
+
+
+def default_place(
+    low: NDArray[np.float64], high: NDArray[np.float64], printer: Printer, bath: Bath
+) -> NDArray[np.float64]:
+    """Where a part with these lowest and highest corners is put, (3,), mm, printer's frame.
+
+    Its middle in the middle of the work area, its lowest point one floor clearance of the bath
+    above the dish.
+    """
+    middle = np.array([(span.low + span.high) / 2 for span in (printer.x_mm, printer.y_mm)])
+    floor = printer.z_mm.low + bath.floor_clearance_mm
+    # Whole microns, so that the numbers in the G-code stay short.
+    return np.asarray(np.round(np.append(middle - (low + high)[:2] / 2, floor - low[2]), 3))

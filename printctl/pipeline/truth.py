@@ -11,7 +11,11 @@ FloatArray = NDArray[np.float64]
 
 
 def pose_error(
-    scan_to_part: FloatArray, truth_printer_to_scan: FloatArray, place: FloatArray, box: FloatArray
+    scan_to_part: FloatArray,
+    truth_printer_to_scan: FloatArray,
+    place: FloatArray,
+    box: FloatArray,
+    written: FloatArray | None = None,
 ) -> dict[str, Any]:
     """How far the recovered transform puts the part's corners from where they belong.
 
@@ -25,6 +29,8 @@ def pose_error(
         Part to printer.
     box : (2, 3) mm
         The part's bounds; its eight corners are tried.
+    written : (4, 4), optional
+        Design to what was written, of a compensated print.
 
     Returns
     -------
@@ -34,7 +40,8 @@ def pose_error(
     corners = np.array(
         [[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
     )
-    scanned = _apply(truth_printer_to_scan, corners + place)
+    made = corners if written is None else _apply(written, corners)
+    scanned = _apply(truth_printer_to_scan, made + place)
     error = np.linalg.norm(_apply(scan_to_part, scanned) - corners, axis=1) * 1e3
     return {"pose_error_um": float(error.max()), "pose_error_mean_um": float(error.mean())}
 

@@ -16,6 +16,12 @@ Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
 
 
+CompensationName = Annotated[
+    str | None,
+    Field(min_length=1, description="File of `printctl compensate`, relative to the recipe."),
+]
+
+
 class CompensationPart(Part):
     """What an earlier print of the same ink came out like, so that this one comes out right."""
 
@@ -41,12 +47,23 @@ class Fresh(FillingPart):
         default=(), description="Places with an infill of their own."
     )
     compensate: CompensationPart = CompensationPart()
+    compensation: CompensationName = None
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
 
+    @model_validator(mode="after")
+    def _compensated_once(self) -> Fresh:
+        if self.compensation is not None and self.compensate != CompensationPart():
+            raise ValueError(
+                "compensate and compensation are both given; leave compensate out: a file made "
+                "from a print that had it holds it already"
+            )
+        return self
+
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""
-        return [name for region in self.regions for name in region.files()]
+        names = [name for region in self.regions for name in region.files()]
+        return names + ([self.compensation] if self.compensation else [])
 
 
 class Embedded(Part):
@@ -63,10 +80,11 @@ class Embedded(Part):
         default=0,
         description="How often the needle's shaft may pass through ink that is already written.",
     )
+    compensation: CompensationName = None
 
     def files(self) -> list[str]:
-        """Names of the user's files that it is made from: none."""
-        return []
+        """Names of the user's files that it is made from."""
+        return [self.compensation] if self.compensation else []
 
 
 ToolpathPart = Annotated[Fresh | Embedded, Field(discriminator="method")]
@@ -130,6 +148,9 @@ class SimulatedScan(Part):
     shrink_percent: Annotated[float, Field(ge=-10, le=20)] = 1.0
     format: Literal["tif", "oct"] = Field(
         default="tif", description="Of the file: TIFF, or Thorlabs' for an OCT."
+    )
+    spread_percent: Annotated[float, Field(ge=-50, le=100)] = Field(
+        default=0.0, description="By how much more ink a line holds than it was dosed."
     )
     seed: Seed | None = Field(default=None, description="Of the noise and the pose; else derived.")
     defects: Annotated[tuple[DefectPart, ...], Field(max_length=100)] = Field(

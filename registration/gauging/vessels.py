@@ -62,6 +62,8 @@ class VesselGauge:
         The sections measured: distance from the first node, diameter, area, ovality, the
         centroid's offset, and the diameter's standard error. NaN where closed (diameter and
         area 0).
+    shift_along_um : (n, 3) float64, µm
+        That offset as a vector across the vessel, along the part's axes.
     """
 
     vessel: int
@@ -87,6 +89,7 @@ class VesselGauge:
     ovality_along: FloatArray
     offset_along_um: FloatArray
     noise_um: FloatArray
+    shift_along_um: FloatArray
 
 
 def gauge_vessels(
@@ -113,13 +116,20 @@ def gauge_vessels(
     """
     rms = _wall_rms(network, segmentation, fit, deviation_mm)
     return tuple(
-        _gauge(trace, VesselKind(int(network.kind[trace.vessel])), float(rms[trace.vessel]))
+        _gauge(
+            trace,
+            VesselKind(int(network.kind[trace.vessel])),
+            float(rms[trace.vessel]),
+            fit.rotation,
+        )
         for trace in traces
     )
 
 
-def _gauge(trace: VesselTrace, kind: VesselKind, rms: float) -> VesselGauge:
+def _gauge(trace: VesselTrace, kind: VesselKind, rms: float, rotation: FloatArray) -> VesselGauge:
     sections, counted = trace.sections, trace.counted
+    shift = np.einsum("ni,nij->nj", sections.shift, trace.planes.across) @ rotation.T
+    shift = np.where(np.isfinite(sections.offset)[:, None], shift, np.nan)
     return VesselGauge(
         vessel=trace.vessel,
         kind=kind.name.lower(),
@@ -136,6 +146,7 @@ def _gauge(trace: VesselTrace, kind: VesselKind, rms: float) -> VesselGauge:
         ovality_along=sections.ovality[counted],
         offset_along_um=1e3 * sections.offset[counted],
         noise_um=1e3 * sections.noise[counted],
+        shift_along_um=1e3 * shift[counted],
         **_summary(trace),
     )
 

@@ -62,6 +62,7 @@ def depends(context: RunContext) -> Any:
         context.dish and context.dish.model_dump(mode="json"),
         [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
+        context.compensation_digest,
     ]
 
 
@@ -86,7 +87,7 @@ def all_checks(context: RunContext, run: DryRun) -> list[Check]:
 
 def of_head(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
     """What a head holds and where its needle goes; the printer has that head alone."""
-    low, high = context.tissue.bounds
+    low, high = context.written_bounds
     load, bath, dish = context.loads[number], context.bath, standing(context)
     return [
         *syringe_checks(run, printer, load.syringe),
@@ -108,7 +109,7 @@ def widest_filament_mm(context: RunContext, number: int = 0) -> float:
         heads = context.recipe.printer.heads
         return layer_lines_um(part, heads, context.printer.head_count)[number] * 1e-3
     own = np.repeat(context.vessel_head == number, np.diff(context.network.offset))
-    return 2.0 * float(context.network.radius[own].max(initial=0.0))
+    return 2.0 * float(context.written_network.radius[own].max(initial=0.0))
 
 
 def standing(context: RunContext) -> Standing | None:

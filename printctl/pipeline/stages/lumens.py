@@ -1,4 +1,8 @@
-"""Stage 7: what the G-code leaves or makes open of each vessel; refuses what is closed or leaks."""
+"""Stage 7: what the G-code leaves or makes open of each vessel; refuses what is closed or leaks.
+
+A compensated print is held against the network as it is to be written, since that is what its lines
+should leave open; the scan will be held against the design.
+"""
 
 from __future__ import annotations
 
@@ -42,6 +46,7 @@ def depends(context: RunContext) -> Any:
         context.place_mm.tolist(),
         context.start_mm.tolist(),
         *of_heads(context),
+        context.compensation_digest,
     ]
 
 
@@ -65,10 +70,10 @@ def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
     if isinstance(part, Fresh):
         lines, stepped = read_layers(gcode, writing)
         report(0.3, "looking for leaks and measuring sections")
-        return check_network(lines, context.network, context.place_mm, stepped, LEAK_MM)
+        return check_network(lines, context.written_network, context.place_mm, stepped, LEAK_MM)
     ideal, after = read_filaments(gcode, writing)
     report(0.3, "measuring filaments along the vessels")
-    return check_filaments(ideal, after, context.network, context.place_mm, LEAK_MM)
+    return check_filaments(ideal, after, context.written_network, context.place_mm, LEAK_MM)
 
 
 def writing_of(context: RunContext) -> Writing:

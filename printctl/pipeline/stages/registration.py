@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ def depends(context: RunContext) -> Any:
         context.recipe.toolpath.model_dump(mode="json"),
         context.recipe.flow.model_dump(mode="json"),
         context.place_mm.tolist(),
+        context.compensation_digest,
     ]
     if not isinstance(part, FileScan):
         return made
@@ -71,6 +73,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     summary = {
         **report_dict(found),
         "sign_convention": SIGN,
+        "measured_by": scan_facts(scan),
         "design": design_facts(context.folder / NETWORK),
     }
     add_traces(summary, context, found)
@@ -97,9 +100,20 @@ def design_facts(network: Path) -> dict[str, str]:
     return {"network_sha256": digest_file(network)}
 
 
+def scan_facts(scan: Scan) -> dict[str, Any]:
+    """What a compensation must know of the scan behind the numbers."""
+    dz, dy, dx = scan.geometric_voxel_mm
+    return {
+        "modality": scan.modality,
+        "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
+        "optical_depth": scan.optical_depth,
+        "depth_standard": scan.depth_standard,
+    }
+
+
 def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:
     """Say of each layer how far off it is, and of each defect which lines wrote around it."""
-    part = context.recipe.toolpath
+    part, stretch = context.recipe.toolpath, context.corrections.stretch
     job = read_job(
         context.folder / GCODE,
         context.folder / LINE_MAP,
@@ -107,15 +121,17 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         context.start_mm,
         context.place_mm,
     )
+    # What was written, back in the design's size, where the scan's deviations and defects are.
+    job = replace(job, start=stretch.back(job.start), end=stretch.back(job.end))
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
         low = float(context.solid.bounds[0, 2])
-        summary["by_layer"] = by_layer(found, job, low, part.layer_um * 1e-3)
+        summary["by_layer"] = by_layer(found, job, low, part.layer_um * 1e-3 / stretch.factor[2])
     else:
         # A filament fills its own lumen: no line's width lies between.
         line_mm = 0.0
     for defect in summary["defects"]:
-        defect["made_by"] = made_by(defect, job, context.network, line_mm)
+        defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 
 def write_exports(
@@ -160,6 +176,7 @@ def check_truth(context: RunContext, found: RegistrationReport, model: Solid) ->
         np.array(truth["printer_to_scan"]),
         context.place_mm,
         model.bounds,
+        context.corrections.stretch.matrix,
     )
 
 

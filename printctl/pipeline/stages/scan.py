@@ -53,7 +53,7 @@ def depends(context: RunContext) -> Any:
     laid: list[Any] = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
     if context.printer.heads:
         laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
-    return [found, context.recipe.seed, *laid]
+    return [found, context.recipe.seed, *laid, context.compensation_digest]
 
 
 def scan_name(part: SimulatedScan) -> str:
@@ -101,18 +101,21 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
     """Lay the ink where the printer's motors went, and scan it."""
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
-    area = area_mm2(context.loads[0])
+    more = 1 + part.spread_percent / 100
+    area = more * area_mm2(context.loads[0])
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
     if context.printer.heads:
-        ink = united(inks_of(context, motion, fine))
+        ink = united(inks_of(context, motion, fine, more))
     elif context.flow_ul_s is None:
         ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
     else:
         gcode = (context.folder / GCODE).read_bytes()
-        ink = pneumatic_deposit(motion, gcode, context.printer, context.flow_ul_s, fine)
+        ink = pneumatic_deposit(motion, gcode, context.printer, more * context.flow_ul_s, fine)
     if part.defects:
-        ink = with_defects(ink, scan_defects(part.defects, context.network, context.place_mm))
+        ink = with_defects(
+            ink, scan_defects(part.defects, context.written_network, context.place_mm)
+        )
     report(0.4, "scanning")
     left = 1 - part.shrink_percent / 100
     seed = part.seed if part.seed is not None else context.recipe.seed
@@ -128,8 +131,10 @@ def area_mm2(filled: Filled) -> float:
     return math.pi / 4 * filled.syringe.inner_mm**2 * filled.ink.flow_factor
 
 
-def inks_of(context: RunContext, motion: ExecutedMotion, voxel_mm: float) -> tuple[Deposit, ...]:
-    """The ink of each head that wrote, on one grid."""
+def inks_of(
+    context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float = 1.0
+) -> tuple[Deposit, ...]:
+    """The ink of each head that wrote, on one grid; ``more`` times what was dosed."""
     printer = context.printer
     pairs = [
         (k, motion.of_head(k, head.offset_mm.mm))
@@ -139,7 +144,7 @@ def inks_of(context: RunContext, motion: ExecutedMotion, voxel_mm: float) -> tup
     pairs = [(k, one) for k, one in pairs if _writes(one)]
     return deposit_of_heads(
         [one for _, one in pairs],
-        [area_mm2(context.loads[k]) for k, _ in pairs],
+        [more * area_mm2(context.loads[k]) for k, _ in pairs],
         voxel_mm,
         plunger_step_mm=[1 / printer.of_head(k).steps_per_mm.e for k, _ in pairs],
     )

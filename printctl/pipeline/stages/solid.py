@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from design.network import VesselNetwork
 from design.solids import read_solid, surface_genus, validate_file
 from design.vasculature import PLANAR_DIMPLES
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
@@ -21,12 +22,16 @@ NAMES = (LUMEN, SOLID, SOLID_3MF)
 """Files by default."""
 
 
-def built_solids(context: RunContext) -> Built:
-    """All solids of the recipe; a design of ours brings its fiducial dimples."""
+def built_solids(context: RunContext, network: VesselNetwork | None = None) -> Built:
+    """All solids of the recipe; a design of ours brings its fiducial dimples.
+
+    ``network`` is put in the design's place where it is given.
+    """
     named = isinstance(context.recipe.vasculature, NamedNetwork)
     marks = [(mark.centre_mm, mark.diameter_mm) for mark in PLANAR_DIMPLES] if named else []
     tissue = read_solid(context.folder / SURFACE, unit="mm")
-    return build(context.recipe.solid, context.network, tissue, body_genus(context), marks)
+    vessels = context.network if network is None else network
+    return build(context.recipe.solid, vessels, tissue, body_genus(context), marks)
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -13,7 +13,14 @@ from design.toolpath.embedded import (
     EmbeddedReport,
     plan_embedded,
 )
-from design.toolpath.fresh import Compensation, FreshLayers, FreshOptions, FreshReport, check_lumens
+from design.toolpath.fresh import (
+    Compensation,
+    FreshLayers,
+    FreshOptions,
+    FreshReport,
+    Region,
+    check_lumens,
+)
 from design.toolpath.gcode import (
     GcodeOptions,
     HeadLoad,
@@ -23,11 +30,18 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from firmware_profiles import Ink
+from printctl.pipeline.compensated import (
+    check_compensation,
+    compensation_facts,
+    solid_dependence,
+    written_solid,
+)
 from printctl.pipeline.context import NETWORK, SOLID, Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 
@@ -45,6 +59,7 @@ def depends(context: RunContext) -> Any:
         *of_heads(context),
         context.place_mm.tolist(),
         context.digests(context.recipe.toolpath.files()),
+        *solid_dependence(context),
     ]
 
 
@@ -80,20 +95,33 @@ def plan(context: RunContext) -> Planned:
     match part:
         case Fresh():
             options = fresh_options(context, part)
+            check_compensation(context, max(own.line_width_mm for own in options))
             for own in options:
-                check_lumens(context.network, own)
-            regions = [
-                make_region(region, number, context.recipe_folder, context.network)
-                for number, region in enumerate(part.regions)
-            ]
-            layers = FreshLayers(context.solid, options[0], regions, options[1:])
+                check_lumens(context.written_network, own)
+            layers = FreshLayers(
+                written_solid(context), options[0], written_regions(context, part), options[1:]
+            )
             return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
             heads = tuple(embedded_options(part, one) for one in context.loads)
-            embedded = plan_embedded(context.network, EmbeddedHeads(heads, context.vessel_head))
+            thinnest = float(context.network.radius.min())
+            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in heads))
+            embedded = plan_embedded(
+                context.written_network, EmbeddedHeads(heads, context.vessel_head)
+            )
             toolpath = embedded.toolpath
             top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
             return Planned([toolpath], top, lambda: embedded.report)
+
+
+def written_regions(context: RunContext, part: Fresh) -> list[Region]:
+    """The recipe's regions, which follow the part where it is compensated."""
+    stretch = context.corrections.stretch
+    made = (
+        make_region(region, number, context.recipe_folder, context.local_network)
+        for number, region in enumerate(part.regions)
+    )
+    return [replace(region, solid=stretch.solid(region.solid)) for region in made]
 
 
 def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
@@ -199,13 +227,15 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         context.folder / LINE_MAP,
         stream_gcode(count.along(planned.parts), *machine, planned.top_mm),
     )
+    facts, kept = compensation_facts(context)
     summary = {
         "method": context.recipe.toolpath.method,
         **asdict(count),
         "lines": lines,
+        **facts,
         "plan": plan_facts(planned.report()),
     }
-    return summary, [GCODE, LINE_MAP]
+    return summary, [GCODE, LINE_MAP, *kept]
 
 
 def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
@@ -216,4 +246,9 @@ def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
     return found
 
 
-STAGE = Stage("toolpath", depends, (NETWORK, SOLID), ("kernels", "design"), work)
+def reads(context: RunContext) -> tuple[str, ...]:
+    """The design; and the tissue, from which a compensated construct is made anew."""
+    return (NETWORK, SOLID) if context.compensation is None else (NETWORK, SOLID, SURFACE)
+
+
+STAGE = Stage("toolpath", depends, reads, ("kernels", "design"), work)

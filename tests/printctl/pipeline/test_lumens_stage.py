@@ -33,7 +33,7 @@ def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
         place_mm=np.array([20.0, 30.0, 0.0]),
         start_mm=np.zeros(3),
         flow_ul_s=None,
-        network=VesselNetwork.from_segments(
+        written_network=VesselNetwork.from_segments(
             ends, np.array([[0, 1]]), np.array([0.3]), NONE, NONE
         ),
         bars=SimpleNamespace(remark=lambda *_: None),

@@ -1,0 +1,7 @@
+"""What earlier prints came out like, turned into what is written this time."""
+
+from design.toolpath.correction.checks import check_outside, check_walls
+from design.toolpath.correction.corrections import NEUTRAL, Corrections
+from design.toolpath.correction.stretch import Stretch
+
+__all__ = ["NEUTRAL", "Corrections", "Stretch", "check_outside", "check_walls"]

@@ -1,0 +1,128 @@
+"""`printctl overlay`: a scan over the G-code, layer by layer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.scan_options import voxel_mm
+from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
+from printctl.pipeline.overlaying import chosen_layers, overlay_scan
+from printctl.pipeline.written_layers import read_written
+from printctl.progress import StageBars
+from registration.corrected import corrected_scan
+from registration.overlay import align_pose, read_pose
+from registration.readers import ScanOverrides
+from registration.register import RegistrationOptions, segmentation_options
+from registration.segmentation import segment
+
+
+def overlay(
+    scan: Annotated[
+        Path,
+        typer.Argument(
+            help="A scan of any known format, or a mosaic's YAML (docs/scans.md).",
+            show_default=False,
+        ),
+    ],
+    model: Annotated[
+        Path,
+        typer.Option("--model", help="Run folder of a print in layers.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    pose: Annotated[
+        Path | None,
+        typer.Option(
+            "--pose",
+            help="registration.json of a scan in the same place; then nothing is aligned.",
+        ),
+    ] = None,
+    fit: Annotated[
+        Literal["scaled", "rigid"],
+        typer.Option("--fit", help="Whether the pose may stretch the scan to the design's size."),
+    ] = "scaled",
+    layer: Annotated[
+        list[int] | None,
+        typer.Option("--layer", min=1, help="Only this one, from 1; may be given more than once."),
+    ] = None,
+    voxel_um: Annotated[
+        str | None,
+        typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
+    ] = None,
+    refractive_index: Annotated[float | None, typer.Option("--refractive-index")] = None,
+    optical_depth: Annotated[
+        bool | None,
+        typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
+    ] = None,
+    modality: Annotated[
+        Literal["oct", "microct", "confocal"] | None, typer.Option("--modality")
+    ] = None,
+    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
+    ] = None,
+    depth_down: Annotated[
+        bool | None,
+        typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
+    ] = None,
+    mirrored: Annotated[
+        bool | None,
+        typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
+    ] = None,
+    oct_calibration: Annotated[
+        Path | None,
+        typer.Option("--oct-calibration", help="File of `printctl calibrate oct`."),
+    ] = None,
+    air_above: Annotated[
+        bool,
+        typer.Option(
+            "--air-above", help="Air lies above the sample: undo refraction at its surface."
+        ),
+    ] = False,
+    filled: Annotated[
+        bool,
+        typer.Option(
+            "--filled", help="Lumens are brighter than the gel: filled with contrast agent."
+        ),
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Lay a scan over the lines that a print in layers wrote: gaps, and gel in lumens.
+
+    A scan taken while the part is printed can't be aligned by itself: give --pose.
+    """
+    known = None if pose is None else read_pose(pose, fit)
+    run = read_written(model, messages())
+    chosen = chosen_layers(run.layers, layer or [])
+    overrides = ScanOverrides(
+        voxel_mm=voxel_mm(voxel_um),
+        refractive_index=refractive_index,
+        optical_depth=optical_depth,
+        modality=modality,
+        scale=scale,
+        axes=axes,
+        depth_down=depth_down,
+        mirrored=mirrored,
+    )
+    bars = StageBars(messages())
+    with bars.all():
+        with bars.stage("scan"):
+            measured = corrected_scan(scan, overrides, oct_calibration, air_above)
+        with bars.stage("segmentation"):
+            options = RegistrationOptions(lumens="bright" if filled else "dark")
+            found = segment(measured, segmentation_options(measured, options, run.thinnest_mm))
+        with bars.stage("pose"):
+            known = known or align_pose(measured, found, run.solid, fit)
+        with bars.stage("measuring") as report:
+            laid = overlay_scan(run, measured, found, known, report)
+        with bars.stage("drawing") as report:
+            said = {"schema": 1, "scan": str(scan), "model": str(model)}
+            data = write_overlay(out, laid, chosen, said, report)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(known.said, *known.notes, *summary_lines(data), str(out / HTML))

@@ -1,0 +1,37 @@
+"""The compensation file: what is written instead of the design, as earlier prints asked for."""
+
+from printctl.compensation.files import (
+    check_suffix,
+    corrections_of_file,
+    load_compensation,
+    save_compensation,
+)
+from printctl.compensation.schema import (
+    CompensationFile,
+    DesignPart,
+    GainPart,
+    MadeWith,
+    NodePart,
+    PrintPart,
+    RadialPart,
+    StretchPart,
+    VesselPart,
+)
+from printctl.compensation.wording import changes_line
+
+__all__ = [
+    "CompensationFile",
+    "DesignPart",
+    "GainPart",
+    "MadeWith",
+    "NodePart",
+    "PrintPart",
+    "RadialPart",
+    "StretchPart",
+    "VesselPart",
+    "changes_line",
+    "check_suffix",
+    "corrections_of_file",
+    "load_compensation",
+    "save_compensation",
+]

@@ -1,0 +1,131 @@
+"""A run folder as it was written, layer by layer: for what is held against its G-code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from design.solids import Solid, read_solid
+from printctl.errors import UsageError
+from printctl.gcode_view import Pushing, read_job, read_line_map
+from printctl.pipeline.context import LUMEN, SOLID, RunContext, default_place
+from printctl.pipeline.manifest import MANIFEST, Manifest
+from printctl.pipeline.stages.tissue import SURFACE
+from printctl.pipeline.stages.toolpath import GCODE
+from printctl.progress import StageBars
+from printctl.recipe import parse_recipe
+from printctl.recipe.making import Fresh
+from registration.overlay import LayerLines, layers_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenRun:
+    """What a run of FRESH layers wrote, and what it was to become.
+
+    Attributes
+    ----------
+    name : str
+        The recipe's.
+    layers : tuple of LayerLines
+        The lowest first, part frame.
+    line_mm : float, mm
+        Width of the recipe's lines.
+    solid, lumen : Solid
+        The construct and its lumens, part frame.
+    thinnest_mm : float, mm
+        Diameter of the thinnest lumen.
+    notes : tuple of str
+        What a reader must know of these lines.
+    """
+
+    name: str
+    layers: tuple[LayerLines, ...]
+    line_mm: float
+    solid: Solid
+    lumen: Solid
+    thinnest_mm: float
+    notes: tuple[str, ...]
+
+
+def read_written(folder: Path, console: Console) -> WrittenRun:
+    """Read a run folder whose toolpath is done; the print needn't be.
+
+    Raises
+    ------
+    UsageError
+        When it is no run folder, has no G-code yet, or was not written in layers.
+    """
+    context = _context(folder, console)
+    part = context.recipe.toolpath
+    if not isinstance(part, Fresh):
+        raise UsageError(
+            f"--model {folder} is written vessel by vessel ({part.method}) and has no layers to "
+            "lay a scan over; `printctl register` measures its vessels"
+        )
+    gcode = (folder / GCODE).read_bytes()
+    line_map, _ = read_line_map(folder / GCODE, gcode.count(b"\n"))
+    job = read_job(gcode, GCODE, _pushing(context, part), line_map)
+    notes = []
+    if part.compensate.shrink_percent != (0.0, 0.0, 0.0):
+        notes.append(
+            "The G-code is larger than the design, to make up for shrinkage (compensate): lines "
+            "lie over a part that hasn't shrunk yet."
+        )
+    if context.printer.heads:
+        notes.append("Line widths are those of the first head's syringe.")
+    return WrittenRun(
+        name=context.recipe.name,
+        layers=layers_of(job, _place(context)),
+        line_mm=part.line_um * 1e-3,
+        solid=context.solid,
+        lumen=context.lumen,
+        thinnest_mm=2 * float(context.network.radius.min()),
+        notes=tuple(notes),
+    )
+
+
+def _context(folder: Path, console: Console) -> RunContext:
+    """The run as its manifest remembers it."""
+    if not folder.is_dir():
+        raise UsageError(f"--model {folder} isn't a folder; give a run folder of `printctl run`")
+    manifest = Manifest.load(folder)
+    if "recipe" not in manifest.facts:
+        raise UsageError(
+            f"--model {folder} has no {MANIFEST} of a run; give a folder of `printctl run` or "
+            "`printctl toolpath`"
+        )
+    for name in (GCODE, LUMEN, SOLID, SURFACE):
+        if not (folder / name).is_file():
+            raise UsageError(
+                f"--model {folder} has no {name}; run its recipe first (`printctl toolpath`)"
+            )
+    recipe = parse_recipe(manifest.facts["recipe"], str(folder / MANIFEST))
+    return RunContext(recipe, folder, folder, manifest, StageBars(console))
+
+
+def _pushing(context: RunContext, part: Fresh) -> Pushing:
+    """How E becomes a volume: what comes out, not what is pushed."""
+    syringe, factor = context.syringe, context.ink.flow_factor**0.5
+    return Pushing(
+        printer=context.printer,
+        bore_mm=None if context.printer.pneumatic else syringe.inner_mm * factor,
+        bore_said=syringe.name,
+        syringe_mm=syringe.inner_mm,
+        syringe_said=syringe.name,
+        flow_ul_s=context.flow_ul_s,
+        layer_mm=part.layer_um * 1e-3,
+    )
+
+
+def _place(context: RunContext) -> FloatArray:
+    """Where the part stands in the printer's frame, from the surface that the run kept."""
+    if context.recipe.printer.place_mm is not None:
+        return np.array(context.recipe.printer.place_mm)
+    low, high = read_solid(context.folder / SURFACE, unit="mm").bounds
+    return default_place(low, high, context.printer, context.bath)

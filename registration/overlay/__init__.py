@@ -1,0 +1,32 @@
+"""A scan laid over the G-code, layer by layer: what was written, and whether gel stands there."""
+
+from registration.overlay.cut import Cutter, ScanCut
+from registration.overlay.find import Spot
+from registration.overlay.lines import LayerLines, layers_of
+from registration.overlay.lumens import LumenSections
+from registration.overlay.measure import LayerNumbers, Limits, measure_layer
+from registration.overlay.pose import Pose, align_pose, read_pose
+from registration.overlay.raster import Raster
+from registration.overlay.results import overlay_csv, overlay_dict
+from registration.overlay.status import LayerStatus, reached, statuses
+
+__all__ = [
+    "Cutter",
+    "LayerLines",
+    "LayerNumbers",
+    "LayerStatus",
+    "Limits",
+    "LumenSections",
+    "Pose",
+    "Raster",
+    "ScanCut",
+    "Spot",
+    "align_pose",
+    "layers_of",
+    "measure_layer",
+    "overlay_csv",
+    "overlay_dict",
+    "reached",
+    "read_pose",
+    "statuses",
+]

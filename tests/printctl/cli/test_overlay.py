@@ -1,0 +1,214 @@
+"""`overlay` by the command line's own entry, on a run folder and a scan made by hand.
+
+A block of 4 × 3 × 0.5 mm in five layers with a slot from y 1.4 to 1.6; when it was scanned, one
+line of the second layer had given no ink, and the fifth layer wasn't printed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from functools import cache
+from pathlib import Path
+
+import manifold3d
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from design.network import VesselNetwork
+from design.network_csv import write_network_csv
+from design.solids import write_stl
+from firmware_profiles import Ink, Syringe, load
+from printctl.recipe import parse_recipe
+from registration.writers import write_scan
+from sim.scanner import OctOptions, Placing, Scanned, simulate_oct
+from tests.printctl.cli.shell import Shell
+from tests.registration import parts
+from tests.registration.parts import analytic_deposit, as_scan, solid
+
+FloatArray = NDArray[np.float64]
+
+SIZE, PLACE = (4.0, 3.0, 0.5), (10.0, 20.0, 1.0)
+LINE, LAYER = 0.2, 0.1
+ROWS = [round(0.1 + LINE * k, 3) for k in range(15) if k != 7]
+GONE_LAYER, GONE_ROW = 2, 3
+RECIPE = {
+    "schema": 1,
+    "name": "slot",
+    "tissue": {"shape": "block", "size_mm": list(SIZE)},
+    "vasculature": {"design": "planar_four_vessel"},
+    "toolpath": {"method": "fresh", "layer_um": 1e3 * LAYER, "line_um": 1e3 * LINE},
+    "printer": {"place_mm": list(PLACE)},
+}
+
+
+def gcode() -> tuple[str, list[int], list[int]]:
+    """The file, the layer of each line, and the lines that write."""
+    syringe, ink = load(Syringe, "hamilton_1ml"), load(Ink, "collagen_fresh")
+    each = LINE * LAYER * SIZE[0] / (math.pi / 4 * syringe.inner_mm**2 * ink.flow_factor)
+    text, layer, writes, pushed = ["G21", "G90", "M82", "G92 X12 Y21 Z9 E0"], [-1] * 4, [], 0.0
+    for k in range(5):
+        for y in ROWS:
+            pushed += each
+            text.append(f"G0 X{PLACE[0]:g} Y{PLACE[1] + y:g} Z{PLACE[2] + LAYER * (k + 1):g} F2400")
+            text.append(f"G1 X{PLACE[0] + SIZE[0]:g} E{pushed:.5f} F1200")
+            layer += [k, k]
+            writes.append(len(text))
+    return "\n".join(text) + "\n", layer, writes
+
+
+def make_run(folder: Path) -> None:
+    folder.mkdir()
+    recipe = parse_recipe(RECIPE, "here").model_dump(mode="json", by_alias=True)
+    (folder / "manifest.json").write_text(json.dumps({"facts": {"recipe": recipe}, "stages": {}}))
+    whole = manifold3d.Manifold.cube(SIZE)
+    slot = manifold3d.Manifold.cube((SIZE[0], LINE, SIZE[2])).translate((0, 1.4, 0))
+    write_stl(folder / "tissue.stl", solid(whole))
+    write_stl(folder / "lumen.stl", solid(slot))
+    write_stl(folder / "solid.stl", solid(whole - slot))
+    axis = np.array([[0, 1.5, 0.25], [SIZE[0], 1.5, 0.25]])
+    one = np.array([[0, 1]]), np.array([0.15]), np.array([4]), np.zeros(1)
+    write_network_csv(folder / "network.csv", VesselNetwork.from_segments(axis, *one))
+    text, layer, _ = gcode()
+    (folder / "part.gcode").write_text(text)
+    np.savez(folder / "part.map.npz", source=np.array(layer), source_kind=np.array("layer"))
+
+
+def gel_distance(points: FloatArray) -> FloatArray:
+    """Signed distance to what was printed, negative inside (a bound near edges)."""
+
+    def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> FloatArray:
+        return np.asarray(np.maximum(low - points, points - high).max(axis=-1))
+
+    printed = box((0, 0, 0), (SIZE[0], SIZE[1], 4 * LAYER))
+    slot = box((-1, 1.4, -1), (5, 1.6, 1))
+    y, z = ROWS[GONE_ROW], LAYER * (GONE_LAYER - 1)
+    gone = box((1, y - LINE / 2, z), (3, y + LINE / 2, z + LAYER))
+    return np.maximum(printed, -np.minimum(slot, gone))
+
+
+@cache
+def scanned() -> Scanned:
+    """By simulated OCT: tilted and turned a little, nothing shrunk."""
+    ink = analytic_deposit(gel_distance, np.zeros(3), np.array([4.0, 3.0, 0.4]), 0.02)
+    placing = Placing(shrink=(1, 1, 1))
+    return simulate_oct(ink, OctOptions(voxel_mm=(0.015, 0.02, 0.02), placing=placing), 3)
+
+
+@pytest.fixture
+def shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    make_run(tmp_path / "run")
+    write_scan(tmp_path / "scan.tif", as_scan(scanned()))
+    pose = np.linalg.inv(scanned().pose_truth)
+    pose[:3, 3] -= parts.PLACE
+    (tmp_path / "registration.json").write_text(json.dumps({"scaled_scan_to_part": pose.tolist()}))
+    return Shell(monkeypatch, capsys, "overlay", "scan.tif", "--out", "out", "--model")
+
+
+POSE = ("--pose", "registration.json")
+
+
+def test_a_scan_in_mid_print_shows_the_missing_line_and_its_line_of_the_file(
+    tmp_path: Path, shell: Shell
+) -> None:
+    code, out, _ = shell("run", *POSE)
+    assert code == 0
+    assert out.startswith("The pose is that of registration.json, scaled fit; this scan itself")
+    assert "4 printed, 1 not printed" in out
+    line = gcode()[2][len(ROWS) * (GONE_LAYER - 1) + GONE_ROW]
+    assert f"line {line} of the G-code" in out
+    data = json.loads((tmp_path / "out/overlay.json").read_text())
+    gap = data["layers"][GONE_LAYER - 1]["gaps"][0]
+    assert gap["lines"] == [line]
+    assert gap["at_mm"][1:] == pytest.approx([ROWS[GONE_ROW], 0.15], abs=0.04)
+    assert gap["area_mm2"] == pytest.approx(2 * LINE, rel=0.25)
+    assert [one["gap_count"] for one in data["layers"]] == [0, 1, 0, 0, None]
+    assert [one["blob_count"] for one in data["layers"]] == [0, 0, 0, 0, None]
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "out/overlay.csv").read_text())))
+    assert rows[1]["largest_gap_lines"] == str(line)
+    assert rows[4]["status"] == "not printed"
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    pictures = [f"layer_{k:04d}.png" for k in range(1, 6)]
+    assert names == [*pictures, "overlay.csv", "overlay.html", "overlay.json"]
+    page = (tmp_path / "out/overlay.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 5
+    assert f"Line {line} of the G-code should have filled it." in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_only_the_layers_that_are_asked_for(tmp_path: Path, shell: Shell) -> None:
+    code, out, _ = shell("run", *POSE, "--layer", "5", "--layer", "3", "--json")
+    assert code == 0
+    data = json.loads(out)
+    assert [one["layer"] for one in data["layers"]] == [3, 5]
+    assert data["status_counts"]["printed"] == 4
+    with Image.open(tmp_path / "out/layer_0005.png") as picture:
+        assert picture.mode == "P"
+        assert 900 < picture.size[0] < 1300
+
+
+def test_the_same_scan_gives_the_same_bytes(tmp_path: Path, shell: Shell) -> None:
+    kept = []
+    for _ in range(2):
+        assert shell("run", *POSE, "--layer", "2")[0] == 0
+        kept.append([path.read_bytes() for path in sorted((tmp_path / "out").iterdir())])
+    assert kept[0] == kept[1]
+
+
+def test_a_pose_of_elsewhere_is_refused(tmp_path: Path, shell: Shell) -> None:
+    far = np.eye(4)
+    far[0, 3] = 50
+    (tmp_path / "far.json").write_text(json.dumps({"scaled_scan_to_part": far.tolist()}))
+    code, _, err = shell("run", "--pose", "far.json")
+    assert code == 1
+    assert "none of slot's 5 layers lies in the scan's field of view" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_a_pose_a_scan_that_fits_nothing_asks_for_one(shell: Shell) -> None:
+    code, _, err = shell("run")
+    assert code == 1
+    assert "give --pose" in err
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "command"),
+    [
+        (2, "--layer 9: the run has layers 1 to 5", ("run", *POSE, "--layer", "9")),
+        (2, "isn't a folder", ("nowhere", *POSE)),
+        (2, "has no manifest.json", (".", *POSE)),
+        (1, "none.json can't be read", ("run", "--pose", "none.json")),
+        (1, "isn't JSON", ("run", "--pose", "scan.tif")),
+        (1, "holds no scaled_scan_to_part", ("run", "--pose", "run/manifest.json")),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_message(
+    code: int, words: str, command: tuple[str, ...], shell: Shell
+) -> None:
+    got, out, err = shell(*command)
+    assert (got, out) == (code, "")
+    assert words in " ".join(err.split())
+
+
+def test_an_embedded_run_has_no_layers(tmp_path: Path, shell: Shell) -> None:
+    path = tmp_path / "run/manifest.json"
+    data = json.loads(path.read_text())
+    data["facts"]["recipe"]["toolpath"] = {"method": "embedded"}
+    path.write_text(json.dumps(data))
+    code, _, err = shell("run", *POSE)
+    assert code == 2
+    assert "has no layers to lay a scan over" in " ".join(err.split())
+
+
+def test_a_run_whose_g_code_is_not_written_yet(tmp_path: Path, shell: Shell) -> None:
+    (tmp_path / "run/part.gcode").unlink()
+    code, _, err = shell("run", *POSE)
+    assert code == 2
+    assert "has no part.gcode" in err
