@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,7 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
     """
     choices = choices or Choices()
     check_alike(prints)
+    choices = replace(choices, bias=choices.bias or bias_left(prints))
     depth = depth_of(prints, choices.depth_standard)
     voxel_mm = max(max(p.found["measured_by"]["voxel_um"]) for p in prints) * 1e-3
     sizes = [_size(print_, choices, voxel_mm) for print_ in prints]
@@ -104,6 +105,17 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
     )
     corrections_of_file(made).check(prints[0].network)
     return made
+
+
+def bias_left(prints: Sequence[Print]) -> Mean | None:
+    """Of diameters in scans whose walls a phantom has put right (`calibrate walls`), mm.
+
+    None where any of the scans was registered without.
+    """
+    walls = [print_.found.get("walls") for print_ in prints]
+    if any(one is None for one in walls):
+        return None
+    return Mean(0.0, 2e-3 * max(one["interval_um"] for one in walls if one is not None))
 
 
 def check_alike(prints: Sequence[Print]) -> None:
@@ -306,7 +318,7 @@ def _notes(
         notes.append(
             "The scanner's bias of diameters isn't known: a radial offset is corrected only where "
             f"it exceeds {1e3 * common.offset.half / 2:.0f} um. Measure it on a phantom "
-            "(docs/registration.md) and give --diameter-bias-um."
+            "(docs/registration.md) and give register --walls or --diameter-bias-um."
         )
     if choices.without:
         notes.append(f"Left out by choice: vessels {', '.join(map(str, sorted(choices.without)))}.")
