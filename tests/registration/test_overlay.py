@@ -11,11 +11,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import manifold3d
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.errors import RegistrationError
+from registration.errors import AlignmentError, RegistrationError
 from registration.overlay import (
     Cutter,
     LayerLines,
@@ -23,6 +24,7 @@ from registration.overlay import (
     LayerStatus,
     Limits,
     Raster,
+    align_pose,
     measure_layer,
     overlay_csv,
     overlay_dict,
@@ -33,6 +35,7 @@ from registration.overlay import (
 from registration.scan import Scan
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.volume import Strength
+from tests.registration.parts import solid
 
 FloatArray = NDArray[np.float64]
 Gel = Callable[[FloatArray, FloatArray, FloatArray], NDArray[np.bool_]]
@@ -277,3 +280,14 @@ def test_a_wrong_pose_file_ends_with_the_reason(
     ) as got:
         read_pose(path)
     assert words in str(got.value)
+
+
+def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
+    scan = Scan(
+        np.zeros((8, 8, 8)), (VOXEL,) * 3, 1.0, False, "linear", "microct", False, Path("made.tif")
+    )
+    none = np.zeros((0, 3))
+    field = GelField(np.zeros((8, 8, 8), np.float32), 0.5, 1.0, np.ones(3), np.zeros(3), 0.0)
+    bare = Segmentation(field, none, none, none.astype(np.int32), np.zeros(0, bool), 10.0, None)
+    with pytest.raises(AlignmentError, match=r"0 surface points .* give --pose registration\.json"):
+        align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))

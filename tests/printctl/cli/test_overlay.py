@@ -172,12 +172,6 @@ def test_a_pose_of_elsewhere_is_refused(tmp_path: Path, shell: Shell) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_without_a_pose_a_scan_that_fits_nothing_asks_for_one(shell: Shell) -> None:
-    code, _, err = shell("run")
-    assert code == 1
-    assert "give --pose" in err
-
-
 @pytest.mark.parametrize(
     ("code", "words", "command"),
     [
