@@ -11,7 +11,7 @@ from registration.readers import ScanOverrides, is_mosaic, read_mosaic, read_sca
 from registration.scan import Scan
 
 _UNCORRECTED = (
-    "fan and bow of the OCT's field are not corrected (printctl calibrate oct, --oct-calibration)"
+    "Fan and bow of the OCT's field are not corrected (printctl calibrate oct, --oct-calibration)"
 )
 
 

@@ -278,7 +278,7 @@ def _notes(
         )
     if cross_um is not None and cross_um > CROSS_UM:
         notes.append(
-            f"small_gicp, asked for the same pose, carries a corner of the part {cross_um:.0f} um "
+            f"small_gicp, asked for the same pose, carries a corner of the part {cross_um:.0f} µm "
             f"from ours (usual: below {CROSS_UM:g}): look at both before trusting either."
         )
     if seen < 0.98:
@@ -310,8 +310,8 @@ def _wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...])
     if walls is None:
         return []
     notes = [
-        f"Walls were moved {walls.offset_um:+.1f} um into the gel, the offset of a phantom "
-        f"(± {walls.interval_um:.1f} um; every diameter shares that error twice)."
+        f"Walls were moved {walls.offset_um:+.1f} µm into the gel, the offset of a phantom "
+        f"(± {walls.interval_um:.1f} µm; every diameter shares that error twice)."
     ]
     beyond = [
         str(vessel.vessel)
@@ -320,7 +320,7 @@ def _wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...])
     ]
     if beyond:
         notes.append(
-            f"The phantom's channels were {walls.from_um:.0f} to {walls.to_um:.0f} um wide; of "
+            f"The phantom's channels were {walls.from_um:.0f} to {walls.to_um:.0f} µm wide; of "
             f"vessels {', '.join(beyond)} that offset isn't known."
         )
     return notes

@@ -8,7 +8,21 @@ from typing import Annotated, Literal
 import typer
 
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.scan_options import voxel_mm
+from printctl.cli.scan_options import (
+    AirAbove,
+    Axes,
+    DepthDown,
+    Filled,
+    Mirrored,
+    Modality,
+    OctCalibrationFile,
+    OpticalDepth,
+    RefractiveIndex,
+    Scale,
+    ScanFile,
+    VoxelUm,
+    voxel_mm,
+)
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
 from printctl.pipeline.overlaying import chosen_layers, overlay_scan
 from printctl.pipeline.written_layers import read_written
@@ -21,13 +35,7 @@ from registration.segmentation import segment
 
 
 def overlay(
-    scan: Annotated[
-        Path,
-        typer.Argument(
-            help="A scan of any known format, or a mosaic's YAML (docs/scans.md).",
-            show_default=False,
-        ),
-    ],
+    scan: ScanFile,
     model: Annotated[
         Path,
         typer.Option("--model", help="Run folder of a print in layers.", show_default=False),
@@ -48,47 +56,17 @@ def overlay(
         list[int] | None,
         typer.Option("--layer", min=1, help="Only this one, from 1; may be given more than once."),
     ] = None,
-    voxel_um: Annotated[
-        str | None,
-        typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
-    ] = None,
-    refractive_index: Annotated[float | None, typer.Option("--refractive-index")] = None,
-    optical_depth: Annotated[
-        bool | None,
-        typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
-    ] = None,
-    modality: Annotated[
-        Literal["oct", "microct", "confocal"] | None, typer.Option("--modality")
-    ] = None,
-    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
-    axes: Annotated[
-        str | None,
-        typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
-    ] = None,
-    depth_down: Annotated[
-        bool | None,
-        typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
-    ] = None,
-    mirrored: Annotated[
-        bool | None,
-        typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
-    ] = None,
-    oct_calibration: Annotated[
-        Path | None,
-        typer.Option("--oct-calibration", help="File of `printctl calibrate oct`."),
-    ] = None,
-    air_above: Annotated[
-        bool,
-        typer.Option(
-            "--air-above", help="Air lies above the sample: undo refraction at its surface."
-        ),
-    ] = False,
-    filled: Annotated[
-        bool,
-        typer.Option(
-            "--filled", help="Lumens are brighter than the gel: filled with contrast agent."
-        ),
-    ] = False,
+    voxel_um: VoxelUm = None,
+    refractive_index: RefractiveIndex = None,
+    optical_depth: OpticalDepth = None,
+    modality: Modality = None,
+    scale: Scale = None,
+    axes: Axes = None,
+    depth_down: DepthDown = None,
+    mirrored: Mirrored = None,
+    oct_calibration: OctCalibrationFile = None,
+    air_above: AirAbove = False,
+    filled: Filled = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Lay a scan over the lines that a print in layers wrote: gaps, and gel in lumens.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -15,7 +15,21 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.run_folder import print_folder
-from printctl.cli.scan_options import voxel_mm
+from printctl.cli.scan_options import (
+    AirAbove,
+    Axes,
+    DepthDown,
+    Filled,
+    Mirrored,
+    Modality,
+    OctCalibrationFile,
+    OpticalDepth,
+    RefractiveIndex,
+    Scale,
+    ScanFile,
+    VoxelUm,
+    voxel_mm,
+)
 from printctl.comparing import print_identity
 from printctl.errors import UsageError
 from printctl.feedback import ORIGIN, keep_origin
@@ -46,13 +60,7 @@ from registration.walls_file import read_walls
 
 
 def register(
-    scan: Annotated[
-        Path,
-        typer.Argument(
-            help="A scan of any known format, or a mosaic's YAML (docs/scans.md).",
-            show_default=False,
-        ),
-    ],
+    scan: ScanFile,
     model: Annotated[
         Path,
         typer.Option("--model", help="A run folder, or the design's STL.", show_default=False),
@@ -67,50 +75,20 @@ def register(
         typer.Option("--lumens", help="With a run folder: only its lumens were scanned."),
     ] = False,
     unit: Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")] = "mm",
-    voxel_um: Annotated[
-        str | None,
-        typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
-    ] = None,
-    refractive_index: Annotated[float | None, typer.Option("--refractive-index")] = None,
-    optical_depth: Annotated[
-        bool | None,
-        typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
-    ] = None,
-    modality: Annotated[
-        Literal["oct", "microct", "confocal"] | None, typer.Option("--modality")
-    ] = None,
-    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
-    axes: Annotated[
-        str | None,
-        typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
-    ] = None,
-    depth_down: Annotated[
-        bool | None,
-        typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
-    ] = None,
-    mirrored: Annotated[
-        bool | None,
-        typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
-    ] = None,
-    oct_calibration: Annotated[
-        Path | None,
-        typer.Option("--oct-calibration", help="File of `printctl calibrate oct`."),
-    ] = None,
-    air_above: Annotated[
-        bool,
-        typer.Option(
-            "--air-above", help="Air lies above the sample: undo refraction at its surface."
-        ),
-    ] = False,
+    voxel_um: VoxelUm = None,
+    refractive_index: RefractiveIndex = None,
+    optical_depth: OpticalDepth = None,
+    modality: Modality = None,
+    scale: Scale = None,
+    axes: Axes = None,
+    depth_down: DepthDown = None,
+    mirrored: Mirrored = None,
+    oct_calibration: OctCalibrationFile = None,
+    air_above: AirAbove = False,
     walls: Annotated[
         Path | None, typer.Option("--walls", help="File of `printctl calibrate walls`.")
     ] = None,
-    filled: Annotated[
-        bool,
-        typer.Option(
-            "--filled", help="Lumens are brighter than the gel: filled with contrast agent."
-        ),
-    ] = False,
+    filled: Filled = False,
     printed_in: Annotated[
         Path | None,
         typer.Option(

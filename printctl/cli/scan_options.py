@@ -1,8 +1,61 @@
-"""Options that say what a scan's file doesn't."""
+"""Options that say what a scan's file doesn't: shared by the commands that read scans.
+
+The names stand in the commands, each with one of these types; typer makes options of them.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
 from printctl.cli.options import three_numbers
+
+ScanFile = Annotated[
+    Path,
+    typer.Argument(
+        help="A scan of any known format, or a mosaic's YAML (docs/scans.md).", show_default=False
+    ),
+]
+VoxelUm = Annotated[
+    str | None,
+    typer.Option("--voxel-um", metavar="X,Y,Z", help="Where the scan's file doesn't say."),
+]
+RefractiveIndex = Annotated[
+    float | None, typer.Option("--refractive-index", help="Group index of gel and liquid.")
+]
+OpticalDepth = Annotated[
+    bool | None,
+    typer.Option("--optical-depth/--geometric-depth", help="What the depth voxel counts."),
+]
+Modality = Annotated[
+    Literal["oct", "microct", "confocal"] | None, typer.Option("--modality", help="What measured.")
+]
+Scale = Annotated[Literal["linear", "db"] | None, typer.Option("--scale", help="Of the intensity.")]
+Axes = Annotated[
+    str | None,
+    typer.Option("--axes", metavar="ZYX", help="Order of the file's axes, slowest first."),
+]
+DepthDown = Annotated[
+    bool | None,
+    typer.Option("--depth-down/--depth-up", help="Which way growing depth index goes."),
+]
+Mirrored = Annotated[
+    bool | None,
+    typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
+]
+OctCalibrationFile = Annotated[
+    Path | None, typer.Option("--oct-calibration", help="File of `printctl calibrate oct`.")
+]
+AirAbove = Annotated[
+    bool,
+    typer.Option("--air-above", help="Air lies above the sample: undo refraction at its surface."),
+]
+Filled = Annotated[
+    bool,
+    typer.Option("--filled", help="Lumens are brighter than the gel: filled with contrast agent."),
+]
 
 
 def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
