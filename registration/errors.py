@@ -5,7 +5,8 @@
     RegistrationError           anything a user can mend on the registration side
     ├── ScanFileError           a scan that can't be read, or comes without its units
     ├── SegmentationError       empty, saturated or contrastless volume
-    └── AlignmentError          scan and model don't fit each other
+    ├── AlignmentError          scan and model don't fit each other
+    └── DyeError                a film of dye, or its marks, that can't be used
 """
 
 from __future__ import annotations
@@ -25,3 +26,7 @@ class SegmentationError(RegistrationError):
 
 class AlignmentError(RegistrationError):
     """A scan that can't be aligned to the model."""
+
+
+class DyeError(RegistrationError):
+    """A film of a dye front, or the marks in it, that can't be used."""

@@ -27,6 +27,7 @@ COMMANDS: dict[str, str] = {
     "recover": "recover:recover",
     "sim-printer": "sim_printer:sim_printer",
     "register": "register:register",
+    "dye": "dye:dye",
     "overlay": "overlay:overlay",
     "compare": "compare:compare_prints",
     "compensate": "compensate:compensate",

@@ -10,14 +10,17 @@ import typer
 
 from design.files import write_text
 from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.pdf_option import PdfFlag
 from printctl.comparing import Judged, read_folders
 from printctl.errors import UsageError
 from registration.comparison import compare, comparison_csv, comparison_dict, verdict
 from registration.report.comparison import write_comparison_html
+from registration.report.pdf import write_comparison_pdf
 
 JSON: Final = "compare.json"
 CSV: Final = "compare.csv"
 HTML: Final = "compare.html"
+PDF: Final = "compare.pdf"
 
 
 def compare_prints(
@@ -50,6 +53,7 @@ def compare_prints(
             help="Judge all prints anew by this limit, and tell the capability (Cp, Cpk).",
         ),
     ] = None,
+    pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Hold several prints of one design against each other: what repeats, varies, drifts.
@@ -67,10 +71,16 @@ def compare_prints(
     write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(out / CSV, comparison_csv(found))
     write_comparison_html(out / HTML, found, _title(folders), notes)
+    if pdf:
+        write_comparison_pdf(out / PDF, found, _title(folders), notes)
     if as_json:
         print_json(data)
     else:
-        print_lines(*verdict(found)["reasons"], *data["notes"], str(out / HTML))
+        print_lines(*verdict(found)["reasons"], *data["notes"], *_written(out, pdf))
+
+
+def _written(out: Path, pdf: bool) -> list[str]:
+    return [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
 
 
 def _names(text: str | None, count: int) -> list[str] | None:

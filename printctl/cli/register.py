@@ -14,6 +14,7 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.run_folder import print_folder
 from printctl.cli.scan_options import (
     AirAbove,
@@ -35,6 +36,7 @@ from printctl.errors import UsageError
 from printctl.feedback import ORIGIN, keep_origin
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
+from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.stages.registration import (
     DEVIATION,
     NUMBERS,
@@ -45,7 +47,7 @@ from printctl.pipeline.stages.registration import (
     write_deviation,
     write_exports,
 )
-from printctl.pipeline.stages.report import HTML
+from printctl.pipeline.stages.report import HTML, PDF
 from printctl.pipeline.verdict import verdict
 from registration import (
     RegistrationOptions,
@@ -56,6 +58,7 @@ from registration import (
 from registration.corrected import corrected_scan
 from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
+from registration.report.pdf import write_report_pdf
 from registration.walls_file import read_walls
 
 
@@ -99,6 +102,7 @@ def register(
     diameter_tolerance_percent: Annotated[
         float, typer.Option("--diameter-tolerance-percent", min=0.1)
     ] = 10.0,
+    pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
@@ -139,11 +143,14 @@ def register(
         "registration": numbers,
     }
     _write(out, data | _origin(model, scan, out), found, surface, vessels)
+    if pdf:
+        write_report_pdf(out / PDF, {**data, "provenance": scan_origin(scan, path)}, vessels)
     write_exports(out, measured, vessels, found)
     if as_json:
         print_json(data)
     else:
-        print_lines(*data["verdict"]["reasons"], str(out / HTML))
+        made = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
+        print_lines(*data["verdict"]["reasons"], *made)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)
 

@@ -8,8 +8,10 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
+from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.pipeline.run import run_recipe
+from printctl.pipeline.stages.report import HTML, PDF
 from printctl.recipe import load_recipe
 
 OutOption = Annotated[
@@ -18,7 +20,11 @@ OutOption = Annotated[
 
 
 def run(
-    recipe: RecipeArg, out: OutOption = None, yes: YesFlag = False, as_json: JsonFlag = False
+    recipe: RecipeArg,
+    out: OutOption = None,
+    yes: YesFlag = False,
+    pdf: PdfFlag = False,
+    as_json: JsonFlag = False,
 ) -> None:
     """Run a recipe from tissue to report; a stage whose inputs are as before isn't done again.
 
@@ -27,7 +33,7 @@ def run(
     """
     loaded = load_recipe(recipe)
     folder = out if out is not None else Path("runs") / loaded.name
-    data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), assume_yes=yes)
+    data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), assume_yes=yes, pdf=pdf)
     verdict = data["verdict"]
     if as_json:
         print_json(data)
@@ -35,7 +41,8 @@ def run(
         print_lines(
             *process_lines(data["dry_run"]),
             ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
-            str(folder / "report.html"),
+            str(folder / HTML),
+            *([str(folder / PDF)] if pdf else []),
         )
     if not verdict["passed"]:
         raise typer.Exit(1)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from printctl.comparing.identity import print_identity
 from printctl.errors import UsageError
+from printctl.link.print_identity import print_identity
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.stages.registration import NUMBERS
 from printctl.pipeline.stages.report import JSON as REPORT

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import platform
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import digest_file
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
 
@@ -24,6 +26,20 @@ def input_digests(context: RunContext) -> dict[str, str]:
     return context.digests([name for name in named if name])
 
 
+def versions() -> dict[str, str]:
+    """Of what numbers rest on."""
+    return {name: metadata.version(name) for name in LIBRARIES}
+
+
+def scan_origin(scan: Path, network: Path) -> dict[str, Any]:
+    """Versions and digests of a scan registered alone; of a scan that is a folder no digest."""
+    files = [path for path in (scan, network) if path.is_file()]
+    return {
+        "versions": versions(),
+        "inputs": {path.name: digest_file(path) for path in files},
+    }
+
+
 def run_facts(context: RunContext) -> dict[str, Any]:
     """Versions, machine, recipe with all defaults, profiles and frames."""
     recipe = context.recipe
@@ -31,7 +47,7 @@ def run_facts(context: RunContext) -> dict[str, Any]:
         "recipe": recipe.model_dump(mode="json", by_alias=True),
         "seed": recipe.seed,
         "inputs": input_digests(context),
-        "versions": {name: metadata.version(name) for name in LIBRARIES},
+        "versions": versions(),
         "machine": {
             "python": platform.python_version(),
             "system": platform.platform(),

@@ -42,10 +42,12 @@ def run_recipe(
     console: Console,
     *,
     assume_yes: bool = False,
+    pdf: bool = False,
 ) -> dict[str, Any]:
     """Run all stages in ``folder`` and write the report; return report.json's content.
 
-    Before a print on a real printer starts, the user is asked, unless ``assume_yes``.
+    Before a print on a real printer starts, the user is asked, unless ``assume_yes``. With
+    ``pdf`` the report is written as a PDF too.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def run_recipe(
     """
     with run_lock(folder):
         context = _run(recipe, recipe_folder, folder, console, WHOLE, assume_yes)
-        return report.write_report(context)
+        return report.write_report(context, pdf)
 
 
 def design_recipe(

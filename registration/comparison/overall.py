@@ -148,8 +148,13 @@ def repeatability(vessels: Sequence[VesselSpread], prints: Sequence[int]) -> Rep
         print_sd=own,
         along_sd_um=_rms([v.along_sd_um for v in vessels]),
         gauge_percent=float(100 * scan.value / total) if total > 0 else float("nan"),
-        distinct=int(1.41 * own.value / scan.value) if scan.value > 0 else None,
+        distinct=_distinct(own.value, scan.value),
     )
+
+
+def _distinct(own: float, scan: float) -> int | None:
+    """Kinds of prints that scans tell apart; None where either spread isn't known, or no noise."""
+    return int(1.41 * own / scan) if np.isfinite(own) and scan > 0 else None
 
 
 def _pooled(spreads: list[Interval]) -> Interval:

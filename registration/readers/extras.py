@@ -1,4 +1,4 @@
-"""Libraries of the extra ``scans``, imported only where a file needs them."""
+"""Libraries of extras, imported only where a file needs them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,16 @@ from typing import Any
 from registration.errors import ScanFileError
 
 
-def need(module: str, path: Path) -> Any:
+def need(module: str, path: Path, extra: str = "scans") -> Any:
     """A module that only some formats need.
+
+    Parameters
+    ----------
+    module : str
+    path : Path
+        The file that needs it.
+    extra : str
+        What brings it.
 
     Raises
     ------
@@ -21,5 +29,5 @@ def need(module: str, path: Path) -> Any:
         return importlib.import_module(module)
     except ImportError as exc:
         raise ScanFileError(
-            f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[scans]'"
+            f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[{extra}]'"
         ) from exc

@@ -48,6 +48,8 @@ ALONG_MM = 0.15
 """Over about this depth it is asked which way a wall leans: standard deviation."""
 OWN_MM = 0.3
 """An A-scan with the inside of gel so near above or below has light of its own."""
+CLEARLY = 0.02
+"""By so much, in that average, the second bound must be less: upright walls keep the first."""
 LEAST_WEIGHT = 0.005
 """Of what lies beside, for its light to count."""
 STRONG = 0.1
@@ -181,7 +183,7 @@ def _shares(
                     found = weight > LEAST_WEIGHT
                     if found:
                         share = in_gel * weight / between(gel_light, factor, z, y, x)
-                    if found and between(lesser, factor, z, y, x) < 0.0:
+                    if found and between(lesser, factor, z, y, x) < -CLEARLY:
                         weight = between(liquid_weight, factor, z, y, x)
                         if weight > LEAST_WEIGHT:
                             passing = between(liquid_light, factor, z, y, x) / weight

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pypdf import PdfReader
 
 from tests.system.cli import ROOT, printctl
 
@@ -75,9 +76,12 @@ def test_manifest_holds_versions_frames_and_hashes(planar_run: Path) -> None:
 
 def test_second_run_does_nothing_again(planar_run: Path) -> None:
     before = (planar_run / "part.gcode").stat().st_mtime_ns
-    done = printctl("run", RECIPE, "--out", planar_run, "--json", cwd=planar_run)
+    done = printctl("run", RECIPE, "--out", planar_run, "--pdf", "--json", cwd=planar_run)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
+    told = PdfReader(planar_run / "report.pdf").metadata
+    assert told is not None
+    assert told.subject == f"Pass: {'; '.join(report['verdict']['reasons'])}"
     assert all(stage["reused"] for stage in report["timings"].values())
     assert (planar_run / "part.gcode").stat().st_mtime_ns == before
 
@@ -94,11 +98,15 @@ def test_registering_the_scan_again_gives_the_same_numbers(
     (planar_run / "scan_truth.json").rename(tmp_path / "hidden.json")
     try:
         done = printctl(
-            "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", "--json",
-            cwd=tmp_path,
+            "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", "--pdf",
+            "--json", cwd=tmp_path,
         )  # fmt: skip
     finally:
         (tmp_path / "hidden.json").rename(planar_run / "scan_truth.json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)["registration"]
     assert found["scaled"] == planar_report["registration"]["scaled"]
+    text = "".join(page.extract_text() for page in PdfReader(tmp_path / "again/report.pdf").pages)
+    digest = hashlib.sha256((planar_run / "scan.tif").read_bytes()).hexdigest()
+    assert digest in text
+    assert "SHA-256 of G-code" in text

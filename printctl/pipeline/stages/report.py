@@ -1,4 +1,4 @@
-"""Stage 10: report.html, report.json and the deviation as PLY."""
+"""Stage 10: report.html, report.json, report.pdf on request, and the deviation as PLY."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 
 from design.files import write_text
 from printctl.gcode_view import Pushing
+from printctl.link.print_identity import print_identity
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.stages.measures import key_numbers
+from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.stages.registration import DEVIATION, load_deviation
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, write_report_html
+from registration.report.pdf import write_report_pdf
 
-HTML, JSON = "report.html", "report.json"
+HTML, JSON, PDF = "report.html", "report.json", "report.pdf"
 
 _SECTIONS = {
     "tissue": "tissue",
@@ -71,8 +74,8 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def write_report(context: RunContext) -> dict[str, Any]:
-    """Write the report of a whole run; return report.json's content."""
+def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
+    """Write the report of a whole run, with `pdf` as a PDF too; return report.json's content."""
     data = collect(context)
     found = data["registration"]
     truth = found.pop("truth_check", None)
@@ -84,9 +87,11 @@ def write_report(context: RunContext) -> dict[str, Any]:
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    write_report_html(
-        context.folder / HTML, data, surfaces(context), context.network, figures(context)
-    )
+    drawn = figures(context)
+    write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn)
+    if pdf:
+        told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
+        write_report_pdf(context.folder / PDF, told, context.network, drawn)
     return data
 
 

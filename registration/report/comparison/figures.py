@@ -210,7 +210,10 @@ def along_figure(found: Comparison) -> bytes | None:
             for number, each in enumerate(found.prints):
                 for k in each.scans:
                     along, diameter = _broken(*found.scans[k].sections[vessel.vessel])
-                    axes.plot(along, diameter, color=colours[number], linewidth=0.9)
+                    # A line through one section can't be seen.
+                    few = "." if len(along) < 4 else ""
+                    axes.plot(along, diameter, few + "-", color=colours[number], linewidth=0.9,
+                              markersize=4)  # fmt: skip
             axes.set_title(f"vessel {vessel.vessel}", loc="left", fontsize=8.6, color=INK)
             axes.set_xlim(0, found.scans[0].length_mm[vessel.vessel])
             axes.set_xlabel("along / mm")

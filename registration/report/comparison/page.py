@@ -64,7 +64,7 @@ def write_comparison_html(
 
 def comparison_html(found: Comparison, title: str, notes: Sequence[str] = ()) -> str:
     """The text of the page; same input, same text."""
-    modules = _modules()
+    modules, drawn = _modules(), comparison_figures(found)
     context = {
         "title": title,
         "facts": facts(found),
@@ -72,9 +72,9 @@ def comparison_html(found: Comparison, title: str, notes: Sequence[str] = ()) ->
         "key_figures": key_figures(found),
         "figures": {
             name: inline_figure(picture, caption, f"{name}-")
-            for name, (caption, picture) in comparison_figures(found).items()
+            for name, (caption, picture) in drawn.items()
         },
-        "captions": {name: caption for name, (caption, _) in comparison_figures(found).items()},
+        "captions": {name: caption for name, (caption, _) in drawn.items()},
         "print_table": print_table(found),
         "vessel_table": vessel_table(found),
         "trend_table": trend_table(found),

@@ -25,7 +25,7 @@ VESSEL_COLUMNS: Final = (
     Column("observed", "SD of prints", "µm"),
     Column("observed_span", "95 %", "µm", kind="text"),
     Column("scan", "SD of scans", "µm"),
-    Column("print", "SD of prints, scan noise out", "µm"),
+    Column("print", "less scan noise", "µm"),
     Column("along", "SD along it", "µm"),
     Column("off", "Off", kind="text"),
     Column("beyond", "Beyond the others", kind="text"),

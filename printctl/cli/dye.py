@@ -1,0 +1,88 @@
+"""`printctl dye`: hold a film of dye against a design's 0D solution."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.files import write_text
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv
+from design.units import UL_S_PER_ML_MIN
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.errors import UsageError
+from printctl.pipeline.context import NETWORK
+from registration.dye import (
+    DyeOptions,
+    dye_dict,
+    measure_dye,
+    place_rows,
+    read_marks,
+)
+from registration.exports.tables import as_csv
+from registration.report.dye_page import write_dye_html
+
+NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
+
+
+def dye(
+    video: Annotated[
+        Path,
+        typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),
+    ],
+    model: Annotated[
+        Path,
+        typer.Option("--model", help="A run folder, or its network.csv in mm.", show_default=False),
+    ],
+    marks: Annotated[
+        Path,
+        typer.Option("--marks", help="YAML: known points and their pixels.", show_default=False),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    flow_ml_min: Annotated[
+        float | None,
+        typer.Option("--flow-ml-min", min=1e-6, help="Into the part; else fitted."),
+    ] = None,
+    start_s: Annotated[
+        float | None,
+        typer.Option("--start-s", help="When dye passes the inlet, film's clock; else fitted."),
+    ] = None,
+    tolerance_percent: Annotated[
+        float,
+        typer.Option("--tolerance-percent", min=0.1, help="Of the predicted way from the inlet."),
+    ] = 40.0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Arrival of dye along the vessels against the prediction, and which vessels are open.
+
+    Exit code 1 unless the part passes.
+    """
+    network = _network(model)
+    options = DyeOptions(
+        flow_ul_s=None if flow_ml_min is None else flow_ml_min * UL_S_PER_ML_MIN,
+        start_s=start_s,
+        tolerance_percent=tolerance_percent,
+    )
+    report = measure_dye(video, read_marks(marks), network, options)
+    data = dye_dict(report, tolerance_percent)
+    for note in report.notes:
+        messages().print(f"note: {note}", markup=False)
+    write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_text(out / PLACES, as_csv(place_rows(report)))
+    write_dye_html(out / PAGE, video.name, data, report, network)
+    if as_json:
+        print_json(data)
+    else:
+        print_lines(data["verdict"]["outcome"], *data["verdict"]["reasons"], str(out / PAGE))
+    if not data["verdict"]["passed"]:
+        raise typer.Exit(1)
+
+
+def _network(model: Path) -> VesselNetwork:
+    path = model / NETWORK if model.is_dir() else model
+    if not path.is_file():
+        raise UsageError(f"no network at {path}; --model takes a run folder, or its network.csv")
+    return read_network_csv(path, unit="mm")

@@ -1,0 +1,28 @@
+"""The option ``--pdf``, and the refusal where its library isn't installed."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from printctl.errors import UsageError
+from registration.report.pdf import pdf_missing
+
+
+def _checked(wanted: bool) -> bool:
+    missing = pdf_missing() if wanted else None
+    if missing is not None:
+        raise UsageError(f"--pdf: {missing}")
+    return wanted
+
+
+PdfFlag = Annotated[
+    bool,
+    typer.Option(
+        "--pdf",
+        help="Write the page as a PDF too (pip install 'printctl[pdf]').",
+        # Before the work starts.
+        callback=_checked,
+    ),
+]

@@ -1,0 +1,16 @@
+"""The dye front: a film of dye run through a print, against the 0D solution."""
+
+from registration.dye.marks import Marks, read_marks
+from registration.dye.measure import DyeOptions, DyeReport, measure_dye
+from registration.dye.verdict import dye_dict, dye_verdict, place_rows
+
+__all__ = [
+    "DyeOptions",
+    "DyeReport",
+    "Marks",
+    "dye_dict",
+    "dye_verdict",
+    "measure_dye",
+    "place_rows",
+    "read_marks",
+]

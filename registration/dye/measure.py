@@ -1,0 +1,126 @@
+"""A film of dye held against the 0D solution, from file to verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from registration.dye.arrivals import Arrivals, find_arrivals
+from registration.dye.fit import Prediction, predict
+from registration.dye.marks import FloatArray, Marks, checked_node
+from registration.dye.patency import VesselDye, find_patency
+from registration.dye.predict import carried
+from registration.dye.stations import Stations
+from registration.dye.traces import Traces, before_dye, read_traces
+from registration.dye.view import View, find_view
+from registration.errors import DyeError
+
+_STRONG_DRIFT = 0.3
+
+
+@dataclass(frozen=True)
+class DyeOptions:
+    """What is known besides film, marks and design.
+
+    Attributes
+    ----------
+    flow_ul_s : float or None, µL/s
+        Into the network; None fits it.
+    start_s : float or None, s
+        When dye passes the inlet, film's clock; None fits it.
+    tolerance_percent : float, %
+        Of the predicted way from the inlet: how late or early dye may leave a vessel.
+    """
+
+    flow_ul_s: float | None = None
+    start_s: float | None = None
+    tolerance_percent: float = 40.0
+
+
+@dataclass(frozen=True)
+class DyeReport:
+    """What a film shows.
+
+    Attributes
+    ----------
+    view : View
+    stations : Stations
+    traces : Traces
+    arrivals : Arrivals
+    prediction : Prediction
+    vessels : list of VesselDye
+    notes : tuple of str
+        What weakens the numbers.
+    """
+
+    view: View
+    stations: Stations
+    traces: Traces
+    arrivals: Arrivals
+    prediction: Prediction
+    vessels: list[VesselDye]
+    notes: tuple[str, ...]
+
+    def late_s(self) -> FloatArray:
+        """Measured less predicted arrival of each station, (s,), s; NaN where not both are."""
+        return self.arrivals.time_s - self.prediction.time_s
+
+
+def measure_dye(
+    film: Path, marks: Marks, network: VesselNetwork, options: DyeOptions | None = None
+) -> DyeReport:
+    """Arrivals along the vessels against the prediction, and the patency of each vessel.
+
+    Raises
+    ------
+    DyeError
+        Marks that don't fit, a film that can't be read, or no dye to be seen in it.
+    FlowError
+        When the network has no flow from inlet to outlet.
+    """
+    given = options or DyeOptions()
+    inlet = marks.inlet
+    if inlet is not None:
+        _check_inlet(checked_node(inlet, network, "inlet"), network)
+    view, flow = find_view(marks, network), carried(network, inlet)
+    stations, traces = read_traces(film, network, view)
+    arrivals = find_arrivals(traces, stations.radius)
+    if not arrivals.dyed.any():
+        raise DyeError(
+            f"{film}: no dye is seen to come in along the vessels; check the marks, and that the "
+            "film begins before the dye and shows it"
+        )
+    prediction = predict(network, flow, stations, traces, arrivals, given.flow_ul_s, given.start_s)
+    end = float(traces.times[-1])
+    vessels = find_patency(network, flow, stations, arrivals, prediction, end)
+    notes = _notes(marks, traces, arrivals.dyed, arrivals.time_s)
+    return DyeReport(view, stations, traces, arrivals, prediction, vessels, tuple(notes))
+
+
+def _check_inlet(inlet: int, network: VesselNetwork) -> None:
+    ends = [*network.inlets().tolist(), *network.outlets().tolist()]
+    if inlet not in ends:
+        raise DyeError(
+            f"inlet: node {inlet} isn't an open end of the network; its ends are "
+            f"{', '.join(map(str, sorted(ends)))}"
+        )
+
+
+def _notes(marks: Marks, traces: Traces, dyed: NDArray[np.bool_], times: FloatArray) -> list[str]:
+    notes = []
+    if len(marks.marks) == 2:
+        notes.append("two marks always fit: a third shows whether they are right")
+    if not traces.corrected:
+        notes.append(
+            "too little ground off the vessels to correct shake and light; film with a wider rim"
+        )
+    if traces.drift > _STRONG_DRIFT:
+        notes.append(f"the light changes by {100 * traces.drift:.0f} %; switch exposure to manual")
+    baseline = traces.times[before_dye(traces.times) - 1]
+    if float(np.min(times[dyed])) < baseline + 0.2:
+        notes.append("dye comes within the film's first half second; begin filming earlier")
+    return notes

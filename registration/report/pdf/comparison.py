@@ -1,0 +1,70 @@
+"""The comparison of several prints as a PDF: what stands where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from reportlab.platypus import Flowable, KeepTogether
+
+from registration.comparison import Comparison
+from registration.comparison import notes as standing_notes
+from registration.comparison import verdict as found_verdict
+from registration.report.comparison.page import comparison_figures, facts
+from registration.report.comparison.sections import (
+    key_figures,
+    print_table,
+    shared_table,
+    spread_facts,
+    trend_table,
+    vessel_table,
+)
+from registration.report.pdf.blocks import head, outcome
+from registration.report.pdf.document import Facts, built
+from registration.report.pdf.drawing import figure
+from registration.report.pdf.look import BULLET, HEADING, MINOR, SMALL, WIDTH, text
+from registration.report.pdf.tables import data_table, fact_lines
+
+_MARKS = (
+    "Off: the mean error isn't zero. Beyond the others: nor is it what all vessels of the print "
+    "share. Varies: more than the others do. Each after Holm's correction for the number of "
+    "vessels, at 5 %."
+)
+
+
+def comparison_pdf(found: Comparison, title: str, notes: Sequence[str]) -> bytes:
+    """The file's bytes; parameters as `write_comparison_pdf`'s."""
+    verdict = found_verdict(found)
+    subject = f"{outcome(verdict)}: {'; '.join(verdict['reasons'])}"
+    return built(
+        comparison_story(found, title, notes),
+        Facts(f"{title}: comparison of prints", subject, f"{title} · {' · '.join(facts(found))}"),
+    )
+
+
+def comparison_story(found: Comparison, title: str, notes: Sequence[str]) -> list[Flowable]:
+    """Everything in its order, the verdict first."""
+    drawn = {
+        name: KeepTogether(figure(picture, caption, WIDTH))
+        for name, (caption, picture) in comparison_figures(found).items()
+    }
+    shared = shared_table(found)
+    return [
+        *head("comparison of prints", title, "   ·   ".join(facts(found)), found_verdict(found),
+              key_figures(found)),
+        text("From print to print", HEADING),
+        drawn["quantities"],
+        text("Each scan", MINOR),
+        *data_table(print_table(found)),
+        text("Mean, spread and drift", MINOR),
+        *data_table(trend_table(found)),
+        text("Repeatability of a vessel's diameter, all vessels pooled", MINOR),
+        fact_lines(spread_facts(found)),
+        text("Vessels", HEADING),
+        *(drawn[name] for name in ("vessels", "history", "along") if name in drawn),
+        text("Each vessel", MINOR),
+        *data_table(vessel_table(found)),
+        text(_MARKS, SMALL),
+        *([text("Defects, common and single", HEADING), *data_table(shared)] if shared else []),
+        text("How to read this", HEADING),
+        *(text(note, BULLET, "•") for note in [*notes, *standing_notes(found)]),
+    ]  # fmt: skip

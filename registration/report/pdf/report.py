@@ -1,0 +1,153 @@
+"""The registration report as a PDF: what stands where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from reportlab.platypus import Flowable, KeepTogether, Spacer
+
+from design.network import VesselNetwork
+from registration.report.gauging_sections import defect_table, printed_facts, two_way_rows
+from registration.report.key_figures import key_figures
+from registration.report.page import drawn_figures
+from registration.report.pdf.blocks import HALF, head, outcome, pair
+from registration.report.pdf.document import Facts, built
+from registration.report.pdf.drawing import figure
+from registration.report.pdf.look import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
+from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
+from registration.report.pdf.tables import data_table, fact_lines, grid
+from registration.report.pdf.uncertainty import fitted_rows, sure_facts
+from registration.report.sections import fit_rows, mapping, vessel_summary, vessel_table
+from registration.report.wording import plain
+
+Figures = Mapping[str, Sequence[tuple[str, bytes]]]
+
+
+def report_pdf(
+    data: Mapping[str, Any], network: VesselNetwork | None, figures: Mapping[str, bytes]
+) -> bytes:
+    """The file's bytes; parameters as `write_report_pdf`'s."""
+    name, verdict = plain(data.get("recipe") or "Scan against design"), mapping(data, "verdict")
+    when = printed_on(data)
+    return built(
+        report_story(data, network, figures),
+        Facts(
+            title=f"{name}: registration report",
+            subject=f"{outcome(verdict)}: {'; '.join(map(plain, verdict.get('reasons') or []))}",
+            footer=f"{name} · printed {when}" if when else name,
+        ),
+    )
+
+
+def report_story(
+    data: Mapping[str, Any], network: VesselNetwork | None, figures: Mapping[str, bytes]
+) -> list[Flowable]:
+    """Everything in its order: verdict first, provenance last."""
+    registration = mapping(data, "registration")
+    drawn = _by_place({**drawn_figures(data, network), **figures})
+    name = plain(data.get("recipe") or "Scan against design")
+    return [
+        *head("registration report", name, meta_line(data), mapping(data, "verdict"),
+              key_figures(data)),
+        *_deviation(registration, drawn),
+        *_uncertainty(registration),
+        *_vessels(registration, drawn),
+        *_defects(registration),
+        *map(KeepTogether, _drawn(drawn, "profiles", WIDTH)),
+        *_each_vessel(registration),
+        *_pictures(drawn),
+        *_notes(registration),
+        *_provenance(data),
+    ]  # fmt: skip
+
+
+def _by_place(figures: Mapping[str, bytes]) -> Figures:
+    placed: dict[str, list[tuple[str, bytes]]] = {}
+    for name, picture in figures.items():
+        place, slash, caption = name.partition("/")
+        placed.setdefault(place if slash else "other", []).append((caption or name, picture))
+    return placed
+
+
+def _drawn(drawn: Figures, place: str, width: float) -> list[list[Flowable]]:
+    """Drawings of a place, each with its caption."""
+    return [figure(picture, caption, width) for caption, picture in drawn.get(place, ())]
+
+
+def _flat(parts: Sequence[Sequence[Flowable]]) -> list[Flowable]:
+    return [each for part in parts for each in part]
+
+
+def _deviation(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable]:
+    rows = [*fit_rows(registration), *two_way_rows(registration)]
+    if not rows:
+        return []
+    said = f"Signed distance, scan to design ({plain(registration['sign_convention'])})" if (
+        registration.get("sign_convention")
+    ) else "Signed distance, scan to design"  # fmt: skip
+    table = grid(["", "Rigid", "Scaled"], rows, [False, True, True], HALF)
+    scaled, rigid = (_drawn(drawn, "histogram", HALF) + [[], []])[:2]
+    left = [table, text(said, SMALL), Spacer(0, 6), *rigid]
+    right = [*scaled, *_flat(_drawn(drawn, "curve", HALF))]
+    return [text("Deviation", HEADING), pair(left, right)]
+
+
+def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:
+    rows, sure = fitted_rows(registration), sure_facts(registration)
+    if not rows and not sure:
+        return []
+    left = [grid(["Fitted", "Value", "95 %"], rows, [False, True, True], HALF)] if rows else []
+    right = [fact_lines(sure, HALF)] if sure else []
+    return [KeepTogether([text("Uncertainty", HEADING), pair(left, right)])]
+
+
+def _vessels(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable]:
+    summary = [*vessel_summary(registration), *printed_facts(registration)]
+    if not summary:
+        return []
+    right = [fact_lines(summary, HALF)]
+    both = pair(_flat(_drawn(drawn, "diameters", HALF)), right)
+    return [KeepTogether([text("Vessels, designed and measured", HEADING), both])]
+
+
+def _defects(registration: Mapping[str, Any]) -> list[Flowable]:
+    if "defects" not in registration:
+        return []
+    table = defect_table(registration)
+    if table is not None:
+        return [text("Defects", HEADING), *data_table(table)]
+    seen = "" if registration.get("all_open") else "; not all of every vessel was seen"
+    said = text(f"None stands out from the sections' noise{seen}.", BODY)
+    return [KeepTogether([text("Defects", HEADING), said])]
+
+
+def _each_vessel(registration: Mapping[str, Any]) -> list[Flowable]:
+    table = vessel_table(registration)
+    return [] if table is None else [text("Each vessel", HEADING), *data_table(table)]
+
+
+def _pictures(drawn: Figures) -> list[Flowable]:
+    """Two in a row, and what belongs to no other section."""
+    shown = [
+        one for place in ("registration", "design", "flow", "toolpath", "other")
+        for one in _drawn(drawn, place, HALF)
+    ]  # fmt: skip
+    if not shown:
+        return []
+    shown += [[]] * (len(shown) % 2)
+    rows = [pair(left, right) for left, right in zip(shown[::2], shown[1::2], strict=True)]
+    return [KeepTogether([text("Design and print", HEADING), rows[0]]), *rows[1:]]
+
+
+def _notes(registration: Mapping[str, Any]) -> list[Flowable]:
+    notes = registration.get("notes")
+    if not isinstance(notes, list) or not notes:
+        return []
+    return [text("Notes", HEADING), *(text(plain(note), BULLET, "•") for note in notes)]
+
+
+def _provenance(data: Mapping[str, Any]) -> list[Flowable]:
+    made = [text("Provenance", HEADING), fact_lines(origin_facts(data))]
+    digests = digest_facts(data)
+    return [*made, text("Versions and digests", MINOR), fact_lines(digests)] if digests else made

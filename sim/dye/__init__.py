@@ -1,0 +1,19 @@
+"""Dye driven through a transparent print, filmed from one side."""
+
+from sim.dye.camera import DyeCamera
+from sim.dye.film import Disturbance, Dye, DyeFilm, film_frames, write_film
+from sim.dye.lumens import Lumens, Occlusion
+from sim.dye.transport import DyeFlow, dye_flow
+
+__all__ = [
+    "Disturbance",
+    "Dye",
+    "DyeCamera",
+    "DyeFilm",
+    "DyeFlow",
+    "Lumens",
+    "Occlusion",
+    "dye_flow",
+    "film_frames",
+    "write_film",
+]

@@ -1,0 +1,217 @@
+"""The film of a dye front: light table, absorption or fluorescence, and what spoils a film.
+
+Modelled: Beer-Lambert absorption in the three colours (or fluorescence in proportion to the dye),
+uneven light, grain of the background, blur, light that drifts, camera shake, shot and read noise,
+8 bits. Not modelled: refraction at the lumens, perspective, gamma, bubbles, dye that stains the
+gel, rolling shutter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sim.dye.camera import DyeCamera, light_paths
+from sim.dye.lumens import FloatArray
+from sim.dye.transport import DyeFlow, Transport
+from sim.errors import SimError
+
+_CODES: Final = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
+
+
+@dataclass(frozen=True)
+class Dye:
+    """What is in the liquid.
+
+    Attributes
+    ----------
+    absorbance_per_mm : (float, float, float)
+        Naperian, of blue, green and red light. The default is a blue food dye.
+    fluorescence_per_mm : float
+        Grey levels per mm of dye, on a dark background; 0 for a dye that absorbs.
+    """
+
+    absorbance_per_mm: tuple[float, float, float] = (0.15, 0.5, 1.2)
+    fluorescence_per_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What spoils a film.
+
+    Attributes
+    ----------
+    noise : float
+        Read noise, grey levels; shot noise comes on top.
+    blur_px : float
+        Standard deviation of the point spread.
+    drift : float
+        Relative change of the light over the film, a slow wave on it, and a third as much
+        of a slope across the picture.
+    shake_px : float
+        Standard deviation of the picture's wandering.
+    texture : float
+        Relative grain of the background.
+    """
+
+    noise: float = 1.5
+    blur_px: float = 1.0
+    drift: float = 0.0
+    shake_px: float = 0.0
+    texture: float = 0.03
+
+
+@dataclass(frozen=True)
+class DyeFilm:
+    """A film to be made.
+
+    Attributes
+    ----------
+    fps : float, 1/s
+    seconds : float, s
+    start_s : float, s
+        When dye enters the feed.
+    """
+
+    fps: float = 15.0
+    seconds: float = 30.0
+    start_s: float = 1.5
+    camera: DyeCamera = field(default_factory=DyeCamera)
+    dye: Dye = field(default_factory=Dye)
+    spoilt: Disturbance = field(default_factory=Disturbance)
+
+    def times(self) -> FloatArray:
+        """Of the frames, (n,), s."""
+        return np.arange(round(self.seconds * self.fps)) / self.fps
+
+
+def film_frames(
+    flow: DyeFlow, film: DyeFilm, generator: np.random.Generator
+) -> Iterator[NDArray[np.uint8]]:
+    """The film's frames, (height, width, 3), blue, green, red."""
+    transport, times = Transport(flow, 1.0 / film.fps), film.times()
+    paths = light_paths(film.camera, flow, transport)
+    shape = (film.camera.height, film.camera.width)
+    table = _light_table(film, generator)
+    light, wander = _drift(film, times, generator), _shake(film, times, generator)
+    for index, dye in enumerate(transport.frames(times, film.start_s)):
+        depth = np.reshape(paths @ dye.ravel(), shape).astype(np.float32)
+        clean = _lit(film, table, depth) * light[index][:, :, None]
+        yield _taken(film, clean, wander[index], generator)
+
+
+def _lit(film: DyeFilm, table: FloatArray, depth: NDArray[np.float32]) -> FloatArray:
+    if film.dye.fluorescence_per_mm > 0.0:
+        glow = (
+            film.dye.fluorescence_per_mm
+            * depth[:, :, None]
+            * np.array([0.2, 1.0, 0.3], dtype=np.float32)
+        )
+        return np.asarray(0.06 * table + glow)
+    absorbed = depth[:, :, None] * np.array(film.dye.absorbance_per_mm, dtype=np.float32)
+    return np.asarray(table * np.exp(-absorbed))
+
+
+def _light_table(film: DyeFilm, generator: np.random.Generator) -> FloatArray:
+    """Background: brighter in the middle, grained, a few scratches; (height, width, 3)."""
+    height, width = film.camera.height, film.camera.width
+    v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    fine = ndimage.gaussian_filter(generator.standard_normal((height, width)), 1.5)
+    coarse = ndimage.gaussian_filter(generator.standard_normal((height, width)), 8.0)
+    grain = fine / fine.std() + coarse / coarse.std()
+    level = 190.0 * (1.0 - 0.15 * (u**2 + v**2)) * (1.0 + film.spoilt.texture * grain)
+    return np.asarray(level[:, :, None] * np.array([0.95, 1.0, 0.98]), dtype=np.float32)
+
+
+def _drift(film: DyeFilm, times: FloatArray, generator: np.random.Generator) -> list[FloatArray]:
+    phase, part = generator.uniform(0, 2 * np.pi), times / max(times[-1], 1e-9)
+    wave = film.spoilt.drift * (part + 0.3 * np.sin(2 * np.pi * 2.5 * part + phase))
+    across = np.linspace(-1.0, 1.0, film.camera.width)[None, :]
+    return [(1.0 + w * (1.0 + across / 3.0)).astype(np.float32) for w in wave]
+
+
+def _shake(film: DyeFilm, times: FloatArray, generator: np.random.Generator) -> FloatArray:
+    if film.spoilt.shake_px == 0.0:
+        return np.zeros((len(times), 2))
+    raw = ndimage.gaussian_filter1d(generator.standard_normal((len(times), 2)), 2.0, axis=0)
+    # The first frame stands where the camera says.
+    return np.asarray(film.spoilt.shake_px * (raw - raw[0]) / raw.std())
+
+
+def _taken(
+    film: DyeFilm, clean: FloatArray, moved: FloatArray, generator: np.random.Generator
+) -> NDArray[np.uint8]:
+    blur = film.spoilt.blur_px
+    if blur > 0.0:
+        clean = ndimage.gaussian_filter(clean, (blur, blur, 0.0))
+    if np.any(moved):
+        clean = _moved(clean, moved)
+    # A full well of some 10,000 electrons at 255.
+    noise = np.sqrt(film.spoilt.noise**2 + np.maximum(clean, 0.0) / 40.0)
+    noisy = clean + noise * generator.standard_normal(clean.shape, dtype=np.float32)
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+def _moved(picture: FloatArray, by: FloatArray) -> FloatArray:
+    """The picture moved right and down by less than 20 pixels, its rim repeated."""
+    rim = 20
+    wide = np.pad(picture, ((rim, rim), (rim, rim), (0, 0)), mode="edge")
+    whole = np.floor(-by).astype(int)
+    part = -by - whole
+    height, width = picture.shape[:2]
+    made = np.zeros_like(picture)
+    for dv, du in np.ndindex(2, 2):
+        v, u = (rim + int(np.clip(whole[k], -rim, rim - 1)) + d for k, d in ((1, dv), (0, du)))
+        share = (part[1] if dv else 1.0 - part[1]) * (part[0] if du else 1.0 - part[0])
+        made += np.float32(share) * wide[v : v + height, u : u + width]
+    return made
+
+
+def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Generator) -> None:
+    """Write the film as .mp4, .mov or .avi, or as numbered PNG files into a folder.
+
+    Raises
+    ------
+    SimError
+        When OpenCV is missing, the suffix isn't known, or the file can't be written.
+    """
+    cv2 = _opencv()
+    frames = film_frames(flow, film, generator)
+    if not path.suffix:
+        path.mkdir(parents=True, exist_ok=True)
+        for index, frame in enumerate(frames):
+            cv2.imwrite(str(path / f"frame_{index:05d}.png"), frame)
+        return
+    if path.suffix.lower() not in _CODES:
+        raise SimError(f"{path}: a film is written as {', '.join(_CODES)} or into a folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.stem}.part{path.suffix}")
+    size = (film.camera.width, film.camera.height)
+    code = cv2.VideoWriter_fourcc(*_CODES[path.suffix.lower()])
+    writer = cv2.VideoWriter(str(draft), code, film.fps, size)
+    try:
+        if not writer.isOpened():
+            raise SimError(f"{path}: OpenCV can't write this film; try .avi, or a folder")
+        for frame in frames:
+            writer.write(frame)
+        writer.release()
+        draft.replace(path)
+    finally:
+        writer.release()
+        draft.unlink(missing_ok=True)
+
+
+def _opencv() -> Any:
+    try:
+        import cv2  # optional, and heavy
+    except ImportError as exc:
+        raise SimError(
+            "a film needs OpenCV, which isn't installed; run: pip install 'printctl[dye]'"
+        ) from exc
+    return cv2

@@ -1,0 +1,205 @@
+"""`compare` by the command line's own entry, on folders as `run` and `register` leave them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pypdf import PdfReader
+
+from printctl.link.journal import encode
+from printctl.link.record import JOURNAL
+from printctl.pipeline.stages.printing import JOURNAL_FOLDER
+from registration.report.pdf import library
+from tests.printctl.cli.shell import Shell
+
+DESIGN = "a" * 64
+DESIGNED_UM = (400.0, 500.0, 600.0)
+
+
+@pytest.fixture
+def shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    return Shell(monkeypatch, capsys, "compare")
+
+
+def registration(errors_um: tuple[float, ...], design: str = DESIGN) -> dict[str, Any]:
+    """A registration's numbers, with those errors of the three diameters."""
+    vessels = [
+        {"vessel": v, "kind": "channel", "designed_um": d, "measured_um": d + e,
+         "error_percent": 100 * e / d, "length_mm": 5.0, "open": True, "along_mm": [1.0, 2.0, 3.0],
+         "diameter_um": [d + e] * 3, "unseen_mm": []}
+        for v, (d, e) in enumerate(zip(DESIGNED_UM, errors_um, strict=True))
+    ]  # fmt: skip
+    return {
+        "rigid": {"rms_um": 30.0}, "scaled": {"rms_um": 12.0}, "scale": [0.99, 0.99, 1.0],
+        "offset_um": -5.0, "interval_95": {"scale": [0.001, 0.001, None], "offset_um": 1.0},
+        "ambiguity": {"margin": 9.0, "flag": False}, "vessels": vessels, "defects": [],
+        "design": {"network_sha256": design},
+    }  # fmt: skip
+
+
+def run_folder(name: str, errors_um: tuple[float, ...], **more: Any) -> Path:
+    """What `run` leaves: the registration alone, the verdict in report.json."""
+    folder = Path(name)
+    folder.mkdir()
+    (folder / "registration.json").write_text(json.dumps(registration(errors_um, **more)))
+    verdict = {"passed": True, "reasons": ["All 3 vessels are open"]}
+    (folder / "report.json").write_text(json.dumps({"verdict": verdict}))
+    return folder
+
+
+def registered_folder(name: str, errors_um: tuple[float, ...], printed: Any = None) -> Path:
+    """What `register` leaves: all in registration.json."""
+    folder = Path(name)
+    folder.mkdir()
+    whole = {
+        "verdict": {"passed": False, "reasons": ["Largest diameter error"]},
+        "printed": printed,
+        "registration": registration(errors_um),
+    }
+    (folder / "registration.json").write_text(json.dumps(whole))
+    return folder
+
+
+def journal(folder: Path, started: float) -> None:
+    (folder / JOURNAL_FOLDER).mkdir(parents=True, exist_ok=True)
+    job = {"t": "job", "started": started, "pid": 7, "host": "bench", "sha256": "b" * 64,
+           "path": "/part.gcode", "name": "part.gcode", "lines": 3}  # fmt: skip
+    (folder / JOURNAL_FOLDER / JOURNAL).write_bytes(encode(job))
+
+
+def test_a_run_and_a_registration_are_compared(shell: Shell) -> None:
+    run_folder("a", (-8.0, -10.0, -12.0))
+    registered_folder("b", (-12.0, -14.0, -16.0))
+    code, out, err = shell("a", "b", "--out", "c", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found == json.loads(Path("c/compare.json").read_text())
+    assert found["verdict"]["passed"] is False
+    assert found["verdict"]["reasons"][0].startswith("1 of 2 prints pass; failed: b")
+    rows = list(csv.DictReader(Path("c/compare.csv").read_text().splitlines()))
+    # Means of −8 and −12, and so on; two values differ by √2 times their standard deviation.
+    means = [float(row["mean_error_um"]) for row in rows]
+    assert means == pytest.approx([-10.0, -12.0, -14.0])
+    assert [float(row["observed_sd_um"]) for row in rows] == pytest.approx([4 / 2**0.5] * 3)
+    page = Path("c/compare.html").read_text()
+    assert page.count("<svg") == 4
+    assert "1 of 2 prints pass" in page
+
+
+def test_names_given_make_scans_of_one_print(shell: Shell) -> None:
+    for name in "abc":
+        run_folder(name, (float(ord(name)), 1.0, 2.0))
+    code, out, _ = shell("a", "b", "c", "--out", "o", "--prints", "x, x, y")
+    assert code == 0
+    assert "Taken for scans of one print: a, b." in out
+    code, _, err = shell("a", "b", "c", "--out", "o", "--prints", "x,y")
+    assert code == 2
+    assert "names 2 prints for 3 folders" in err
+
+
+def test_a_journal_tells_the_print_and_its_time(shell: Shell) -> None:
+    for name, started in (("a", 3000.0), ("b", 3000.0), ("c", 1000.0)):
+        journal(run_folder(name, (1.0, float(ord(name)), 2.0)), started)
+    code, out, _ = shell("a", "b", "c", "--out", "o", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert any("Taken for scans of one print: a, b." in note for note in found["notes"])
+    assert [p["label"] for p in found["prints"]] == ["c", "a"]
+    assert [p["started"] for p in found["prints"]] == [1000.0, 3000.0]
+
+
+def test_a_registration_remembers_its_print(shell: Shell) -> None:
+    journal(run_folder("a", (1.0, 2.0, 3.0)), 3000.0)
+    run_folder("z", (1.0, 2.0, 4.0))
+    code, out, _ = shell("a", "z", "--out", "o", "--json")
+    assert code == 0
+    identity = json.loads(out)["prints"][0]["print_id"]
+    registered_folder("b", (1.0, 2.5, 3.0), {"id": identity, "started": 3000.0})
+    code, out, _ = shell("a", "b", "--out", "o")
+    assert code == 0
+    assert "Taken for scans of one print: a, b." in out
+
+
+def test_limits_given_judge_all_anew(shell: Shell) -> None:
+    run_folder("a", (-8.0, -10.0, -12.0))
+    run_folder("b", (-8.5, -10.0, -60.0))
+    for percent, passes in (("5", 1), ("12", 2), ("1", 0)):
+        code, out, _ = shell("a", "b", "--out", "o", "--diameter-tolerance-percent", percent)
+        assert code == 0
+        assert f"{passes} of 2 prints pass" in out
+        assert f"diameters within ±{percent} %" in out
+
+
+def wrong_folders() -> None:
+    run_folder("a", (1.0, 2.0, 3.0))
+    run_folder("b", (1.0, 2.0, 4.0))
+    run_folder("other", (1.0, 2.0, 3.0), design="c" * 64)
+    Path("empty").mkdir()
+    for name, text in (
+        ("broken", '{"vessels": ['),
+        ("list", "[1, 2]"),
+        ("nothing", "{}"),
+        ("binary", "\x00\x01"),
+    ):
+        Path(name).mkdir()
+        (Path(name) / "registration.json").write_text(text)
+    old = registration((1.0, 2.0, 3.0))
+    del old["design"]
+    half = registration((1.0, 2.0, 3.0))
+    del half["vessels"][1]["measured_um"]
+    for name, numbers in (("old", old), ("half", half)):
+        Path(name).mkdir()
+        (Path(name) / "registration.json").write_text(json.dumps(numbers))
+
+
+CASES: tuple[tuple[int, str, tuple[str, ...]], ...] = (
+    (1, "a", ("two registrations or more",)),
+    (1, "a other", ("2 different designs", "aaaaaaaaaaaa: a", "cccccccccccc: other")),
+    (2, "a a", ("a is named twice",)),
+    (2, "a ./a", ("named twice",)),
+    (2, "a gone", ("gone isn't a folder",)),
+    (2, "a empty", ("empty has no registration.json",)),
+    (2, "a broken", ("can't be read", "register the scan again")),
+    (2, "a binary", ("can't be read", "register the scan again")),
+    (2, "a list", ("holds no registration",)),
+    (2, "a nothing", ("holds no registration",)),
+    (2, "a old", ("doesn't say which design",)),
+    (1, "a half", ("half: its registration is broken", "measured_um")),
+    (2, "a b --tolerance-um 0", ("--tolerance-um",)),
+    (2, "", ("RUN...",)),
+)
+
+
+@pytest.mark.parametrize(("code", "command", "said"), CASES, ids=[c[1] or "none" for c in CASES])
+def test_wrong_input_ends_in_one_message(
+    shell: Shell, code: int, command: str, said: tuple[str, ...]
+) -> None:
+    wrong_folders()
+    ended, out, err = shell(*command.split(), "--out", "o")
+    assert (ended, out) == (code, "")
+    for words in said:
+        assert words in err
+    assert "Traceback" not in err
+    assert not Path("o").exists()
+
+
+def test_a_pdf_on_request(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_folder("a", (-8.0, -10.0, -12.0))
+    registered_folder("b", (-12.0, -14.0, -16.0))
+    code, out, _ = shell("a", "b", "--out", "c", "--pdf")
+    assert code == 0
+    assert out.endswith("c/compare.html\nc/compare.pdf\n")
+    text = PdfReader("c/compare.pdf").pages[0].extract_text()
+    assert "1 of 2 prints pass; failed: b" in text
+    monkeypatch.setattr(library, "find_spec", lambda name: None)
+    code, _, err = shell("a", "b", "--out", "d", "--pdf")
+    assert code == 2
+    assert "pip install 'printctl[pdf]'" in err
+    assert not Path("d").exists()

@@ -1,0 +1,147 @@
+"""Arrivals and patency on films whose flow is known."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from design.vasculature.named import planar_four_vessel
+from registration.dye import (
+    DyeOptions,
+    DyeReport,
+    Marks,
+    dye_verdict,
+    measure_dye,
+    read_marks,
+)
+from registration.dye.stations import place_stations
+from registration.dye.view import find_view
+from sim.dye import Disturbance, Dye, DyeFilm, Occlusion
+from tests.registration.dye.films import (
+    PLANAR_CAMERA,
+    PLANAR_FLOW,
+    PLANAR_MARKS,
+    TUBE_CAMERA,
+    filmed,
+    marks_of,
+    planar_report,
+    tube,
+)
+
+TUBE_FLOW = np.pi * 0.25**2 * 4.0
+"""4 mm/s on the mean."""
+STEADY = Disturbance(noise=1.0, texture=0.02)
+
+
+def _states(report: DyeReport) -> dict[int, str]:
+    return {v.vessel: v.patency for v in report.vessels if v.patency != "open"}
+
+
+def _tube_report(folder: Path, spoilt: Disturbance, options: DyeOptions) -> DyeReport:
+    film = DyeFilm(20.0, 8.0, 1.0, TUBE_CAMERA, Dye(), spoilt)
+    path = filmed(folder, tube(), TUBE_FLOW, (0, 1), film)
+    return measure_dye(path, read_marks(folder / "marks.yaml"), tube(), options)
+
+
+def test_dye_in_a_tube_arrives_when_taylor_says(tmp_path: Path) -> None:
+    options = DyeOptions(flow_ul_s=TUBE_FLOW, start_s=1.0)
+    report = _tube_report(tmp_path, STEADY, options)
+    # Mean over the section c = 1 - s/(2Ut): half of the level c(t_end) at the film's end.
+    way = report.stations.points[:, 0]
+    end = 0.95 * 7.95 - 1.0
+    half = 0.5 * (1.0 - way / (2.0 * 4.0 * end))
+    arrival = 1.0 + way / (2.0 * 4.0) / (1.0 - half)
+    late = report.arrivals.time_s - arrival
+    assert report.arrivals.dyed.mean() > 0.9
+    assert abs(np.nanmedian(late)) < 0.03
+    assert np.nanpercentile(np.abs(late), 95) < 0.08
+    assert report.vessels[0].patency == "open"
+    assert dye_verdict(report, 40.0)["outcome"] == "pass"
+
+
+def test_flow_and_start_are_found_from_the_film(tmp_path: Path) -> None:
+    report = _tube_report(tmp_path, STEADY, DyeOptions())
+    assert report.prediction.flow_ul_s == pytest.approx(TUBE_FLOW, rel=0.03)
+    assert report.prediction.start_s == pytest.approx(1.0, abs=0.05)
+
+
+def test_half_the_flow_is_late_where_the_flow_is_given(tmp_path: Path) -> None:
+    report = _tube_report(tmp_path, STEADY, DyeOptions(flow_ul_s=2.0 * TUBE_FLOW, start_s=1.0))
+    found = dye_verdict(report, 40.0)
+    assert found["outcome"] == "fail"
+    assert "too late" in found["reasons"][0]
+
+
+def test_a_network_agrees_with_the_independent_simulator(tmp_path: Path) -> None:
+    report = planar_report(tmp_path)
+    late = np.abs(report.late_s())
+    assert _states(report) == {}
+    assert report.prediction.flow_ul_s == pytest.approx(PLANAR_FLOW, rel=0.03)
+    assert np.nanmedian(late) < 0.08
+    assert np.nanpercentile(late, 90) < 0.4
+
+
+@pytest.mark.parametrize("seep", [0.0, 0.3])
+def test_an_occluded_branch_is_found_in_its_vessel(tmp_path: Path, seep: float) -> None:
+    report = planar_report(tmp_path, [Occlusion(7, 0.6, seep_ul_s=seep)])
+    assert _states(report) == {7: "blocked"}
+    assert dye_verdict(report, 40.0)["outcome"] == "fail"
+    found = report.vessels[7]
+    if seep:
+        # It lies 6 mm along; stations are a third of a millimetre apart.
+        assert found.blocked_from_mm == pytest.approx(6.0, abs=0.5)
+        assert found.blocked_to_mm == pytest.approx(6.0, abs=0.5)
+    else:
+        assert found.blocked_from_mm is None
+
+
+def test_vessels_in_series_with_a_closed_one_are_named_with_it(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, [Occlusion(8, 0.3)])
+    assert report.vessels[4].patency == "blocked"
+    assert 8 in report.vessels[4].or_in
+    assert report.vessels[8].patency == "not reached"
+
+
+def test_shake_and_drift_leave_arrivals_where_they_are(tmp_path: Path) -> None:
+    calm = planar_report(tmp_path / "calm", spoilt=Disturbance())
+    rough = planar_report(tmp_path / "rough", spoilt=Disturbance(drift=0.15, shake_px=1.5))
+    moved = rough.arrivals.time_s - calm.arrivals.time_s
+    assert _states(rough) == {}
+    assert np.nanmedian(np.abs(moved)) < 0.08
+    assert rough.traces.shake_px > 2.0
+    assert rough.traces.drift > 0.05
+
+
+def test_shake_and_drift_alone_are_no_arrival(tmp_path: Path) -> None:
+    spoilt = Disturbance(drift=0.3, shake_px=1.5)
+    faint = Dye(absorbance_per_mm=(1e-6, 1e-6, 1e-6))
+    with pytest.raises(ValueError, match=r"no dye|fewer than"):
+        planar_report(tmp_path, spoilt=spoilt, dye=faint, seconds=8.0)
+
+
+def test_glowing_dye_is_read_too(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, dye=Dye(fluorescence_per_mm=120.0))
+    assert report.traces.glows
+    assert _states(report) == {}
+    assert np.nanmedian(np.abs(report.late_s())) < 0.15
+
+
+def test_a_film_too_short_leaves_vessels_unseen_not_blocked(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, seconds=5.0)
+    assert "blocked" not in _states(report).values()
+    assert dye_verdict(report, 40.0)["outcome"] == "undecided"
+
+
+def test_a_closure_that_dye_has_just_come_to_is_not_called_open(tmp_path: Path) -> None:
+    report = planar_report(tmp_path, [Occlusion(5, 0.5, seep_ul_s=0.25)])
+    assert report.vessels[5].patency in ("blocked", "not seen")
+
+
+def test_vessels_under_others_are_not_seen() -> None:
+    network, camera = planar_four_vessel(), dataclasses.replace(PLANAR_CAMERA, side="y")
+    marks = Marks.model_validate(marks_of(network, camera, PLANAR_MARKS))
+    stations = place_stations(network, find_view(marks, network), (144, 256))
+    # From the front all channels lie behind one another.
+    assert not stations.seen[np.isin(stations.vessel, (5, 6, 7, 8))].any()
+    assert stations.seen[stations.vessel == 0].any()
