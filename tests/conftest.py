@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 
+import pytest
 from hypothesis import settings
 
 # No test asserts a wall-clock time; CI tries the same examples each time, a developer new ones.
@@ -14,3 +15,8 @@ settings.load_profile("printctl")
 # Prints made by tests don't belong into the history of whoever runs them.
 os.environ["PRINTCTL_DATA"] = tempfile.mkdtemp(prefix="printctl-test-data-")
 atexit.register(shutil.rmtree, os.environ["PRINTCTL_DATA"], ignore_errors=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest, whole runs, so that no worker waits for another's at the end."""
+    items.sort(key=lambda item: "system" not in item.path.parts)

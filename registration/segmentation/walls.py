@@ -49,7 +49,8 @@ ALONG_MM = 0.15
 OWN_MM = 0.3
 """An A-scan with the inside of gel so near above or below has light of its own."""
 CLEARLY = 0.02
-"""By so much, in that average, the second bound must be less: upright walls keep the first."""
+"""By so much, in that average, the second bound must be less to count alone; less by a part of
+that, it counts in part. Upright walls keep the first, whatever the speckle."""
 LEAST_WEIGHT = 0.005
 """Of what lies beside, for its light to count."""
 STRONG = 0.1
@@ -183,11 +184,13 @@ def _shares(
                     found = weight > LEAST_WEIGHT
                     if found:
                         share = in_gel * weight / between(gel_light, factor, z, y, x)
-                    if found and between(lesser, factor, z, y, x) < -CLEARLY:
+                    lead = -between(lesser, factor, z, y, x) / CLEARLY if found else 0.0
+                    if lead > 0.0:
                         weight = between(liquid_weight, factor, z, y, x)
                         if weight > LEAST_WEIGHT:
                             passing = between(liquid_light, factor, z, y, x) / weight
-                            share = 1.0 - (beam - in_gel) / passing
+                            second = 1.0 - (beam - in_gel) / passing
+                            share += min(lead, 1.0) * (second - share)
                 known[z, y, x] = found
                 out[z, y, x] = np.float32(min(max(share, -_OUTSIDE), _OUTSIDE))
     return out, known
