@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from design.files import write_text
 from registration.errors import RegistrationError
@@ -78,7 +78,7 @@ def measured_walls(
     known = np.concatenate(known_um)
     return WallCalibration(
         offset_um=offset,
-        interval_um=float(stats.t.ppf(0.975, len(values) - 1)) * spread,
+        interval_um=float(stdtrit(len(values) - 1, 0.975)) * spread,
         from_um=float(known.min()),
         to_um=float(known.max()),
         scans=len(errors),

@@ -31,9 +31,9 @@ from printctl.cli.scan_options import (
     VoxelUm,
     voxel_mm,
 )
-from printctl.comparing import print_identity
 from printctl.errors import UsageError
 from printctl.feedback import ORIGIN, keep_origin
+from printctl.link.print_identity import print_identity
 from printctl.pipeline.context import LUMEN, NETWORK, SOLID
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.facts import scan_origin

@@ -62,8 +62,7 @@ def profile_figure(
     rows = -(-len(shown) // _COLUMNS)
     columns = min(len(shown), _COLUMNS)
     with styled():
-        figure = Figure(figsize=(3.4 * columns, 1.75 * rows + 0.25), layout="constrained")
-        grid = figure.subplots(rows, columns, squeeze=False)
+        figure, grid = _grid(rows, columns)
         for axes in grid.ravel()[len(shown) :]:
             axes.set_axis_off()
         for axes, vessel in zip(grid.ravel(), shown, strict=False):
@@ -74,6 +73,25 @@ def profile_figure(
         for axes in grid.ravel()[max(0, len(shown) - columns) : len(shown)]:
             axes.set_xlabel("along / mm")
         return to_svg(figure, "profiles")
+
+
+def _grid(rows: int, columns: int) -> tuple[Figure, Any]:
+    """Axes with room for their titles and numbers.
+
+    Margins are in inches and fixed: to have matplotlib look for them took longer than the drawing.
+    """
+    wide, high = 3.4 * columns, 1.75 * rows + 0.25
+    figure = Figure(figsize=(wide, high))
+    across, up = 3.4 - 0.55, 1.75 - 0.55
+    room = {"left": 0.62 / wide, "right": 1 - 0.12 / wide}
+    room |= {"bottom": 0.5 / high, "top": 1 - 0.25 / high}
+    grid = figure.subplots(
+        rows,
+        columns,
+        squeeze=False,
+        gridspec_kw={**room, "wspace": 0.5 / across, "hspace": 0.52 / up},
+    )
+    return figure, grid
 
 
 def _worth_showing(vessels: Sequence[Record], defects: Sequence[Record]) -> list[Record]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from design.files import write_bytes
 from design.network import VesselNetwork
-from registration.comparison import Comparison
 from registration.report.errors import ReportError
+
+if TYPE_CHECKING:  # statistics are slow to load, and only a comparison needs them
+    from registration.comparison import Comparison
 
 _LIBRARY = "reportlab"
 
