@@ -83,7 +83,7 @@ def _grid(rows: int, columns: int) -> tuple[Figure, Any]:
     wide, high = 3.4 * columns, 1.75 * rows + 0.25
     figure = Figure(figsize=(wide, high))
     across, up = 3.4 - 0.55, 1.75 - 0.55
-    room = {"left": 0.62 / wide, "right": 1 - 0.12 / wide}
+    room = {"left": 0.7 / wide, "right": 1 - 0.12 / wide}
     room |= {"bottom": 0.5 / high, "top": 1 - 0.25 / high}
     grid = figure.subplots(
         rows,
