@@ -62,7 +62,7 @@ def landing_rows(quick: bool) -> Iterator[Row]:
         yield row(f"{design.name}: misses not flagged", value, "", "0", value == 0)
         value = 100 * found.flagged_good / max(found.landed, 1)
         yield row(f"{design.name}: good poses flagged", value, "%", "<= 2", value <= 2)
-        mean, high = float(np.median(found.mean_um)), float(np.max(found.p95_um))
+        mean, high = float(np.mean(found.mean_um)), float(np.max(found.p95_um))
         name = f"{design.name}: target registration error, scaled fit"
         yield row(f"{name}, mean", mean, "um", "<= 2", mean <= 2)
         yield row(f"{name}, p95, the worst scan", high, "um", "<= 6", high <= 6)
@@ -85,16 +85,15 @@ def interval_rows(quick: bool) -> Iterator[Row]:
     each = {"cover_each": held.mean(axis=0).round(2).tolist()}
     value = 100 * float(held.mean())
     yield row(f"{name}: cover the truth", value, "%", "92 to 98", 92 <= value <= 98) | each
-    # An error that all seeds share widens an interval too: the spread is taken about the truth.
-    width = np.array([2 * h.mean(axis=0) / np.sqrt((e**2).mean(axis=0)) for e, h in found])
-    value = float(np.median(width))
-    each = {"width_each": width.round(1).tolist()}
-    name = f"{name}: width over the errors' spread"
-    yield row(f"{name} about the truth", value, "", "<= 6", value <= 6) | each
     width = np.array([2 * h.mean(axis=0) / e.std(axis=0) for e, h in found])
     value = float(np.median(width))
     each = {"width_each": width.round(1).tolist()}
-    yield row(f"{name} about their own mean", value, "") | each
+    yield row(f"{name}: width over the errors' sd", value, "", "<= 6", value <= 6) | each
+    # An error that all seeds share widens an interval too, and isn't in that sd.
+    width = np.array([2 * h.mean(axis=0) / np.sqrt((e**2).mean(axis=0)) for e, h in found])
+    value = float(np.median(width))
+    each = {"width_each": width.round(1).tolist()}
+    yield row(f"{name}: width over the errors' RMS", value, "") | each
 
 
 def _intervals(design: Design, count: int) -> tuple[FloatArray, FloatArray]:

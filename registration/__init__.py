@@ -1,8 +1,9 @@
 """Scan to report: read, segment, align, gauge."""
 
 from registration.errors import RegistrationError
+from registration.options import RegistrationOptions
 from registration.readers import ScanOverrides, read_scan, write_scan_tiff
-from registration.register import RegistrationOptions, register_scan
+from registration.register import register_scan
 from registration.result import RegistrationReport, report_dict
 from registration.scan import Scan
 

@@ -8,6 +8,7 @@ the block around them. Nothing of the product's is used but the simulator's own 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
+Signed = Callable[[FloatArray], FloatArray]
 
 STEP_MM = 0.04
 NEAR_MM = 0.3
@@ -164,7 +166,9 @@ def measure(ink: Ink, vessels: Vessels, block_mm: FloatArray | None) -> Shape:
     )
 
 
-def _signed(vessels: Vessels, block_mm: FloatArray | None):  # type: ignore[no-untyped-def]
+def _signed(vessels: Vessels, block_mm: FloatArray | None) -> Signed:
+    """Distance to the printed body's walls, below 0 within it."""
+
     def signed(points: FloatArray) -> FloatArray:
         lumen = vessels.distance(points)
         if block_mm is None:
@@ -175,7 +179,7 @@ def _signed(vessels: Vessels, block_mm: FloatArray | None):  # type: ignore[no-u
     return signed
 
 
-def _shift(points: FloatArray, signed) -> FloatArray:  # type: ignore[no-untyped-def]
+def _shift(points: FloatArray, signed: Signed) -> FloatArray:
     """By least squares over walls within `NEAR_MM`, (3,), mm."""
     some = points[:: max(1, len(points) // 20_000)]
     shift = np.zeros(3)

@@ -64,7 +64,6 @@ def dye(
     options = DyeOptions(
         flow_ul_s=None if flow_ml_min is None else flow_ml_min * UL_S_PER_ML_MIN,
         start_s=start_s,
-        tolerance_percent=tolerance_percent,
     )
     report = measure_dye(video, read_marks(marks), network, options)
     data = dye_dict(report, tolerance_percent)

@@ -21,16 +21,15 @@ from printctl.cli.scan_options import (
     Scale,
     ScanFile,
     VoxelUm,
-    voxel_mm,
+    said_of_scan,
 )
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
 from printctl.pipeline.overlaying import chosen_layers, overlay_scan
 from printctl.pipeline.written_layers import read_written
 from printctl.progress import StageBars
 from registration.corrected import corrected_scan
+from registration.options import RegistrationOptions, segmentation_options
 from registration.overlay import align_pose, read_pose
-from registration.readers import ScanOverrides
-from registration.register import RegistrationOptions, segmentation_options
 from registration.segmentation import segment
 
 
@@ -74,22 +73,15 @@ def overlay(
     A scan taken while the part is printed can't be aligned by itself: give --pose.
     """
     known = None if pose is None else read_pose(pose, fit)
-    run = read_written(model, messages())
+    run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
-    overrides = ScanOverrides(
-        voxel_mm=voxel_mm(voxel_um),
-        refractive_index=refractive_index,
-        optical_depth=optical_depth,
-        modality=modality,
-        scale=scale,
-        axes=axes,
-        depth_down=depth_down,
-        mirrored=mirrored,
+    said = said_of_scan(
+        voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
     )
     bars = StageBars(messages())
     with bars.all():
         with bars.stage("scan"):
-            measured = corrected_scan(scan, overrides, oct_calibration, air_above)
+            measured = corrected_scan(scan, said, oct_calibration, air_above)
         with bars.stage("segmentation"):
             options = RegistrationOptions(lumens="bright" if filled else "dark")
             found = segment(measured, segmentation_options(measured, options, run.thinnest_mm))
@@ -98,8 +90,8 @@ def overlay(
         with bars.stage("measuring") as report:
             laid = overlay_scan(run, measured, found, known, report)
         with bars.stage("drawing") as report:
-            said = {"schema": 1, "scan": str(scan), "model": str(model)}
-            data = write_overlay(out, laid, chosen, said, report)
+            facts = {"schema": 1, "scan": str(scan), "model": str(model)}
+            data = write_overlay(out, laid, chosen, facts, report)
     if as_json:
         print_json(data)
     else:

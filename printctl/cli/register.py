@@ -29,7 +29,7 @@ from printctl.cli.scan_options import (
     Scale,
     ScanFile,
     VoxelUm,
-    voxel_mm,
+    said_of_scan,
 )
 from printctl.errors import UsageError
 from printctl.feedback import ORIGIN, keep_origin
@@ -56,7 +56,6 @@ from registration import (
     report_dict,
 )
 from registration.corrected import corrected_scan
-from registration.readers import ScanOverrides
 from registration.report import ReportSurface, write_report_html
 from registration.report.pdf import write_report_pdf
 from registration.walls_file import read_walls
@@ -111,22 +110,15 @@ def register(
     """
     surface, path = _design(model, network, lumens, unit)
     vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
-    overrides = ScanOverrides(
-        voxel_mm=voxel_mm(voxel_um),
-        refractive_index=refractive_index,
-        optical_depth=optical_depth,
-        modality=modality,
-        scale=scale,
-        axes=axes,
-        depth_down=depth_down,
-        mirrored=mirrored,
-    )
-    measured = corrected_scan(scan, overrides, oct_calibration, air_above)
-    for note in measured.notes:
-        messages().print(f"note: {note}", markup=False)
     options = RegistrationOptions(
         lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
     )
+    said = said_of_scan(
+        voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
+    )
+    measured = corrected_scan(scan, said, oct_calibration, air_above)
+    for note in measured.notes:
+        messages().print(f"note: {note}", markup=False)
     found = register_scan(measured, surface, vessels, options)
     numbers = {
         **report_dict(found),

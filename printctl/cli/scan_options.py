@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from printctl.cli.options import three_numbers
+from registration.readers import ScanOverrides
 
 ScanFile = Annotated[
     Path,
@@ -64,3 +65,26 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
         return None
     x, y, z = three_numbers(text, "--voxel-um")
     return (z * 1e-3, y * 1e-3, x * 1e-3)
+
+
+def said_of_scan(
+    voxel_um: str | None,
+    refractive_index: float | None,
+    optical_depth: bool | None,
+    modality: Literal["oct", "microct", "confocal"] | None,
+    scale: Literal["linear", "db"] | None,
+    axes: str | None,
+    depth_down: bool | None,
+    mirrored: bool | None,
+) -> ScanOverrides:
+    """What the command line says of a scan."""
+    return ScanOverrides(
+        voxel_mm=voxel_mm(voxel_um),
+        refractive_index=refractive_index,
+        optical_depth=optical_depth,
+        scale=scale,
+        modality=modality,
+        depth_down=depth_down,
+        axes=axes,
+        mirrored=mirrored,
+    )

@@ -79,7 +79,7 @@ def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None)
     made = whole.get("printed") if own else print_identity(folder / JOURNAL_FOLDER)
     told = whole.get("verdict") if own else _report_verdict(folder)
     if judged is not None:
-        told = verdict(numbers, judged.tolerance_um, judged.diameter_percent)
+        told = _judged(numbers, judged, folder)
     made, told = made or {}, told or {}
     origin = Origin(
         label=label,
@@ -90,6 +90,16 @@ def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None)
         reasons=tuple(told.get("reasons", ())),
     )
     return gauged_scan(numbers, origin)
+
+
+def _judged(numbers: dict[str, Any], judged: Judged, folder: Path) -> dict[str, Any]:
+    try:
+        return verdict(numbers, judged.tolerance_um, judged.diameter_percent)
+    except (KeyError, TypeError) as exc:
+        raise UsageError(
+            f"{folder / NUMBERS} can't be judged anew ({type(exc).__name__}: {exc}); register the "
+            "scan again"
+        ) from exc
 
 
 def _load(folder: Path) -> dict[str, Any]:

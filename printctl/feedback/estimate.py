@@ -70,8 +70,9 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
     """
     choices = choices or Choices()
     check_alike(prints)
-    choices = replace(choices, bias=choices.bias or bias_left(prints))
+    choices = replace(choices, bias=known_bias(prints, choices.bias))
     depth = depth_of(prints, choices.depth_standard)
+    _check_depth(prints, depth)
     voxel_mm = max(max(p.found["measured_by"]["voxel_um"]) for p in prints) * 1e-3
     sizes = [_size(print_, choices, voxel_mm) for print_ in prints]
     stretch, scales = _stretch(prints, sizes, depth, choices.gain.whole)
@@ -107,15 +108,35 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
     return made
 
 
-def bias_left(prints: Sequence[Print]) -> Mean | None:
-    """Of diameters in scans whose walls a phantom has put right (`calibrate walls`), mm.
+def known_bias(prints: Sequence[Print], given: Mean | None) -> Mean | None:
+    """Of diameters, mm: as given, or of scans whose walls a phantom has put right.
 
-    None where any of the scans was registered without.
+    None where it isn't given and any of the scans was registered without `calibrate walls`.
+
+    Raises
+    ------
+    UsageError
+        When it would be taken off twice.
     """
     walls = [print_.found.get("walls") for print_ in prints]
+    if given is not None:
+        if any(walls):
+            raise UsageError(
+                "--diameter-bias-um and register --walls would both take the scanner's bias off; "
+                "leave --diameter-bias-um out, or register the scans without --walls"
+            )
+        return given
     if any(one is None for one in walls):
         return None
     return Mean(0.0, 2e-3 * max(one["interval_um"] for one in walls if one is not None))
+
+
+def _check_depth(prints: Sequence[Print], depth: Depth) -> None:
+    if not depth.corrected and len({p.base.stretch.factor[2] for p in prints}) > 1:
+        raise UsageError(
+            "the prints were written with different sizes in depth, and no depth standard tells "
+            "which was right; pool prints of one compensation, or give --depth-standard"
+        )
 
 
 def check_alike(prints: Sequence[Print]) -> None:
@@ -319,6 +340,11 @@ def _notes(
             "The scanner's bias of diameters isn't known: a radial offset is corrected only where "
             f"it exceeds {1e3 * common.offset.half / 2:.0f} um. Measure it on a phantom "
             "(docs/registration.md) and give register --walls or --diameter-bias-um."
+        )
+    if common.is_real and not depth.corrected:
+        notes.append(
+            "Depth isn't known here, and a diameter holds half of its error: 1 % of depth is 0.5 % "
+            "of a level lumen's diameter, and was corrected as radius."
         )
     if choices.without:
         notes.append(f"Left out by choice: vessels {', '.join(map(str, sorted(choices.without)))}.")

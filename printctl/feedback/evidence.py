@@ -24,6 +24,7 @@ from printctl.errors import PrintctlError, UsageError
 from printctl.pipeline.compensated import PRINTED_WITH
 from printctl.pipeline.context import NETWORK, SOLID
 from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file, digest_json
+from printctl.pipeline.stages.scan import of_simulator
 
 NUMBERS = "registration.json"
 ORIGIN = "made"
@@ -96,6 +97,7 @@ def read_print(folder: Path) -> Print:
         )
     found = data.get("registration", data)
     _check(folder, found)
+    _check_network(folder, found, origin["design"]["network_sha256"])
     made = folder / PRINTED_WITH if origin["compensation_sha256"] else None
     return Print(
         facts=_facts(folder, origin, found, digest_file(path)),
@@ -136,7 +138,7 @@ def origin_of(run: Path) -> dict[str, Any]:
         "scan_sha256": _scan_digest(manifest),
         "compensation_sha256": outputs.get(PRINTED_WITH),
         "compensate": recipe["toolpath"].get("compensate"),
-        "simulated": (recipe.get("scan") or {}).get("file") is None,
+        "simulated": _scan_simulated(manifest),
     }
 
 
@@ -150,7 +152,8 @@ def keep_origin(run: Path, scan: Path, out: Path) -> dict[str, Any] | None:
     except UsageError:
         return None
     digest = digest_file(scan) if scan.is_file() else None
-    origin["simulated"] = bool(origin["simulated"]) and digest == origin["scan_sha256"]
+    same = bool(origin["simulated"]) and digest == origin["scan_sha256"]
+    origin["simulated"] = same or of_simulator(scan)
     origin["scan_sha256"] = digest
     out.mkdir(parents=True, exist_ok=True)
     for name in (NETWORK, PRINTED_WITH if origin["compensation_sha256"] else None):
@@ -187,6 +190,16 @@ def _json(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict) or "scale" not in data.get("registration", data):
         raise UsageError(f"{path} isn't a registration's; register the scan again")
     return data
+
+
+def _check_network(folder: Path, found: dict[str, Any], designed: str) -> None:
+    """Vessels are known by their numbers, which are another network's own affair."""
+    gauged = found.get("design", {}).get("network_sha256", designed)
+    if gauged != designed or not _unchanged(folder / NETWORK, designed):
+        raise UsageError(
+            f"{folder}: it was registered against another network than its run's (or {NETWORK} was "
+            "changed since); register it anew with --model RUN alone"
+        )
 
 
 def _check(folder: Path, found: dict[str, Any]) -> None:
@@ -237,6 +250,13 @@ def _scan_digest(manifest: Manifest) -> str | None:
     name = (manifest.facts["recipe"].get("scan") or {}).get("file")
     found: str | None = simulated or manifest.facts.get("inputs", {}).get(name)
     return found
+
+
+def _scan_simulated(manifest: Manifest) -> bool:
+    """A run's own, or the file of another run's."""
+    record = manifest.stages.get("scan")
+    own = (manifest.facts["recipe"].get("scan") or {}).get("file") is None
+    return own or (record is not None and bool(record.summary.get("simulated")))
 
 
 def _base(made: Path | None, origin: dict[str, Any]) -> Corrections:

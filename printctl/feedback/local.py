@@ -83,8 +83,8 @@ def _table(
 def _errors(rows: Sequence[Sequence[tuple[float, float]]]) -> tuple[FloatArray, float]:
     """Standard error of each vessel's mean, and the factor to a 95 % interval.
 
-    Of several prints by their own spread, pooled over the vessels; never below what the sections'
-    scatter makes it.
+    Of several prints by their spread, pooled over the vessels or the vessel's own, whichever is
+    larger; never below what the sections' scatter makes it.
     """
     count = np.array([len(row) for row in rows])
     own = np.array([np.sqrt(np.mean([e**2 for _, e in row])) for row in rows]) / np.sqrt(count)
@@ -93,7 +93,13 @@ def _errors(rows: Sequence[Sequence[tuple[float, float]]]) -> tuple[FloatArray, 
         return own, NORMAL_95
     squares = sum(float(np.var([v for v, _ in row])) * len(row) for row in rows)
     between = np.sqrt(squares / free / count)
-    return np.maximum(own, between), -float(stdtrit(free, 0.025))
+    # One print's accident isn't thinned by all the vessels that had none.
+    apart = np.array([_sd([v for v, _ in row]) for row in rows]) / np.sqrt(count)
+    return np.maximum(own, np.maximum(between, apart)), -float(stdtrit(free, 0.025))
+
+
+def _sd(values: Sequence[float]) -> float:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -150,7 +156,8 @@ def _equations(
     pull = np.zeros((len(network.nodes), 3))
     for (vessel, end), rows in told.items():
         own = float(np.mean([error**2 for _, error in rows]))
-        square = max(own, between) / len(rows) + (OFFSET_VOXELS * voxel_mm) ** 2
+        apart = _between([[offset for offset, _ in rows]])
+        square = max(own, between, apart) / len(rows) + (OFFSET_VOXELS * voxel_mm) ** 2
         plane = across(network, vessel, end) / square
         node = network.vessel_nodes[vessel, end]
         matrix[node] += plane

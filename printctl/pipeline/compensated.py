@@ -47,6 +47,9 @@ def check_compensation(context: RunContext, wall_mm: float) -> None:
     _check_use(context, made)
     local = context.local_network
     check_walls(context.network, local, wall_mm)
+    if made.made_with.method == "embedded":
+        # A filament is as thick as its tube is wide, whichever way the part is stretched.
+        check_walls(context.network, context.written_network, wall_mm)
     if context.recipe.solid.tubes is None:
         check_outside(context.network, local, context.tissue.grid, wall_mm)
 

@@ -155,7 +155,7 @@ def _page(found: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]
         title=f"{found.run.name}: scan over G-code",
         facts=(f"Scan: {data['scan']}", f"Run: {data['model']}", f"{len(layers)} layers shown"),
         verdict=tuple(said),
-        good=judged and not wrong,
+        good=not wrong if judged else None,
         notes=(
             found.pose.said,
             *found.pose.notes,

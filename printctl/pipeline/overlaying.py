@@ -108,6 +108,8 @@ def _with_the_last(found: Overlay) -> Overlay:
     """The same; the topmost layer with gel is judged up to the line that it reached."""
     status, numbers = list(found.status), list(found.numbers)
     there = [k for k, one in enumerate(status) if one.judged]
+    if there and LayerStatus.NOT_SEEN in status[there[-1] + 1 : there[-1] + 2]:
+        return found  # what is written later wasn't looked at: a gap stays a gap
     moves = reached(numbers[there[-1]]) if there else None
     if moves is None:
         return found

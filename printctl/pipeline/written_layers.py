@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
 from design.solids import Solid, read_solid
+from design.toolpath.correction import Stretch
+from printctl.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
+from printctl.pipeline.compensated import PRINTED_WITH
 from printctl.pipeline.context import LUMEN, SOLID, RunContext, default_place
 from printctl.pipeline.manifest import MANIFEST, Manifest
 from printctl.pipeline.stages.tissue import SURFACE
@@ -53,8 +57,12 @@ class WrittenRun:
     notes: tuple[str, ...]
 
 
-def read_written(folder: Path, console: Console) -> WrittenRun:
+def read_written(
+    folder: Path, console: Console, fit: Literal["scaled", "rigid"] = "scaled"
+) -> WrittenRun:
     """Read a run folder whose toolpath is done; the print needn't be.
+
+    A scan that a scaled fit brings to the design's size gets lines of that size, too.
 
     Raises
     ------
@@ -72,22 +80,33 @@ def read_written(folder: Path, console: Console) -> WrittenRun:
     line_map, _ = read_line_map(folder / GCODE, gcode.count(b"\n"))
     job = read_job(gcode, GCODE, _pushing(context, part), line_map)
     notes = []
-    if part.compensate.shrink_percent != (0.0, 0.0, 0.0):
-        notes.append(
-            "The G-code is larger than the design, to make up for shrinkage (compensate): lines "
-            "lie over a part that hasn't shrunk yet."
+    stretch = _stretch(folder, part)
+    if not stretch.is_neutral:
+        said = (
+            "are drawn in the design's size, which the scaled fit gives the scan"
+            if fit == "scaled"
+            else "are drawn as written, over a part that may have shrunk since"
         )
+        notes.append(f"The G-code isn't of the design's size (compensation): lines {said}.")
     if context.printer.heads:
         notes.append("Line widths are those of the first head's syringe.")
     return WrittenRun(
         name=context.recipe.name,
-        layers=layers_of(job, _place(context)),
+        layers=layers_of(job, _place(context), stretch if fit == "scaled" else None),
         line_mm=part.line_um * 1e-3,
         solid=context.solid,
         lumen=context.lumen,
         thinnest_mm=2 * float(context.network.radius.min()),
         notes=tuple(notes),
     )
+
+
+def _stretch(folder: Path, part: Fresh) -> Stretch:
+    """Designed to written size: by a compensation's file, or by the recipe's own numbers."""
+    if part.compensation is not None:
+        return corrections_of_file(load_compensation(folder / PRINTED_WITH)).stretch
+    x, y, z = (1 / (1 - share / 100) for share in part.compensate.shrink_percent)
+    return Stretch((x, y, z))
 
 
 def _context(folder: Path, console: Console) -> RunContext:

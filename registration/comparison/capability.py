@@ -2,7 +2,7 @@
 
 Cp = (upper − lower)/6s, Cpk = min(upper − mean, mean − lower)/3s (ISO 22514-2). Both rest on a
 normal process in control, which a handful of prints can't show; their intervals say how little a
-handful tells. Cp: chi-squared; Cpk: Bissell 1990 (10.2307/2347623).
+handful tells. Cp: chi-squared; Cpk: Bissell 1990 (Applied Statistics 39, 331-340).
 """
 
 from __future__ import annotations

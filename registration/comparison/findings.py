@@ -53,8 +53,10 @@ def _centre(found: Comparison) -> str:
 
 def _spread(found: Comparison) -> str:
     pooled = found.repeatability
-    if pooled.observed_sd.df < 1:
+    if len(found.prints) < 2:
         return "One print alone: nothing is known of how prints differ"
+    if pooled.observed_sd.df < 1:
+        return "No vessel was measured in every scan, so there is no spread common to all"
     text = f"A vessel's diameter varies from print to print by {_told(pooled.observed_sd, 'µm')} SD"
     if pooled.scan_sd.df < 1:
         return text + ", scan noise included (no print was scanned twice)"
@@ -82,7 +84,7 @@ def _drift(found: Comparison) -> str:
     if not drawn:
         return "Drift: needs three prints"
     moving = [f"{q.name.replace('_', ' ')} by {_told(t.slope, q.unit, True)} a print"
-              for q, t in drawn if t.p < SIGNIFICANT / len(drawn)]  # fmt: skip
+              for q, t in drawn if q.p_drift < SIGNIFICANT]  # fmt: skip
     vessels = [str(v.vessel) for v in found.vessels if v.p_drift < SIGNIFICANT]
     if vessels:
         moving.append(f"the diameter of vessels {_some(vessels)}")

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.comparison.intervals import UNKNOWN, Interval, sd_interval
+from registration.comparison.intervals import UNKNOWN, Interval, holm, sd_interval
 from registration.comparison.scans import AXES, GaugedScan
 from registration.comparison.trend import Trend, trend
-from registration.comparison.variance import Components, components
+from registration.comparison.variance import Components, components, own_sd
 from registration.comparison.vessels import VesselSpread
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +32,8 @@ class Quantity:
     parts : Components
     per_print, per_day : Trend or None
         Over the prints' order; over their time where it is known and spans a day.
+    p_drift : float
+        Of `per_print`, after Holm's correction for all quantities that have one.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Quantity:
     parts: Components
     per_print: Trend | None
     per_day: Trend | None
+    p_drift: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -107,8 +110,9 @@ def quantities(
         ),
         ("rms_deviation", "µm", np.array([scan.rms_um for scan in scans]), none),
     ]
-    return tuple(_quantity(name, unit, values, half, prints, days)
-                 for name, unit, values, half in told)  # fmt: skip
+    made = [_quantity(name, unit, values, half, prints, days) for name, unit, values, half in told]
+    corrected = holm([np.nan if q.per_print is None else q.per_print.p for q in made])
+    return tuple(replace(q, p_drift=float(p)) for q, p in zip(made, corrected, strict=True))
 
 
 def _quantity(
@@ -134,12 +138,17 @@ def _quantity(
 
 
 def repeatability(vessels: Sequence[VesselSpread], prints: Sequence[int]) -> Repeatability:
-    """Pool the vessels' spreads."""
+    """Pool the vessels' spreads.
+
+    Squares are pooled before scan noise is taken out of them: spreads that were cut off at 0 one by
+    one would never come out as 0 together.
+    """
     whole = [v for v in vessels if v.error.scans == len(prints)]
-    observed, scan, own = (
-        _pooled([getattr(v.error, name) for v in whole])
-        for name in ("observed_sd", "scan_sd", "print_sd")
+    observed, scan = (
+        _pooled([getattr(v.error, name) for v in whole]) for name in ("observed_sd", "scan_sd")
     )
+    count = np.bincount(prints)
+    own = own_sd(observed, scan, len(count) / float((1 / count).sum()))
     total = np.hypot(own.value, scan.value)
     return Repeatability(
         vessels=len(whole),

@@ -51,8 +51,6 @@ class GaugedScan:
         Deviation after the scaled and the rigid fit.
     defects : tuple of mapping
         As in registration.json.
-    numbers : mapping
-        All of registration.json's.
     """
 
     label: str
@@ -74,7 +72,6 @@ class GaugedScan:
     rms_um: float
     rigid_rms_um: float
     defects: tuple[Record, ...]
-    numbers: Record
 
     @property
     def error_um(self) -> FloatArray:
@@ -121,6 +118,10 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
     vessels, interval = numbers["vessels"], numbers["interval_95"]
     if not vessels or [row["vessel"] for row in vessels] != list(range(len(vessels))):
         raise ValueError("its vessels aren't numbered from 0 without a gap")
+    if any(len(row["along_mm"]) != len(row["diameter_um"]) for row in vessels):
+        raise ValueError("a vessel's sections differ in number from their places")
+    if not all(_is_defect(row, len(vessels)) for row in numbers["defects"]):
+        raise ValueError("a defect lacks its kind, vessel, extent or size")
     measured = _numbers([row["measured_um"] for row in vessels])
     return GaugedScan(
         **vars(origin),
@@ -139,8 +140,13 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
         rms_um=float(numbers["scaled"]["rms_um"]),
         rigid_rms_um=float(numbers["rigid"]["rms_um"]),
         defects=tuple(numbers["defects"]),
-        numbers=numbers,
     )
+
+
+def _is_defect(row: Record, vessels: int) -> bool:
+    sizes = [row[name] for name in ("from_mm", "to_mm", "size_um")]
+    known = all(isinstance(size, int | float) for size in sizes)
+    return known and isinstance(row["kind"], str) and row["vessel"] in range(vessels)
 
 
 def _numbers(values: Sequence[Any]) -> FloatArray:

@@ -4,7 +4,7 @@ One-way random model, y = μ + print + scan, by unweighted means of the prints, 
 where every print has as many scans as the others and near enough where not (Thomas & Hultquist
 1978, 10.1214/aos/1176344202). The interval of the prints' own standard deviation, scan noise taken
 out, is the modified large-sample one of a difference of two mean squares (Ting, Burdick, Graybill,
-Jeyaratnam & Lu 1990, 10.1080/00949659008811240).
+Jeyaratnam & Lu 1990, J. Stat. Comput. Simul. 35, 135-143).
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def components(values: FloatArray, prints: Sequence[int]) -> Components:
         mean=mean_interval(seen),
         observed_sd=observed,
         scan_sd=scan,
-        print_sd=_print_sd(observed, scan, known),
+        print_sd=own_sd(observed, scan, _mean_scans(known)),
         print_means=tuple(means.tolist()),
     )
 
@@ -93,11 +93,23 @@ def _scan_sd(groups: list[FloatArray]) -> Interval:
     return sd_interval(float(np.sqrt(squares / df)), df)
 
 
-def _print_sd(observed: Interval, scan: Interval, groups: list[FloatArray]) -> Interval:
-    """The prints' own standard deviation; never below zero."""
+def _mean_scans(groups: list[FloatArray]) -> float:
+    """Harmonic mean of the scans of a print."""
+    return len(groups) / max(sum(1 / len(group) for group in groups), 1e-9)
+
+
+def own_sd(observed: Interval, scan: Interval, scans: float) -> Interval:
+    """The prints' own standard deviation; never below zero.
+
+    Parameters
+    ----------
+    observed, scan : Interval
+        Of the prints' means as measured, and between scans of one print.
+    scans : float
+        Harmonic mean of the scans of a print.
+    """
     if observed.df < 1 or scan.df < 1:
         return UNKNOWN
-    scans = len(groups) / sum(1 / len(group) for group in groups)
     between, within = scans * observed.value**2, scan.value**2
     low, high = difference_interval(between, observed.df, within, scan.df)
     value, low, high = (

@@ -13,6 +13,8 @@ from registration.dye.traces import Traces, before_dye, end_frames, frame_noise
 
 DYED, CLEAR, LEAST_OVER_NOISE = 0.3, 0.15, 6.0
 """Shares of the level expected at a lumen's radius above which it is dyed, below which it isn't."""
+LEAST_DYE, LEAST_GLOW = 0.01, 1.0
+"""Of -ln(I/I0), and in grey levels: less is no dye, however still compression made the film."""
 _WINDOW = (0.35, 0.65)
 
 
@@ -52,7 +54,8 @@ def find_arrivals(traces: Traces, radius: FloatArray) -> Arrivals:
     # Of the two medians taken, each with 1.25 times the deviation of a mean.
     error = 1.25 * noise * np.sqrt(1.0 / first + 1.0 / last)
     per_radius = final / radius
-    shows = np.nan_to_num(final) > LEAST_OVER_NOISE * np.nan_to_num(error, nan=np.inf)
+    least = np.maximum(LEAST_OVER_NOISE * error, LEAST_GLOW if traces.glows else LEAST_DYE)
+    shows = np.nan_to_num(final) > np.nan_to_num(least, nan=np.inf)
     full = float(np.percentile(per_radius[shows], 75)) if shows.any() else np.nan
     level, doubt = per_radius / full, error / radius / full
     dyed = shows & (np.nan_to_num(level) > DYED)

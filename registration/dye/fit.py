@@ -131,7 +131,12 @@ def _first_guess(
         gap = plug[:, None] - plug[None, :]
         far = gap > 0.2 * np.ptp(plug)
         slope = np.median(((measured[:, None] - measured[None, :])[far]) / gap[far])
-        flow = 1.0 / max(float(slope), 1e-6)
+        if not slope > 0.0:
+            raise DyeError(
+                "dye comes first to the places farthest from the inlet: the marks are turned "
+                "round, or dye enters at another end (say inlet: in the marks)"
+            )
+        flow = 1.0 / float(slope)
     start = float(np.median(measured - plug / flow)) if start is None else start
     return flow, start
 

@@ -32,13 +32,21 @@ class DyeOptions:
         Into the network; None fits it.
     start_s : float or None, s
         When dye passes the inlet, film's clock; None fits it.
-    tolerance_percent : float, %
-        Of the predicted way from the inlet: how late or early dye may leave a vessel.
+
+    Raises
+    ------
+    DyeError
+        When one of them is no number.
     """
 
     flow_ul_s: float | None = None
     start_s: float | None = None
-    tolerance_percent: float = 40.0
+
+    def __post_init__(self) -> None:
+        for name in ("flow_ul_s", "start_s"):
+            value = getattr(self, name)
+            if value is not None and not np.isfinite(value):
+                raise DyeError(f"{name} is {value}; it must be a finite number")
 
 
 @dataclass(frozen=True)
@@ -94,10 +102,16 @@ def measure_dye(
             f"{film}: no dye is seen to come in along the vessels; check the marks, and that the "
             "film begins before the dye and shows it"
         )
+    usual = float(np.nanmedian(arrivals.time_s))
+    if given.start_s is not None and given.start_s >= usual:
+        raise DyeError(
+            f"dye is said to pass the inlet at {given.start_s:g} s (--start-s), but half of all "
+            f"places have it by {usual:.2f} s; give it on the film's clock"
+        )
     prediction = predict(network, flow, stations, traces, arrivals, given.flow_ul_s, given.start_s)
     end = float(traces.times[-1])
     vessels = find_patency(network, flow, stations, arrivals, prediction, end)
-    notes = _notes(marks, traces, arrivals.dyed, arrivals.time_s)
+    notes = _notes(view, marks, traces, arrivals.dyed, arrivals.time_s)
     return DyeReport(view, stations, traces, arrivals, prediction, vessels, tuple(notes))
 
 
@@ -110,8 +124,14 @@ def _check_inlet(inlet: int, network: VesselNetwork) -> None:
         )
 
 
-def _notes(marks: Marks, traces: Traces, dyed: NDArray[np.bool_], times: FloatArray) -> list[str]:
+def _notes(
+    view: View, marks: Marks, traces: Traces, dyed: NDArray[np.bool_], times: FloatArray
+) -> list[str]:
     notes = []
+    if view.either_way and len(marks.marks) > 2:
+        notes.append(
+            "the marks lie in line and would fit a mirrored picture as well; mark a point aside"
+        )
     if len(marks.marks) == 2:
         notes.append("two marks always fit: a third shows whether they are right")
     if not traces.corrected:

@@ -16,7 +16,7 @@ from registration.dye.predict import Carried, downstream, ends_along
 from registration.dye.stations import Stations, volume_shares
 
 Patency = Literal["open", "blocked", "not reached", "not seen", "no flow"]
-_DUE, _WAIT, _FAR, _FEWEST_OF_LINE, _LEAST_SPAN = 0.6, 3.0, 0.7, 3, 0.3
+_DUE, _WAIT, _FAR, _HALF, _FEWEST_OF_LINE, _LEAST_SPAN = 0.6, 3.0, 0.7, 0.5, 3, 0.3
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ class _Seen:
         """Whether dye is seen at the end that flow goes out by; None where that isn't known."""
         shown = self._shown(slice(-max(len(self.dyed) // 4, 1), None))
         # A place or two with dye may be blur of the vessel it runs into.
-        short = self.share[-1] < _FAR * self.last if len(self.share) else True
+        far = max(_FAR * self.last, _HALF)
+        short = self.share[-1] < far if len(self.share) else True
         return None if shown and (short or self.filled < 0.5) else shown
 
     def _shown(self, part: slice) -> bool | None:
@@ -191,10 +192,11 @@ def _stop(
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
     whole = volume_shares(points, radius)
-    dyed = seen.share[seen.dyed]
-    before = float(dyed[-1]) if len(dyed) else 0.0
-    behind = seen.share[~seen.dyed & (seen.share > before)]
-    pair = np.array([before, float(behind[0]) if len(behind) else 1.0])
+    # The place with most dye before it and least behind it: a place or two may be blur.
+    k = int(np.argmax(np.concatenate([[0], np.cumsum(np.where(seen.dyed, 1, -1))])))
+    pair = np.array(
+        [seen.share[k - 1] if k else 0.0, seen.share[k] if k < len(seen.share) else 1.0]
+    )
     back = flow.solution.flow[vessel] < 0.0
     low, high = np.interp(1.0 - pair[::-1] if back else pair, whole, way)
     entered = way[-1] - high if back else low
@@ -247,11 +249,13 @@ def _series(
     chain: list[int] = []
     node = ends_along(network, flow.solution, vessel)[1]
     while network.degree()[node] == 2:
-        behind = int(
-            next(k for k, s in states.items() if s != "no flow" and k not in (vessel, *chain)
-                 and node in network.vessel_nodes[k])
-        )  # fmt: skip
-        if states[behind] == "open":
+        out = (
+            k
+            for k, state in states.items()
+            if state != "no flow" and ends_along(network, flow.solution, k)[0] == node
+        )
+        behind = next(out, None)
+        if behind is None or states[behind] == "open":
             break
         chain.append(behind)
         node = ends_along(network, flow.solution, behind)[1]

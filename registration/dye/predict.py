@@ -77,9 +77,9 @@ def carried(network: VesselNetwork, inlet: int | None) -> Carried:
 
 
 def _opposite(network: VesselNetwork, inlet: int) -> tuple[int, ...]:
-    """Open ends that dye let in at ``inlet`` leaves by; at a designed outlet it runs back."""
+    """Open ends that dye let in at ``inlet`` leaves by; from a designed outlet, by all others."""
     starts, ends = network.inlets().tolist(), network.outlets().tolist()
-    return tuple(starts if inlet in ends else ends)
+    return tuple(node for node in (*starts, *ends) if node != inlet) if inlet in ends else (*ends,)
 
 
 def downstream(network: VesselNetwork, solution: FlowSolution) -> NDArray[np.int64]:

@@ -20,12 +20,14 @@ def dye_verdict(report: DyeReport, tolerance_percent: float) -> dict[str, Any]:
 
     A vessel that is blocked or not reached fails; so does one that all are open without but that
     dye leaves too late or early by more than the tolerance and two deviations. A vessel that
-    isn't seen leaves the verdict undecided.
+    isn't seen, or that is open but can't be timed, leaves the verdict undecided.
     """
     vessels = [v for v in report.vessels if v.patency != "no flow"]
+    idle = len(report.vessels) - len(vessels)
     reasons = [_blocked(v) for v in vessels if v.patency == "blocked"]
     unreached = [v.vessel for v in vessels if v.patency == "not reached"]
     unseen = [v.vessel for v in vessels if v.patency == "not seen"]
+    untimed = [v.vessel for v in vessels if v.patency == "open" and v.leaves_s is None]
     if unreached:
         reasons.append(f"not reached by dye: {_vessels(unreached)}")
     closed = bool(reasons)
@@ -34,12 +36,30 @@ def dye_verdict(report: DyeReport, tolerance_percent: float) -> dict[str, Any]:
     reasons += slow
     if unseen:
         reasons.append(f"not seen: {_vessels(unseen)}")
-    outcome: Outcome = "fail" if closed or slow else "undecided" if unseen else "pass"
+    if untimed and not closed:
+        reasons.append(f"open, but too little is seen to time dye in {_vessels(untimed)}")
+    short = unseen or untimed or not vessels
+    outcome: Outcome = "fail" if closed or slow else "undecided" if short else "pass"
     if outcome == "pass":
-        reasons.append(f"all {len(vessels)} vessels are open, and dye leaves each as predicted")
+        flow = (
+            "given"
+            if report.prediction.flow_given
+            else "fitted, so that a part too wide or narrow as a whole isn't told"
+        )
+        reasons.append(
+            f"all {len(vessels)} vessels are open, and dye leaves each within "
+            f"{tolerance_percent:g} % of its way from the inlet; flow {flow}"
+        )
+    if idle:
+        reasons.append(f"{idle} of {len(report.vessels)} vessels carry none and weren't judged")
     if closed:
         reasons.append("beside a closed vessel others carry more; arrivals are held to the design")
-    return {"outcome": outcome, "passed": outcome == "pass", "reasons": reasons}
+    return {
+        "outcome": outcome,
+        "passed": outcome == "pass",
+        "tolerance_percent": tolerance_percent,
+        "reasons": reasons,
+    }
 
 
 def _blocked(vessel: VesselDye) -> str:

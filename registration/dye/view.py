@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -36,6 +36,8 @@ class View:
     mirrored : bool
     residual_mm : float, mm
         Root mean square over the marks; 0 with two of them, which always fit.
+    either_way : bool
+        The marks fit a mirrored picture as well.
     """
 
     right: FloatArray
@@ -44,6 +46,7 @@ class View:
     shift: complex
     mirrored: bool
     residual_mm: float
+    either_way: bool = False
 
     @property
     def px_per_mm(self) -> float:
@@ -70,7 +73,7 @@ def find_view(marks: Marks, network: VesselNetwork) -> View:
     view, other = (_fitted(points, pixels, marks, marks.mirrored ^ flip) for flip in (False, True))
     limit = max(float(np.median(network.radius)), _LEAST_PX / max(view.px_per_mm, 1e-9))
     if view.residual_mm <= limit:
-        return view
+        return replace(view, either_way=other.residual_mm <= limit)
     off = f"marks are off by {view.residual_mm:.3g} mm, above {limit:.3g}"
     if len(points) > 2 and other.residual_mm <= limit:
         said = "mirrored: false" if marks.mirrored else "mirrored: true, if a mirror was used,"

@@ -88,15 +88,24 @@ class ScannedSurface:
         kept = np.isfinite(value)
         if not kept.any():
             return np.empty(0)
+        places = np.ascontiguousarray(points[kept])
         triangles = np.ascontiguousarray(fit.apply(self.segmentation.vertices)[self.faces])
         # The field itself tells on which side of its surface a point lies: normals aren't needed.
         no_normals = np.zeros((len(triangles), 7, 3))
-        unsigned, _, _, face = nearest(
-            np.ascontiguousarray(points[kept]), triangles, *_hierarchy(triangles), no_normals
+        unsigned, foot, _, face = nearest(places, triangles, *_hierarchy(triangles), no_normals)
+        outside = np.where(
+            np.abs(unsigned) < 2 * abs(self.segmentation.field.wall_mm),
+            self._before(places - foot, face, fit),
+            value[kept] < 0,
         )
-        distance = np.where(value[kept] < 0, 1.0, -1.0) * np.abs(unsigned)
+        distance = np.where(outside, 1.0, -1.0) * np.abs(unsigned)
         corners = self.segmentation.seen[self.faces[face]]
         return np.asarray(distance[corners.all(axis=1)])
+
+    def _before(self, away: FloatArray, face: IntArray, fit: Fit) -> NDArray[np.bool_]:
+        """Whether steps from faces lead out of the gel: where the wall isn't the field's level."""
+        outward = self.segmentation.outward[self.faces[face]].mean(axis=1) @ fit.rotation.T
+        return np.asarray((away * outward).sum(axis=1) >= 0)
 
 
 def _hierarchy(triangles: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:

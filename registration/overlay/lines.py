@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.toolpath.correction import Stretch
 from registration.report.gcode.job import Act, GcodeJob
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +73,9 @@ class LayerLines:
         )
 
 
-def layers_of(job: GcodeJob, place_mm: FloatArray) -> tuple[LayerLines, ...]:
+def layers_of(
+    job: GcodeJob, place_mm: FloatArray, stretch: Stretch | None = None
+) -> tuple[LayerLines, ...]:
     """All layers of a layered job, the lowest first.
 
     Parameters
@@ -81,22 +84,28 @@ def layers_of(job: GcodeJob, place_mm: FloatArray) -> tuple[LayerLines, ...]:
         Layered, with known line widths.
     place_mm : (3,) float64, mm
         Part to printer.
+    stretch : Stretch or None
+        Designed to written size, taken back: what lines are laid over has the designed one.
     """
+    stretch = stretch or Stretch()
     order = np.argsort(job.layer, kind="stable")
     count = len(job.layers)
     at = np.searchsorted(job.layer[order], np.arange(count + 1))
-    return tuple(_layer(job, k, order[at[k] : at[k + 1]], place_mm) for k in range(count))
+    return tuple(_layer(job, k, order[at[k] : at[k + 1]], place_mm, stretch) for k in range(count))
 
 
-def _layer(job: GcodeJob, index: int, rows: IntArray, place_mm: FloatArray) -> LayerLines:
-    start, end = job.start[rows, :2] - place_mm[:2], job.end[rows, :2] - place_mm[:2]
+def _layer(
+    job: GcodeJob, index: int, rows: IntArray, place_mm: FloatArray, stretch: Stretch
+) -> LayerLines:
+    start, end = (stretch.back(way[rows] - place_mm)[:, :2] for way in (job.start, job.end))
     writes = job.writes[rows]
     joined = np.concatenate([[False], writes[:-1] & (np.diff(rows) == 1)])[writes]
     level = np.isin(job.act[rows], (Act.TRAVEL, Act.LIFTED, Act.WIPE))
-    top = float(job.layers.z_mm[index]) - float(place_mm[2])
+    written = np.array([[0.0, 0.0, float(job.layers.z_mm[index]) - float(place_mm[2])]])
+    top, height = float(stretch.back(written)[0, 2]), float(job.layers.height_mm[index])
     return LayerLines(
         number=index + 1,
-        low_mm=top - float(job.layers.height_mm[index]),
+        low_mm=top - height / stretch.factor[2],
         high_mm=top,
         start=start[writes],
         end=end[writes],

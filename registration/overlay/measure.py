@@ -104,7 +104,8 @@ def measure_layer(
     free = lumen & ~written
     # Between two lines a hair may be left: no border of the material.
     material = binary_closing(np.pad(written, 2), iterations=2)[2:-2, 2:-2] & ~free
-    edge = limits.edge_mm / raster.pixel_mm
+    # To the border, not to the middle of the next pixel.
+    edge = limits.edge_mm / raster.pixel_mm + 0.5
     deep = distance_transform_edt(material) > edge
     clear = distance_transform_edt(~material) > edge
     least = limits.least_mm2, limits.least_width_mm

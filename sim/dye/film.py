@@ -174,7 +174,7 @@ def _moved(picture: FloatArray, by: FloatArray) -> FloatArray:
 
 
 def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Generator) -> None:
-    """Write the film as .mp4, .mov or .avi, or as numbered PNG files into a folder.
+    """Write the film as .mp4, .mov or .avi.
 
     Raises
     ------
@@ -183,13 +183,8 @@ def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Ge
     """
     cv2 = _opencv()
     frames = film_frames(flow, film, generator)
-    if not path.suffix:
-        path.mkdir(parents=True, exist_ok=True)
-        for index, frame in enumerate(frames):
-            cv2.imwrite(str(path / f"frame_{index:05d}.png"), frame)
-        return
     if path.suffix.lower() not in _CODES:
-        raise SimError(f"{path}: a film is written as {', '.join(_CODES)} or into a folder")
+        raise SimError(f"{path}: a film is written as {', '.join(_CODES)}")
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.stem}.part{path.suffix}")
     size = (film.camera.width, film.camera.height)
@@ -197,7 +192,7 @@ def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Ge
     writer = cv2.VideoWriter(str(draft), code, film.fps, size)
     try:
         if not writer.isOpened():
-            raise SimError(f"{path}: OpenCV can't write this film; try .avi, or a folder")
+            raise SimError(f"{path}: OpenCV can't write this film; try .avi")
         for frame in frames:
             writer.write(frame)
         writer.release()

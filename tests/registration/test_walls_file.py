@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from registration.alignment import Fit
 from registration.errors import RegistrationError
+from registration.gauging import ScannedSurface
 from registration.gauging.sections import cut
 from registration.scan import Scan
-from registration.segmentation import SegmentationOptions, segment
+from registration.segmentation import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField
 from registration.walls_file import WallCalibration, measured_walls, read_walls, write_walls
 from tests.registration.test_gauging import bore, planes
@@ -68,17 +70,37 @@ def test_sections_are_wider_by_twice_the_offset() -> None:
     np.testing.assert_allclose(found - plain, 0.010, atol=1e-9)
 
 
-def test_a_bright_ball_in_gel_is_wider_by_it() -> None:
+def bright_ball(wall_mm: float) -> Segmentation:
+    """A ball of 0.6 mm full of contrast agent, in gel."""
     index = np.indices((40, 40, 40)) - 19.5
     grey = np.random.default_rng(0).integers(80, 120, index.shape[1:])
     grey += 1000 * (np.linalg.norm(index, axis=0) < 12)
     scan = Scan(grey.astype(np.uint16), (0.05,) * 3, 1.0, False, "linear", "microct", False, Path())
-    radii = []
-    for wall in (0.0, 0.01):
-        options = SegmentationOptions(0.05, lumens="bright", wall_mm=wall)
-        vertices = segment(scan, options).vertices
-        radii.append(np.linalg.norm(vertices - 19.5 * 0.05, axis=1).mean())
-    assert radii[1] - radii[0] == pytest.approx(0.01, rel=0.05)
+    return segment(scan, SegmentationOptions(0.05, lumens="bright", wall_mm=wall_mm))
 
 
+def radii(ball: Segmentation) -> np.ndarray:
+    return np.linalg.norm(ball.vertices - MIDDLE, axis=1)
+
+
+def test_a_bright_ball_in_gel_is_wider_by_it() -> None:
+    plain, moved = (radii(bright_ball(wall)).mean() for wall in (0.0, 0.01))
+    assert moved - plain == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize("wall", [0.01, -0.01])
+def test_the_way_back_ends_at_the_moved_wall(wall: float) -> None:
+    """Also from places between it and where the field has its level."""
+    way = np.random.default_rng(1).normal(size=(400, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    level = radii(bright_ball(0.0)).mean()
+    surface = ScannedSurface.of(bright_ball(wall))
+    for radius in (level, level + wall / 2, level + 3 * wall):
+        found = surface.deviations_back(MIDDLE + radius * way, Fit(*STILL))
+        # Free where the ball reaches beyond.
+        assert np.median(found) == pytest.approx(level + wall - radius, abs=0.001)
+
+
+MIDDLE = np.full(3, 19.5 * 0.05)
+STILL = (np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
 FIELD = ("values", "level", "sign", "voxel_mm", "origin_mm", "blur_mm")

@@ -10,7 +10,7 @@ from typing import Any
 
 from design.files import write_text
 from printctl.pipeline.context import NETWORK, Filled, RunContext
-from printctl.pipeline.manifest import digest_file
+from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
@@ -61,6 +61,12 @@ def scan_name(part: SimulatedScan) -> str:
     return f"scan.{part.format}"
 
 
+def of_simulator(path: Path) -> bool:
+    """Whether a file, where it lies, is some run's simulated scan."""
+    record = Manifest.load(path.parent).stages.get("scan")
+    return record is not None and path.name in record.outputs
+
+
 def digest_user_files(folder: Path, part: FileScan) -> list[Any]:
     """The user's scan, and the calibrations of what made it."""
     devices = [name for name in (part.oct_calibration, part.walls) if name is not None]
@@ -85,7 +91,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Scan, or read the user's scan once to see that it can be used."""
     part = context.scan_part
     if isinstance(part, FileScan):
-        return describe(load_scan(context), part.file), []
+        found = describe(load_scan(context), part.file)
+        return found | {"simulated": of_simulator(context.recipe_folder / part.file)}, []
     scanned = simulate(context, part, report)
     report(0.8, "writing")
     scan = to_scan(scanned, context)

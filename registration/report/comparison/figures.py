@@ -53,7 +53,7 @@ def quantities_figure(found: Comparison) -> bytes:
     with styled():
         figure, grid = panels(len(known))
         for axes, quantity in zip(grid, known, strict=True):
-            _quantity(axes, quantity, at, len(known))
+            _quantity(axes, quantity, at)
             _print_axis(axes, len(found.prints))
         return to_svg(figure, "quantities")
 
@@ -68,7 +68,7 @@ def scan_places(found: Comparison) -> FloatArray:
     return np.array(places)
 
 
-def _quantity(axes: Axes, quantity: Quantity, at: FloatArray, tests: int) -> None:
+def _quantity(axes: Axes, quantity: Quantity, at: FloatArray) -> None:
     values, half = np.array(quantity.values), np.nan_to_num(np.array(quantity.half))
     mean = quantity.parts.mean
     if np.isfinite(mean.low):
@@ -80,7 +80,7 @@ def _quantity(axes: Axes, quantity: Quantity, at: FloatArray, tests: int) -> Non
                   markeredgecolor=PAPER, markeredgewidth=0.6)  # fmt: skip
     drift = quantity.per_print
     title = TITLES[quantity.name]
-    if drift is not None and drift.p < SIGNIFICANT / tests:
+    if drift is not None and quantity.p_drift < SIGNIFICANT:
         last = len(quantity.parts.print_means) - 1
         line = [drift.at_first, drift.at_first + drift.slope.value * last]
         axes.plot([1, last + 1], line, color=OUTSIDE, linewidth=1.1)

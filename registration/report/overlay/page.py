@@ -33,8 +33,8 @@ class OverlayPage:
         A line of short facts under the title.
     verdict : tuple of str
         What was found, the first as heading.
-    good : bool
-        Whether nothing was found.
+    good : bool or None
+        Whether nothing was found; None where there was nothing to judge.
     notes : tuple of str
         Sentences: the pose in force, what the numbers rest on.
     """
@@ -42,7 +42,7 @@ class OverlayPage:
     title: str
     facts: tuple[str, ...]
     verdict: tuple[str, ...]
-    good: bool
+    good: bool | None
     notes: tuple[str, ...]
 
 

@@ -14,7 +14,7 @@ from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.platypus import Flowable, Image
 
 from registration.report.errors import ReportError
-from registration.report.pdf.look import BOLD, CAPTION, FONT, text, use_fonts
+from registration.report.pdf.look import BOLD, CAPTION, FONT, MARGIN, PAGE, text, use_fonts
 from registration.report.pdf.paths import START, Style, matrices, numbers, styled, trace
 
 _SVG: Final = "{http://www.w3.org/2000/svg}"
@@ -22,6 +22,8 @@ _LINK: Final = "{http://www.w3.org/1999/xlink}href"
 _JOINS: Final = {"miter": 0, "round": 1, "bevel": 2}
 _CAPS: Final = {"butt": 0, "round": 1, "square": 2}
 _SHARES: Final = {"start": 0.0, "middle": 0.5, "end": 1.0}
+TALLEST: Final = PAGE[1] - 2 * MARGIN - 40.0
+"""Of a drawing, points: a page with room for the caption."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 
 
@@ -29,7 +31,8 @@ def figure(picture: bytes, caption: str, width: float) -> list[Flowable]:
     """A drawing with its caption, as wide as it likes to be and at most `width` points."""
     if picture.startswith(_PNG):
         across, up = ImageReader(io.BytesIO(picture)).getSize()
-        shown = Image(io.BytesIO(picture), width, width * up / across)
+        factor = min(width / across, TALLEST / up)
+        shown = Image(io.BytesIO(picture), factor * across, factor * up)
     else:
         shown = Drawing(picture, caption, width)
     shown.hAlign = "LEFT"
@@ -65,7 +68,7 @@ class Drawing(Flowable):
             _, _, across, up = numbers(self.root.get("viewBox", ""))
         except (etree.XMLSyntaxError, ValueError) as exc:
             raise ReportError(f"figure {caption!r} is neither PNG nor SVG ({exc})") from exc
-        self.factor = min(1.0, width / across)
+        self.factor = min(1.0, width / across, TALLEST / up)
         self.up = up
         self.width, self.height = self.factor * across, self.factor * up
         self.known = {e.get("id"): e for e in self.root.iter() if e.get("id")}

@@ -154,7 +154,11 @@ def wrong_folders() -> None:
     del old["design"]
     half = registration((1.0, 2.0, 3.0))
     del half["vessels"][1]["measured_um"]
-    for name, numbers in (("old", old), ("half", half)):
+    unposed = registration((1.0, 2.0, 3.0))
+    del unposed["ambiguity"]
+    undefined = registration((1.0, 2.0, 3.0)) | {"defects": [{}]}
+    made = (("old", old), ("half", half), ("unposed", unposed), ("undefined", undefined))
+    for name, numbers in made:
         Path(name).mkdir()
         (Path(name) / "registration.json").write_text(json.dumps(numbers))
 
@@ -172,6 +176,8 @@ CASES: tuple[tuple[int, str, tuple[str, ...]], ...] = (
     (2, "a nothing", ("holds no registration",)),
     (2, "a old", ("doesn't say which design",)),
     (1, "a half", ("half: its registration is broken", "measured_um")),
+    (2, "a unposed --tolerance-um 100", ("unposed", "can't be judged anew", "ambiguity")),
+    (1, "a undefined", ("undefined: its registration is broken",)),
     (2, "a b --tolerance-um 0", ("--tolerance-um",)),
     (2, "", ("RUN...",)),
 )

@@ -12,17 +12,20 @@ import json
 import math
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import manifold3d
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from rich.console import Console
 
 from design.network import VesselNetwork
 from design.network_csv import write_network_csv
 from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
+from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
 from registration.writers import write_scan
 from sim.scanner import OctOptions, Placing, Scanned, simulate_oct
@@ -36,7 +39,7 @@ SIZE, PLACE = (4.0, 3.0, 0.5), (10.0, 20.0, 1.0)
 LINE, LAYER = 0.2, 0.1
 ROWS = [round(0.1 + LINE * k, 3) for k in range(15) if k != 7]
 GONE_LAYER, GONE_ROW = 2, 3
-RECIPE = {
+RECIPE: dict[str, Any] = {
     "schema": 1,
     "name": "slot",
     "tissue": {"shape": "block", "size_mm": list(SIZE)},
@@ -61,9 +64,10 @@ def gcode() -> tuple[str, list[int], list[int]]:
     return "\n".join(text) + "\n", layer, writes
 
 
-def make_run(folder: Path) -> None:
+def make_run(folder: Path, **toolpath: Any) -> None:
     folder.mkdir()
-    recipe = parse_recipe(RECIPE, "here").model_dump(mode="json", by_alias=True)
+    said = RECIPE | {"toolpath": {**RECIPE["toolpath"], **toolpath}}
+    recipe = parse_recipe(said, "here").model_dump(mode="json", by_alias=True)
     (folder / "manifest.json").write_text(json.dumps({"facts": {"recipe": recipe}, "stages": {}}))
     whole = manifold3d.Manifold.cube(SIZE)
     slot = manifold3d.Manifold.cube((SIZE[0], LINE, SIZE[2])).translate((0, 1.4, 0))
@@ -206,3 +210,20 @@ def test_a_run_whose_g_code_is_not_written_yet(tmp_path: Path, shell: Shell) -> 
     code, _, err = shell("run", *POSE)
     assert code == 2
     assert "has no part.gcode" in err
+
+
+def test_lines_written_larger_are_laid_over_the_design_in_its_size(tmp_path: Path) -> None:
+    """A scaled fit takes the print back to the design's size; a rigid one leaves both alone."""
+    make_run(tmp_path / "run", compensate={"shrink_percent": [2.0, 0.0, 4.0]})
+    console = Console(file=io.StringIO())
+    scaled, rigid = (read_written(tmp_path / "run", console, fit) for fit in ("scaled", "rigid"))
+    top = rigid.layers[-1]
+    assert top.high_mm == pytest.approx(5 * LAYER)
+    assert top.end[:, 0].max() == pytest.approx(SIZE[0])
+    top = scaled.layers[-1]
+    assert top.high_mm == pytest.approx(0.96 * 5 * LAYER)
+    assert top.high_mm - top.low_mm == pytest.approx(0.96 * LAYER)
+    assert top.end[:, 0].max() == pytest.approx(0.98 * SIZE[0])
+    assert top.end[:, 1].max() == pytest.approx(rigid.layers[-1].end[:, 1].max())
+    assert "design's size" in scaled.notes[0]
+    assert "as written" in rigid.notes[0]

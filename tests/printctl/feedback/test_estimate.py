@@ -38,8 +38,9 @@ def test_size_is_right_after_one_round_in_the_plane() -> None:
 
 def test_depth_is_never_corrected_without_a_standard_and_the_file_says_why() -> None:
     lab = Lab(push_mm={3: (0.0, 0.0, 0.05), 11: (0.0, 0.0, 0.05)})
+    made = None
     for _ in range(2):
-        made = estimate([lab.print(), lab.print()])
+        made = estimate([lab.print(made), lab.print(made)])
         assert made.stretch.factor[2] == 1.0
         assert all(node.offset_um[2] == 0 for node in made.nodes)
         assert "no depth standard" in made.stretch.depth

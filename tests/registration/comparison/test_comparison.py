@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from registration.comparison import ComparisonError, Origin, compare, comparison_dict, gauged_scan
+from registration.comparison.findings import sentences
 from registration.comparison.intervals import holm, mean_interval, sd_interval
 from registration.comparison.scans import GaugedScan
 from registration.comparison.trend import trend
@@ -51,6 +52,38 @@ def test_interval_of_the_prints_own_spread_covers_it() -> None:
         found = components(values, number.tolist()).print_sd
         covered += found.low <= 3 <= found.high
     assert 0.92 <= covered / 400 <= 0.985
+
+
+def test_prints_alike_under_a_noisy_scanner_have_no_spread_of_their_own() -> None:
+    """Pooled over vessels, noise that some have below 0 makes up for what others have above."""
+    random = np.random.default_rng(3)
+    own = []
+    for _ in range(20):
+        rows = [scan(2 * random.normal(size=14), f"p{k // 2}") for k in range(12)]
+        own.append(compare(rows).repeatability.print_sd)
+    assert np.mean([one.low == 0 for one in own]) > 0.9
+    assert np.mean([one.value for one in own]) < 0.5
+
+
+def test_prints_that_differ_are_told_from_the_scanners_noise() -> None:
+    random = np.random.default_rng(4)
+    drawn = 6 * random.normal(size=(12, 14))
+    rows = [scan(drawn[k // 2] + random.normal(size=14), f"p{k // 2}") for k in range(24)]
+    found = compare(rows).repeatability
+    of_these = float(np.sqrt(drawn.var(axis=0, ddof=1).mean()))
+    assert found.print_sd.value == pytest.approx(of_these, rel=0.05)
+    assert found.scan_sd.value == pytest.approx(1.0, rel=0.15)
+    ratio = found.scan_sd.value / np.hypot(found.scan_sd.value, found.print_sd.value)
+    assert found.gauge_percent == pytest.approx(100 * ratio)
+    assert found.distinct == int(1.41 * found.print_sd.value / found.scan_sd.value)
+
+
+def test_several_prints_without_a_vessel_in_common_arent_called_one() -> None:
+    nan = float("nan")
+    found = compare([scan([1.0, nan], "a"), scan([nan, 2.0], "b"), scan([1.0, 2.0], "c")])
+    text = " ".join(sentences(found))
+    assert "One print alone" not in text
+    assert "No vessel was measured in every scan" in text
 
 
 def test_intervals_are_those_of_the_tables() -> None:
@@ -118,3 +151,5 @@ def test_different_designs_are_refused() -> None:
 def test_a_broken_registration_says_so() -> None:
     with pytest.raises(ComparisonError, match=r"lacks vessels.*register the scan again"):
         gauged_scan({}, Origin("a", "d", "p"))
+    with pytest.raises(ComparisonError, match="a defect lacks"):
+        scan([1.0], "a", defects=[dict.fromkeys(("kind", "vessel", "from_mm", "to_mm", "size_um"))])

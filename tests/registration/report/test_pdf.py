@@ -13,6 +13,8 @@ from pypdf import PdfReader
 
 from registration.report import ReportError
 from registration.report.pdf import library, pdf_missing, write_report_pdf
+from registration.report.pdf.drawing import Drawing
+from registration.report.pdf.look import MARGIN, PAGE, WIDTH
 from registration.report.pdf.paths import matrices, styled, trace
 from registration.report.pdf.report import report_pdf
 from registration.report.pdf.tables import _broken, _parts
@@ -112,6 +114,13 @@ def test_the_verdict_stands_in_the_files_own_properties() -> None:
 def test_a_figure_that_is_none_is_refused() -> None:
     with pytest.raises(ReportError, match="'Oops' is neither PNG nor SVG"):
         pages(whole_sample(), {"toolpath/Oops": b"GIF89a"})
+
+
+def test_a_drawing_taller_than_a_page_is_made_smaller() -> None:
+    tall = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 374 929"></svg>'
+    shown = Drawing(tall, "vessels", WIDTH)
+    assert shown.height <= PAGE[1] - 2 * MARGIN
+    assert shown.width / shown.height == pytest.approx(374 / 929)
 
 
 def test_without_the_library_it_says_what_to_install(

@@ -1,0 +1,126 @@
+"""A registration's report from what its steps found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.alignment import Alignment
+from registration.findings import Findings
+from registration.gauging import VesselGauge, hausdorff_p95_um, summarise, within
+from registration.notes import pose_notes, sight_notes, wall_notes
+from registration.options import RegistrationOptions
+from registration.result import RegistrationReport
+from registration.scan import Scan
+from registration.segmentation import Segmentation
+
+FloatArray = NDArray[np.float64]
+
+HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
+CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
+"""Tolerances for which the share within is told."""
+
+
+@dataclass(frozen=True)
+class BothWays:
+    """Deviations after one fit, mm: at all scanned vertices, the seen ones, and the way back."""
+
+    all_mm: FloatArray
+    there_mm: FloatArray
+    back_mm: FloatArray
+
+    @property
+    def hausdorff_um(self) -> float:
+        """The larger of both directions' 95th percentiles, µm."""
+        return hausdorff_p95_um(self.there_mm, self.back_mm)
+
+
+@dataclass(frozen=True)
+class Registered:
+    """What segmentation, alignment and gauging gave.
+
+    Attributes
+    ----------
+    is_lumen : bool
+        The model is the lumens, not the gel around them.
+    cross_um : float or None, µm
+        Between our pose and another program's.
+    spread : int
+        Points on the design from which the scanned surface was looked for.
+    """
+
+    segmentation: Segmentation
+    alignment: Alignment
+    is_lumen: bool
+    cross_um: float | None
+    spread: int
+    rigid: BothWays
+    scaled: BothWays
+    findings: Findings
+
+
+def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> RegistrationReport:
+    """Put all numbers into the units and signs of the report."""
+    segmentation, alignment, findings = found.segmentation, found.alignment, found.findings
+    rigid, scaled = found.rigid, found.scaled
+    seen, limits = segmentation.seen, options.tolerances_um
+    return RegistrationReport(
+        transform_scan_to_part=alignment.rigid.matrix,
+        scaled_scan_to_part=alignment.scaled.matrix,
+        scale=alignment.scaled.scale,
+        depth_scale_fitted=alignment.depth_fitted,
+        offset_um=1e3 * alignment.scaled.offset_mm * (1 if found.is_lumen else -1),
+        margin=alignment.margin,
+        ambiguous=alignment.ambiguous,
+        uncertainty=alignment.uncertainty,
+        cross_check_um=found.cross_um,
+        rigid=summarise(rigid.there_mm, limits),
+        scaled=summarise(scaled.there_mm, limits),
+        rigid_back=summarise(rigid.back_mm, limits),
+        scaled_back=summarise(scaled.back_mm, limits),
+        hausdorff_p95_um=rigid.hausdorff_um,
+        scaled_hausdorff_p95_um=scaled.hausdorff_um,
+        model_seen_fraction=len(scaled.back_mm) / found.spread,
+        vertices=alignment.rigid.apply(segmentation.vertices),
+        faces=segmentation.faces,
+        deviation_um=1e3 * rigid.all_mm,
+        scaled_deviation_um=1e3 * scaled.all_mm,
+        seen=seen,
+        histogram_edges_um=HISTOGRAM_EDGES_UM,
+        histogram_counts=_histogram(scaled.there_mm),
+        histogram_counts_rigid=_histogram(rigid.there_mm),
+        curve_um=CURVE_UM,
+        curve_rigid=_curve(rigid.there_mm),
+        curve_scaled=_curve(scaled.there_mm),
+        vessels=findings.vessels,
+        all_open=_all_open(findings.vessels),
+        defects=findings.defects,
+        topology=findings.topology,
+        overlap_rigid=findings.overlap_rigid,
+        overlap_scaled=findings.overlap_scaled,
+        perfusion=findings.perfusion,
+        walls=options.walls,
+        notes=(
+            *scan.notes,
+            *pose_notes(scan, alignment, found.cross_um),
+            *sight_notes(findings.vessels, float(seen.mean())),
+            *wall_notes(options.walls, findings.vessels),
+        ),
+    )
+
+
+def _histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
+    clipped = np.clip(1e3 * deviation_mm, HISTOGRAM_EDGES_UM[0], HISTOGRAM_EDGES_UM[-1])
+    return np.histogram(clipped, HISTOGRAM_EDGES_UM)[0].astype(np.int64)
+
+
+def _curve(deviation_mm: FloatArray) -> FloatArray:
+    """Share within each tolerance of `CURVE_UM`."""
+    return np.array([within(deviation_mm, limit) for limit in CURVE_UM])
+
+
+def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:
+    """Every vessel, end to end; what wasn't seen isn't called open."""
+    return all(vessel.open is True for vessel in vessels)

@@ -1,0 +1,91 @@
+"""What a reader must know before trusting a registration's numbers."""
+
+from __future__ import annotations
+
+from registration.alignment import Alignment
+from registration.gauging import VesselGauge
+from registration.scan import Scan
+from registration.walls_file import WallCalibration
+
+CROSS_UM = 20.0
+"""Of two programs' poses; more is said."""
+
+
+def pose_notes(scan: Scan, alignment: Alignment, cross_um: float | None) -> list[str]:
+    """What the pose and its scales rest on.
+
+    Parameters
+    ----------
+    cross_um : float or None, µm
+        Between our pose and another program's.
+    """
+    notes = []
+    if alignment.ambiguous:
+        notes.append(
+            f"Pose ambiguous: the best wrong pose deviates only {alignment.margin:.2f} times as "
+            "much as the best."
+        )
+    if not alignment.depth_fitted:
+        notes.append(
+            "Depth scale not fitted: less than 2 mm of depth in view, so it can't be told from an "
+            "error of the refractive index."
+        )
+    elif scan.optical_depth and not scan.depth_standard:
+        notes.append(
+            f"Depth scale rests on the refractive index {scan.refractive_index:g} of the scan: "
+            "shrinkage in depth and an error of the index look the same."
+        )
+    if cross_um is not None and cross_um > CROSS_UM:
+        notes.append(
+            f"small_gicp, asked for the same pose, carries a corner of the part {cross_um:.0f} µm "
+            f"from ours (usual: below {CROSS_UM:g}): look at both before trusting either."
+        )
+    return notes
+
+
+def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
+    """What is closed, and what wasn't seen; `seen` is the share of the surface that was."""
+    notes = []
+    if seen < 0.98:
+        notes.append(f"{100 * (1 - seen):.0f} % of the surface lies where light failed; left out.")
+    closed = [str(vessel.vessel) for vessel in vessels if vessel.open is False]
+    unseen = [str(vessel.vessel) for vessel in vessels if vessel.seen_fraction == 0]
+    partly = [
+        f"{vessel.vessel} ({100 * vessel.seen_fraction:.0f} %)"
+        for vessel in vessels
+        if 0 < vessel.seen_fraction < 1
+    ]
+    bare = [str(v.vessel) for v in vessels if v.seen_fraction > 0 and v.sections == 0]
+    if closed:
+        notes.append(f"Closed vessels: {', '.join(closed)}.")
+    if unseen:
+        notes.append(f"Vessels not seen, neither open nor closed: {', '.join(unseen)}.")
+    if partly:
+        notes.append(
+            f"Vessels seen in part, of which the rest is neither open nor closed: "
+            f"{', '.join(partly)}."
+        )
+    if bare:
+        notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
+    return notes
+
+
+def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) -> list[str]:
+    """What was taken out of the walls, and for which vessels nobody has shown that it holds."""
+    if walls is None:
+        return []
+    notes = [
+        f"Walls were moved {walls.offset_um:+.1f} µm into the gel, the offset of a phantom "
+        f"(± {walls.interval_um:.1f} µm; every diameter shares that error twice)."
+    ]
+    beyond = [
+        str(vessel.vessel)
+        for vessel in vessels
+        if not 0.8 * walls.from_um <= vessel.designed_um <= 1.25 * walls.to_um
+    ]
+    if beyond:
+        notes.append(
+            f"The phantom's channels were {walls.from_um:.0f} to {walls.to_um:.0f} µm wide; of "
+            f"vessels {', '.join(beyond)} that offset isn't known."
+        )
+    return notes

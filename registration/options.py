@@ -1,0 +1,74 @@
+"""How a scan is registered, and how it is segmented for that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from design.hemodynamics import FlowConditions
+from registration.alignment import AlignmentOptions
+from registration.gauging import TOLERANCES_UM
+from registration.gauging.changes import FALSE_ALARM
+from registration.scan import Scan
+from registration.segmentation import SegmentationOptions
+from registration.walls_file import WallCalibration
+
+MOST_WORKING_VOXELS = 25_000_000
+"""What a segmentation works on, unless 0.1 mm asks for more: a gigabyte and a half."""
+
+
+@dataclass(frozen=True)
+class RegistrationOptions:
+    """How a scan is registered.
+
+    Attributes
+    ----------
+    working_voxel_mm : float or None, mm
+        Voxels are averaged to about this; None takes an eighth of the thinnest lumen, in OCT a
+        twelfth or what a large scan asks for, and at most 0.1 mm.
+    smoothing_mm : float or None, mm
+        Gaussian; None takes 0.8 of the working voxel.
+    lumens : "dark" or "bright"
+        Against the gel (micro-CT and confocal).
+    section_mm : float or None, mm
+        Between sections along a vessel; None takes a quarter of the thinnest lumen.
+    tolerances_um : tuple of float, µm
+        For which the share of the surface within is told.
+    walls : WallCalibration or None
+        How far off walls come out in scans of this kind, which is taken out.
+    false_alarm : float
+        Probability that a scan without defects shows a bulge or a stenosis.
+    flow : FlowConditions or None
+        What drives the printed network; None for 1 µL/s of water, which gives the same split.
+    alignment : AlignmentOptions
+        Of the search.
+    """
+
+    working_voxel_mm: float | None = None
+    smoothing_mm: float | None = None
+    lumens: Literal["dark", "bright"] = "dark"
+    section_mm: float | None = None
+    tolerances_um: tuple[float, ...] = TOLERANCES_UM
+    walls: WallCalibration | None = None
+    false_alarm: float = FALSE_ALARM
+    flow: FlowConditions | None = None
+    alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
+
+
+def segmentation_options(
+    scan: Scan, options: RegistrationOptions, thinnest: float
+) -> SegmentationOptions:
+    """How a scan is segmented for a design whose thinnest lumen is so wide, mm."""
+    fine = thinnest / 8
+    if scan.modality == "oct":
+        voxel = float(np.prod(scan.geometric_voxel_mm))
+        most = (voxel * scan.volume.size / MOST_WORKING_VOXELS) ** (1 / 3)
+        fine = max(thinnest / 12, most)
+    return SegmentationOptions(
+        working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
+        smoothing_mm=options.smoothing_mm,
+        lumens=options.lumens,
+        wall_mm=0.0 if options.walls is None else 1e-3 * options.walls.offset_um,
+    )
