@@ -49,6 +49,8 @@ RIVALS = 4
 """Distinct poses that are refined and compared."""
 CLOSE_MM = 0.25
 """Surface farther from the model than this after the scaled fit isn't the part's."""
+RIM_BLURS = 3.0
+"""So many standard deviations of the blur a face is rounded off beside a sharp edge."""
 MIRROR_LEAD = 1.5
 """A mirrored fit better than this many times is no chance."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -94,6 +96,8 @@ def align(
     _refuse_mirrored(straight, residuals(surface, wide * _MIRROR, mirrored))
     free = Freedom(axes, offset=True)
     scaled = refine(surface, many, best, free, blur_mm=blur_mm)
+    many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
+    scaled = refine(surface, many, scaled, free, blur_mm=blur_mm)
     _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
@@ -101,6 +105,12 @@ def align(
     rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
     sure = uncertainty(surface, many[kept], scaled, free, blur_mm)
     return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below, sure)
+
+
+def _off_rims(surface: ModelSurface, points: FloatArray, fit: Fit, reach_mm: float) -> FloatArray:
+    """Points away from sharp edges, which a blur rounds; all where too few would be left."""
+    clear = ~surface.near_rims(fit.apply(points), reach_mm) if reach_mm > 0 else np.array([False])
+    return points[clear] if clear.mean() > 0.5 else points
 
 
 def _rigid(fit: Fit) -> Fit:

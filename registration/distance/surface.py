@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
 from registration.distance.bvh import build
 from registration.distance.closest import nearest
-from registration.distance.curvature import face_curvature
+from registration.distance.curvature import Edges, face_curvature, rim_samples
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,6 +51,8 @@ class ModelSurface:
         Pseudonormals of face, edges ab, bc, ca, corners a, b, c.
     curvature : (m,) float64, 1/mm
         Sum of the principal curvatures, see `registration.distance.curvature`.
+    rims : (r, 3) float64, mm
+        Points on its sharp edges.
     boxes, nodes, order : arrays
         See `registration.distance.bvh.build`.
     """
@@ -57,6 +60,7 @@ class ModelSurface:
     triangles: FloatArray
     normals: FloatArray
     curvature: FloatArray
+    rims: FloatArray
     boxes: FloatArray
     nodes: IntArray
     order: IntArray
@@ -70,8 +74,9 @@ class ModelSurface:
         triangles = np.ascontiguousarray(corners[kept])
         faces = solid.faces[kept].astype(np.int64)
         normals = _pseudonormals(faces, triangles, len(solid.vertices))
-        curvature = face_curvature(faces, triangles)
-        return ModelSurface(triangles, normals, curvature, *build(triangles))
+        edges = Edges.of(faces, triangles)
+        curvature, rims = face_curvature(triangles, edges), rim_samples(edges)
+        return ModelSurface(triangles, normals, curvature, rims, *build(triangles))
 
     @property
     def bounds(self) -> FloatArray:
@@ -93,6 +98,13 @@ class ModelSurface:
         Osher & Sethian 1988, 10.1016/0021-9991(88)90002-2).
         """
         return np.asarray(-0.5 * blur_mm**2 * self.curvature[face])
+
+    def near_rims(self, points: FloatArray, reach_mm: float) -> NDArray[np.bool_]:
+        """Which of (n, 3) points lie within `reach_mm` of a sharp edge."""
+        if not len(self.rims):
+            return np.zeros(len(points), dtype=np.bool_)
+        away, _ = cKDTree(self.rims).query(points, distance_upper_bound=reach_mm)
+        return np.asarray(np.isfinite(away))
 
     def query(self, points: FloatArray) -> Nearest:
         """Nearest surface points and signed distances of (n, 3) points, exact."""

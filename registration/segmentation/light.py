@@ -8,7 +8,7 @@ below it, plus what leaves the gel unseen:
 
 `beyond` decides how true walls come out, so each A-scan gets two estimates of it:
 
-- from below: at the lowest voxels well within the gel, light is I / μ with the gel's own μ;
+- from below: in the lowest voxels well within the gel, light is I / μ with the gel's own μ;
 - from above: as much light enters here as into the A-scans around.
 
 The first is right where the gel is thick, the second along a steep wall, where an A-scan is
@@ -28,8 +28,11 @@ from registration.segmentation.filters import gaussian_weights, smooth
 FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 
-ERROR_BELOW = 0.2
-"""Relative error of the light from below: speckle of four voxels, and the typical μ."""
+LOWEST_MM = 0.36
+"""So much of the gel's lowest part tells the light from below. Of fewer voxels it would be noisy,
+and what is divided by noisy light comes out too bright, most at the bottom."""
+ERROR_BELOW = 0.12
+"""Relative error of the light from below: the speckle of those, and the typical μ."""
 ERROR_ABOVE = 0.03
 """Relative error of the light from above."""
 ROUNDS = 2
@@ -67,9 +70,10 @@ def light_left(
     light = accumulate(down, step_mm, _first_beyond(down, step_mm, floor, EVEN_MM / pixel_mm[::-1]))
     typical = _typical(down, down / light)
     within = share_of_gel(down / light, typical) > 0.95
+    lowest = max(4, round(LOWEST_MM / step_mm))
     for _ in range(ROUNDS):
         typical = _typical(down, down / light)
-        below, deep, returned = from_below(down, within, step_mm, typical)
+        below, deep, returned = from_below(down, within, step_mm, typical, lowest)
         beyond = _weighted(below, deep, returned, EVEN_MM / pixel_mm[::-1])
         light = accumulate(down, step_mm, np.maximum(beyond, floor / typical))
     return (light if depth_down else light[::-1]), typical
@@ -144,9 +148,9 @@ def accumulate(down: FloatVolume, step_mm: float, beyond: FloatArray) -> FloatVo
 
 @pjit
 def from_below(
-    down: FloatVolume, within: NDArray[np.bool_], step_mm: float, typical: float
+    down: FloatVolume, within: NDArray[np.bool_], step_mm: float, typical: float, lowest: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the four lowest voxels within the gel say of each A-scan.
+    """What the `lowest` voxels within the gel say of each A-scan.
 
     Returns the light beyond, the light at those voxels (0 where there are none), and the light
     that came back from the whole A-scan, (ny, nx) each.
@@ -161,7 +165,7 @@ def from_below(
             z = nz - 1 - step
             for x in range(nx):
                 value = down[z, y, x]
-                if count[x] < 4 and within[z, y, x]:
+                if count[x] < lowest and within[z, y, x]:
                     count[x] += 1
                     passed = 2.0 * step_mm * returned[y, x] + step_mm * value
                     beyond[y, x] += value / typical - passed

@@ -6,7 +6,7 @@ Four things decide whether a wall comes out where it is, and each is taken away:
 - an A-scan that a steep wall fills in part has no light of its own to be held against: gel and
   liquid beside it have (`walls`);
 - what is left of both, and the instrument's roll-off, changes slowly: gel and liquid have local
-  levels, taken well inside of either;
+  levels, taken well inside of either (`local_level`);
 - the surface lies halfway between these two, not halfway to nothing.
 """
 
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
-from registration.segmentation.filters import bin_mean, gaussian_weights, mean_where, normalise
+from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
+from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength
-from registration.segmentation.walls import Sides, share_of_volume, smoothed
+from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
 
 FloatVolume = NDArray[np.float32]
@@ -102,24 +103,9 @@ def _levels(
     voxel = working.voxel_mm[::-1] * factor
     empty = sides.liquid & known
     usual = float(np.median(values[empty])) if empty.any() else 0.0
-    liquid = _local(values, empty, factor, LIQUID_MM / voxel, usual)
-    gel = _local(values, sides.gel, factor, GEL_MM / voxel, 1.0)
+    liquid = local_level(values, empty, factor, LIQUID_MM / voxel, usual, False)
+    gel = local_level(values, sides.gel, factor, GEL_MM / voxel, 1.0, True)
     return liquid, gel, factor
-
-
-def _local(
-    values: FloatVolume,
-    where: Mask,
-    factor: tuple[int, int, int],
-    sigma: NDArray[np.float64],
-    usual: float,
-) -> FloatVolume:
-    """Mean of `values` over the voxels `where`, around each place; far from any of them `usual`."""
-    z, y, x = (gaussian_weights(s) for s in sigma)
-    weight = smoothed(bin_mean(where, factor, False, 0.0), (z, y, x))
-    total = mean_where(values, where, factor)
-    few = np.float32(1e-4)
-    return np.asarray((smoothed(total, (z, y, x)) + few * np.float32(usual)) / (weight + few))
 
 
 def _contrast(values: FloatVolume, sides: Sides) -> float:

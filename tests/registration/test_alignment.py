@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import manifold3d
 import numpy as np
 import pytest
@@ -98,3 +100,17 @@ def test_another_part_is_refused(construct: Solid) -> None:
 def test_too_few_points_are_refused(construct: Solid) -> None:
     with pytest.raises(AlignmentError, match="too few"):
         align(ModelSurface.of(construct), np.zeros((10, 3)), True, FAST)
+
+
+def test_edges_that_a_blur_has_rounded_dont_count_as_shrinkage(construct: Solid) -> None:
+    model, blur = ModelSurface.of(construct), 0.04
+    points = surface_points(construct, 60_000, 2)
+    near = model.query(points)
+    points += model.blurred(near.face, blur)[:, None] * near.direction
+    inset = np.sort(np.minimum(points, np.array(SIZE) - points), axis=1)[:, 1]
+    inward = np.clip(1 - inset / (3 * blur), 0, 1)[:, None]
+    points += 0.08 * inward * np.sign(0.5 * np.array(SIZE) - points)
+    seen, truth = placed(points, 5, np.ones(3))
+    found = align(model, seen, True, replace(FAST, fine_points=20_000), blur_mm=blur).scaled
+    np.testing.assert_allclose(found.scale, 1, atol=1e-4)
+    assert np.linalg.norm(found.apply(truth) - corners(SIZE), axis=1).max() < 0.002

@@ -15,6 +15,7 @@ from registration.segmentation.filters import (
 )
 from registration.segmentation.levels import sparse_levels
 from registration.segmentation.light import light_left
+from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
 
 FloatArray = NDArray[np.float64]
@@ -143,3 +144,21 @@ def test_levels_are_mapped_to_nothing_and_one() -> None:
     values = ramp.astype(np.float32)
     normalise(values, low, high, factor)
     np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
+
+
+def test_a_level_with_a_trend_is_right_at_the_end_of_what_it_is_known_from() -> None:
+    shape, ramp = (60, 12, 12), 0.01
+    z = np.arange(60, dtype=np.float32)[:, None, None]
+    values = np.broadcast_to(1.0 + ramp * z, shape).astype(np.float32)
+    where = np.broadcast_to((z >= 20) & (z < 40), shape).copy()
+    plain, straight = (
+        local_level(values, where, (2, 2, 2), np.full(3, 4.0), 1.0, trend)[:, 3, 3]
+        for trend in (False, True)
+    )
+    top, bottom = (1.0 + ramp * (2 * k + 0.5) for k in (10, 19))
+    assert straight[10] == pytest.approx(top, abs=0.01)
+    assert straight[19] == pytest.approx(bottom, abs=0.01)
+    # A mean knows only what lies further in.
+    assert plain[10] - top > 0.03
+    assert bottom - plain[19] > 0.03
+    assert straight[15] == pytest.approx(1.0 + ramp * 30.5, abs=0.01)
