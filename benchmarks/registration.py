@@ -1,4 +1,4 @@
-"""Scan to report: pose, scale, intervals, diameters, defects: ``make bench-registration``.
+"""Scan to report: pose, scale, intervals, diameters, defects, dye: ``make bench-registration``.
 
 Scans are a phantom's (`registration_phantom`), made without any of the product's code. ``--only
 NAME`` measures a part; ``--quick`` takes a tenth to a
@@ -10,6 +10,7 @@ from __future__ import annotations
 from benchmarks.command import Job, run
 from benchmarks.registration_cloudcompare import cloudcompare_rows
 from benchmarks.registration_defects import defect_rows
+from benchmarks.registration_dye import dye_rows
 from benchmarks.registration_feedback import feedback_rows
 from benchmarks.registration_pose import interval_rows, landing_rows
 from benchmarks.registration_vessels import diameter_rows, whole_rows
@@ -22,6 +23,7 @@ JOBS: dict[str, Job] = {
     "defects": defect_rows,
     "cloudcompare": cloudcompare_rows,
     "feedback": feedback_rows,
+    "dye": dye_rows,
 }
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.checkers.printed_shape import Ink, Shape, measure, vessels_of
+from benchmarks.checkers.printed_shape import NEAR_MM, Ink, Shape, measure, vessels_of
 from benchmarks.machine import ROOT, row
 from sim.deposit import deposit
 from sim.executed import ExecutedMotion
@@ -132,8 +132,10 @@ def _rows(name: str, shapes: list[Shape], reports: list[Row]) -> Iterator[Row]:
     first, last = shapes[0], shapes[-1]
     for number, (shape, report) in enumerate(zip(shapes, reports, strict=True)):
         said = f"{name}, {('before', 'after 1 round', 'after 2 rounds')[number]}"
-        yield row(f"{said}: ink against design, median", shape.median_um, "um")
-        yield row(f"{said}: ink against design, p95", shape.p95_um, "um")
+        near = f"{said}: ink against design, surface within {NEAR_MM} mm"
+        yield row(f"{near}, median", shape.median_um, "um")
+        yield row(f"{near}, p95", shape.p95_um, "um")
+        yield row(f"{said}: surface farther than that", shape.dropped_percent, "%")
         yield row(f"{said}: diameters off by, mean of {shape.lumens}", shape.diameter_um, "um")
         yield row(f"{said}: axes off by, mean", shape.offset_um, "um")
         yield row(f"{said}: report's rigid p95", report["rigid"]["p95_um"], "um")

@@ -49,10 +49,10 @@ def register_scan(
         belong together.
     """
     options = options or RegistrationOptions()
-    surface = ModelSurface.of(model)
-    is_lumen = _model_is_lumen(surface, network)
     thinnest = 2 * float(network.radius.min())
     segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+    surface = ModelSurface.of(model)
+    is_lumen = _model_is_lumen(surface, network)
     points = segmentation.vertices[segmentation.seen]
     alignment = align(
         surface,

@@ -125,7 +125,10 @@ class Shape:
     Attributes
     ----------
     median_um, p95_um : float, µm
-        Of the unsigned distance of its walls to the designed ones, after the best shift.
+        Of the unsigned distance of its walls to the designed ones, after the best shift: of the
+        surface that lies within `NEAR_MM`.
+    dropped_percent : float, %
+        Of its surface that lies farther, and isn't in `median_um` and `p95_um`.
     diameter_um : float, µm
         Mean size of the error of the lumens' equal-area diameters.
     offset_um : float, µm
@@ -136,6 +139,7 @@ class Shape:
 
     median_um: float
     p95_um: float
+    dropped_percent: float
     diameter_um: float
     offset_um: float
     lumens: int
@@ -154,12 +158,13 @@ def measure(ink: Ink, vessels: Vessels, block_mm: FloatArray | None) -> Shape:
     points = ink.surface()
     signed = _signed(vessels, block_mm)
     shift = _shift(points, signed)
-    distance = signed(points + shift)
-    off = np.abs(distance[np.abs(distance) < NEAR_MM])
+    distance = np.abs(signed(points + shift))
+    off = distance[distance < NEAR_MM]
     wide, aside = _sections(ink, vessels, shift, block_mm is not None)
     return Shape(
         median_um=1e3 * float(np.median(off)),
         p95_um=1e3 * float(np.percentile(off, 95)),
+        dropped_percent=100 * (1 - len(off) / len(distance)),
         diameter_um=1e3 * float(np.mean(np.abs(wide))),
         offset_um=1e3 * float(np.mean(aside)),
         lumens=len(wide),

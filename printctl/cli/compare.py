@@ -14,7 +14,7 @@ from printctl.cli.pdf_option import PdfFlag
 from printctl.comparing import Judged, read_folders
 from printctl.errors import UsageError
 from registration.comparison import compare, comparison_csv, comparison_dict, verdict
-from registration.report.comparison import write_comparison_html
+from registration.report.comparison import comparison_figures, write_comparison_html
 from registration.report.pdf import write_comparison_pdf
 
 JSON: Final = "compare.json"
@@ -70,9 +70,10 @@ def compare_prints(
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(out / CSV, comparison_csv(found))
-    write_comparison_html(out / HTML, found, _title(folders), notes)
+    drawn = comparison_figures(found)
+    write_comparison_html(out / HTML, found, _title(folders), notes, drawn)
     if pdf:
-        write_comparison_pdf(out / PDF, found, _title(folders), notes)
+        write_comparison_pdf(out / PDF, found, _title(folders), notes, drawn)
     if as_json:
         print_json(data)
     else:

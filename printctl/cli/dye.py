@@ -14,7 +14,7 @@ from design.network_csv import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.pipeline.context import NETWORK
+from printctl.pipeline.artefacts import NETWORK
 from registration.dye import (
     DyeOptions,
     dye_dict,

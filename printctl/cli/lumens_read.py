@@ -24,7 +24,7 @@ from printctl.lumens import (
     writes_at,
 )
 from printctl.networks.formats import read_network
-from printctl.pipeline.context import NETWORK
+from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.manifest import MANIFEST
 from printctl.pipeline.stages.tissue import SURFACE
 

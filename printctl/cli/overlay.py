@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +22,7 @@ from printctl.cli.scan_options import (
     Scale,
     ScanFile,
     VoxelUm,
+    WallsFile,
     said_of_scan,
 )
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
@@ -31,6 +33,7 @@ from registration.corrected import corrected_scan
 from registration.options import RegistrationOptions, segmentation_options
 from registration.overlay import align_pose, read_pose
 from registration.segmentation import segment
+from registration.walls_file import read_walls
 
 
 def overlay(
@@ -65,6 +68,7 @@ def overlay(
     mirrored: Mirrored = None,
     oct_calibration: OctCalibrationFile = None,
     air_above: AirAbove = False,
+    walls: WallsFile = None,
     filled: Filled = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -72,6 +76,9 @@ def overlay(
 
     A scan taken while the part is printed can't be aligned by itself: give --pose.
     """
+    options = RegistrationOptions(
+        lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
+    )
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
@@ -83,7 +90,6 @@ def overlay(
         with bars.stage("scan"):
             measured = corrected_scan(scan, said, oct_calibration, air_above)
         with bars.stage("segmentation"):
-            options = RegistrationOptions(lumens="bright" if filled else "dark")
             found = segment(measured, segmentation_options(measured, options, run.thinnest_mm))
         with bars.stage("pose"):
             known = known or align_pose(measured, found, run.solid, fit)
@@ -91,6 +97,7 @@ def overlay(
             laid = overlay_scan(run, measured, found, known, report)
         with bars.stage("drawing") as report:
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
+            facts |= {"walls": None if options.walls is None else asdict(options.walls)}
             data = write_overlay(out, laid, chosen, facts, report)
     if as_json:
         print_json(data)

@@ -7,13 +7,15 @@ from typing import Annotated
 import typer
 
 from printctl.errors import UsageError
-from registration.report.pdf import pdf_missing
 
 
 def _checked(wanted: bool) -> bool:
-    missing = pdf_missing() if wanted else None
-    if missing is not None:
-        raise UsageError(f"--pdf: {missing}")
+    if wanted:
+        from registration.report.pdf import pdf_missing  # Loads what draws; only wanted here.
+
+        missing = pdf_missing()
+        if missing is not None:
+            raise UsageError(f"--pdf: {missing}")
     return wanted
 
 

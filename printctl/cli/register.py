@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
-from design.files import write_text
-from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
+from printctl.ahead import import_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
-from printctl.cli.run_folder import print_folder
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
@@ -29,36 +26,17 @@ from printctl.cli.scan_options import (
     Scale,
     ScanFile,
     VoxelUm,
+    WallsFile,
     said_of_scan,
 )
 from printctl.errors import UsageError
-from printctl.feedback import ORIGIN, keep_origin
-from printctl.link.print_identity import print_identity
-from printctl.pipeline.context import LUMEN, NETWORK, SOLID
-from printctl.pipeline.deviation_surfaces import split_surfaces
-from printctl.pipeline.facts import scan_origin
-from printctl.pipeline.stages.registration import (
-    DEVIATION,
-    NUMBERS,
-    SIGN,
-    design_facts,
-    load_deviation,
-    scan_facts,
-    write_deviation,
-    write_exports,
-)
-from printctl.pipeline.stages.report import HTML, PDF
-from printctl.pipeline.verdict import verdict
-from registration import (
-    RegistrationOptions,
-    RegistrationReport,
-    register_scan,
-    report_dict,
-)
+from printctl.pipeline.artefacts import HTML, LUMEN, NETWORK, PDF, SOLID
+from registration import RegistrationOptions, register_scan
 from registration.corrected import corrected_scan
-from registration.report import ReportSurface, write_report_html
-from registration.report.pdf import write_report_pdf
 from registration.walls_file import read_walls
+
+REGISTERING: Final = "printctl.pipeline.registering"
+"""What draws and writes."""
 
 
 def register(
@@ -87,9 +65,7 @@ def register(
     mirrored: Mirrored = None,
     oct_calibration: OctCalibrationFile = None,
     air_above: AirAbove = False,
-    walls: Annotated[
-        Path | None, typer.Option("--walls", help="File of `printctl calibrate walls`.")
-    ] = None,
+    walls: WallsFile = None,
     filled: Filled = False,
     printed_in: Annotated[
         Path | None,
@@ -116,60 +92,25 @@ def register(
     said = said_of_scan(
         voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
     )
+    import_ahead(REGISTERING)
     measured = corrected_scan(scan, said, oct_calibration, air_above)
     for note in measured.notes:
         messages().print(f"note: {note}", markup=False)
     found = register_scan(measured, surface, vessels, options)
-    numbers = {
-        **report_dict(found),
-        "sign_convention": SIGN,
-        "design": design_facts(path),
-        "measured_by": scan_facts(measured),
-    }
-    data: dict[str, Any] = {
-        "schema": 1,
-        "recipe": scan.stem,
-        "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
-        "scan": {"source": str(scan)},
-        "printed": printed,
-        "registration": numbers,
-    }
-    _write(out, data | _origin(model, scan, out), found, surface, vessels)
-    if pdf:
-        write_report_pdf(out / PDF, {**data, "provenance": scan_origin(scan, path)}, vessels)
-    write_exports(out, measured, vessels, found)
+    # Imported only now: what draws and packs loads while kernels search the scan.
+    from printctl.pipeline.registering import Registered
+
+    made = Registered(scan, measured, model, surface, path, vessels, found, printed)
+    data = made.judged(tolerance_um, diameter_tolerance_percent)
+    for note in made.write(out, data, pdf):
+        messages().print(f"note: {note}", markup=False)
     if as_json:
         print_json(data)
     else:
-        made = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
-        print_lines(*data["verdict"]["reasons"], *made)
+        files = [str(out / HTML), *([str(out / PDF)] if pdf else [])]
+        print_lines(*data["verdict"]["reasons"], *files)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)
-
-
-def _write(
-    out: Path,
-    data: dict[str, Any],
-    found: RegistrationReport,
-    surface: Solid,
-    vessels: VesselNetwork,
-) -> None:
-    """Numbers, the scanned surface with its deviation, and the page."""
-    out.mkdir(parents=True, exist_ok=True)
-    write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    write_deviation(out / DEVIATION, found)
-    vertices, faces, deviation_um = load_deviation(out / DEVIATION)
-    shown = [
-        *split_surfaces(vertices, faces, deviation_um, vessels),
-        ReportSurface("As designed", surface.vertices, surface.faces),
-    ]
-    write_report_html(out / HTML, data, shown, vessels)
-
-
-def _origin(model: Path, scan: Path, out: Path) -> dict[str, Any]:
-    """How the part was made, where the model is a run; a compensation needs it."""
-    found = keep_origin(model, scan, out) if model.is_dir() else None
-    return {} if found is None else {ORIGIN: found}
 
 
 def _design(
@@ -192,10 +133,14 @@ def _design(
 
 def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:
     """Which print was scanned, as far as a journal tells it."""
-    if named is None:
-        return print_identity(print_folder(model)) if model.is_dir() else None
-    found = print_identity(print_folder(named))
-    if found is None:
+    if named is None and not model.is_dir():
+        return None
+    # Only prints have journals; a lone STL doesn't wait for the link's modules.
+    from printctl.cli.run_folder import print_folder
+    from printctl.link.print_identity import print_identity
+
+    found = print_identity(print_folder(named or model))
+    if found is None and named is not None:
         raise UsageError(
             f"--print {named} has no journal of a print; give the print's folder, its run's, or "
             "its G-code file"

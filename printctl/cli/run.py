@@ -10,8 +10,8 @@ import typer
 from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
+from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.run import run_recipe
-from printctl.pipeline.stages.report import HTML, PDF
 from printctl.recipe import load_recipe
 
 OutOption = Annotated[

@@ -53,6 +53,9 @@ AirAbove = Annotated[
     bool,
     typer.Option("--air-above", help="Air lies above the sample: undo refraction at its surface."),
 ]
+WallsFile = Annotated[
+    Path | None, typer.Option("--walls", help="File of `printctl calibrate walls`.")
+]
 Filled = Annotated[
     bool,
     typer.Option("--filled", help="Lumens are brighter than the gel: filled with contrast agent."),

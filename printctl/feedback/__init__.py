@@ -1,7 +1,16 @@
 """Print, scan, correct, print again: from registered prints to the next one's compensation."""
 
 from printctl.feedback.estimate import Choices, estimate
-from printctl.feedback.evidence import ORIGIN, Print, keep_origin, read_print
+from printctl.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print
 from printctl.feedback.whole import Mean
 
-__all__ = ["ORIGIN", "Choices", "Mean", "Print", "estimate", "keep_origin", "read_print"]
+__all__ = [
+    "NO_ORIGIN",
+    "ORIGIN",
+    "Choices",
+    "Mean",
+    "Print",
+    "estimate",
+    "keep_origin",
+    "read_print",
+]

@@ -132,10 +132,20 @@ def known_bias(prints: Sequence[Print], given: Mean | None) -> Mean | None:
 
 
 def _check_depth(prints: Sequence[Print], depth: Depth) -> None:
-    if not depth.corrected and len({p.base.stretch.factor[2] for p in prints}) > 1:
+    """Refuse prints of different sizes in depth, of which no scan can tell which was right.
+
+    Raises
+    ------
+    UsageError
+    """
+    first = prints[0]
+    size = first.base.stretch.factor[2]
+    other = next((p for p in prints if p.base.stretch.factor[2] != size), None)
+    if other is not None and not depth.corrected:
         raise UsageError(
-            "the prints were written with different sizes in depth, and no depth standard tells "
-            "which was right; pool prints of one compensation, or give --depth-standard"
+            f"{first.name} was written {size:.4f} times as high as designed, {other.name} "
+            f"{other.base.stretch.factor[2]:.4f} times, and it can't be told which was right. "
+            f"{depth.said} Or pool only prints that were made with the same compensation."
         )
 
 

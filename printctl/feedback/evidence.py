@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,16 @@ from printctl.compensation import (
 )
 from printctl.compensation.schema import Three
 from printctl.errors import PrintctlError, UsageError
+from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import PRINTED_WITH
-from printctl.pipeline.context import NETWORK, SOLID
 from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file, digest_json
 from printctl.pipeline.stages.scan import of_simulator
 
 NUMBERS = "registration.json"
 ORIGIN = "made"
 """Section of what `printctl register` writes that says of which run the print was."""
+NO_ORIGIN = "made_unknown"
+"""The same where that isn't known: why."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +95,8 @@ def read_print(folder: Path) -> Print:
         origin = data.get(ORIGIN)
     if origin is None:
         raise UsageError(
-            f"{folder}: the scan was registered against a bare model, so it isn't known how the "
-            "part was printed; register it anew with --model RUN, a run folder"
+            f"{folder}: it isn't known how the part was printed: {_why(data)}; register it anew "
+            "with --model RUN, a whole run's folder"
         )
     found = data.get("registration", data)
     _check(folder, found)
@@ -110,8 +113,19 @@ def read_print(folder: Path) -> Print:
     )
 
 
-def origin_of(run: Path) -> dict[str, Any]:
+def _why(data: dict[str, Any]) -> str:
+    return str(data.get(NO_ORIGIN, "the scan was registered against a bare model"))
+
+
+def origin_of(run: Path, read: Sequence[str] | None = None) -> dict[str, Any]:
     """What a run folder says of how its part was made, JSON-able.
+
+    Parameters
+    ----------
+    run : Path
+    read : sequence of str or None
+        Files that must be as the run wrote them, where it wrote them; None for all that a
+        compensation reads.
 
     Raises
     ------
@@ -124,7 +138,7 @@ def origin_of(run: Path) -> dict[str, Any]:
         raise UsageError(f"{run}: its {missing[0]} isn't made; finish it with `printctl run`")
     for stage in manifest.stages.values():
         for name, digest in stage.outputs.items():
-            if name in _READ and not _unchanged(run / name, digest):
+            if name in (_READ if read is None else read) and not _unchanged(run / name, digest):
                 raise UsageError(
                     f"{run / name} isn't as the run wrote it; run the recipe again, so that design "
                     "and scan belong together"
@@ -142,24 +156,30 @@ def origin_of(run: Path) -> dict[str, Any]:
     }
 
 
-def keep_origin(run: Path, scan: Path, out: Path) -> dict[str, Any] | None:
+def keep_origin(run: Path, scan: Path, out: Path) -> dict[str, Any]:
     """Keep in ``out`` what a compensation needs of the run that a scanned part was made by.
 
-    None for a folder that isn't a whole run's: its scan can be registered, and no more.
+    Returns
+    -------
+    dict
+        A section for `NUMBERS`: `ORIGIN`, or, of a folder that isn't a whole run's, `NO_ORIGIN`
+        with the reason. Its scan can be registered, and no more.
     """
+    if not (run / MANIFEST).is_file():
+        return {NO_ORIGIN: f"{run} has no {MANIFEST} of a run"}
     try:
-        origin = origin_of(run)
-    except UsageError:
-        return None
+        origin = origin_of(run, _MADE)
+    except UsageError as exc:
+        return {NO_ORIGIN: str(exc)}
     digest = digest_file(scan) if scan.is_file() else None
-    same = bool(origin["simulated"]) and digest == origin["scan_sha256"]
+    same = bool(origin["simulated"]) and digest is not None and digest == origin["scan_sha256"]
     origin["simulated"] = same or of_simulator(scan)
     origin["scan_sha256"] = digest
     out.mkdir(parents=True, exist_ok=True)
     for name in (NETWORK, PRINTED_WITH if origin["compensation_sha256"] else None):
         if name is not None:
             write_bytes(out / name, (run / name).read_bytes())
-    return origin
+    return {ORIGIN: origin}
 
 
 def design_of(run: Path) -> DesignPart:
@@ -175,7 +195,8 @@ def design_of(run: Path) -> DesignPart:
 SIMULATED_SCANS = ("scan.tif", "scan.oct")
 """What a run calls the file of its simulated scan."""
 
-_READ = (NETWORK, SOLID, NUMBERS, PRINTED_WITH)
+_MADE = (NETWORK, SOLID, PRINTED_WITH)
+_READ = (*_MADE, NUMBERS)
 
 
 def _unchanged(path: Path, digest: str) -> bool:

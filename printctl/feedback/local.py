@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
@@ -20,8 +20,13 @@ from printctl.feedback.size import OFFSET_VOXELS, across
 from printctl.feedback.whole import NORMAL_95, VESSEL_VOXELS, Radial
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _STEPS = 50
+
+ACCIDENT = 0.01
+"""Probability that, of vessels which all repeat alike, one is taken for an accident's."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,25 @@ def local_excess(
     means = np.array([np.mean([value for value, _ in table[v]]) for v in vessels])
     errors, times = _errors([table[v] for v in vessels])
     errors = np.hypot(errors, VESSEL_VOXELS * voxel_mm)
-    prior = max(0.0, float(np.mean(means**2 - errors**2)))
+    prior = _prior(means, errors)
     half = times * errors
     kept = np.where(np.abs(means) > half, prior / (prior + errors**2), 0.0)
     return tuple(
         Local(vessel, float(mean), float(wide), float(share))
         for vessel, mean, wide, share in zip(vessels, means, half, kept, strict=True)
     )
+
+
+def _prior(means: FloatArray, errors: FloatArray) -> float:
+    """Variance τ² of the vessels, by moments, each weighted by how well it is known.
+
+    One that had an accident says little of how much the others differ.
+    """
+    found = 0.0
+    for _ in range(_STEPS):
+        weight = 1 / (found + errors**2) ** 2
+        found = max(0.0, float((weight * (means**2 - errors**2)).sum() / weight.sum()))
+    return found
 
 
 def _table(
@@ -84,22 +101,50 @@ def _errors(rows: Sequence[Sequence[tuple[float, float]]]) -> tuple[FloatArray, 
     """Standard error of each vessel's mean, and the factor to a 95 % interval.
 
     Of several prints by their spread, pooled over the vessels or the vessel's own, whichever is
-    larger; never below what the sections' scatter makes it.
+    larger; never below what the sections' scatter makes it. Accidents aren't pooled.
     """
     count = np.array([len(row) for row in rows])
     own = np.array([np.sqrt(np.mean([e**2 for _, e in row])) for row in rows]) / np.sqrt(count)
-    free = int((count - 1).sum())
+    apart = np.array([_variance([v for v, _ in row]) for row in rows])
+    usual = repeating(apart, count - 1)
+    free = int((count - 1)[usual].sum())
     if free == 0:
         return own, NORMAL_95
-    squares = sum(float(np.var([v for v, _ in row])) * len(row) for row in rows)
-    between = np.sqrt(squares / free / count)
+    between = float((apart * (count - 1))[usual].sum()) / free
     # One print's accident isn't thinned by all the vessels that had none.
-    apart = np.array([_sd([v for v, _ in row]) for row in rows]) / np.sqrt(count)
-    return np.maximum(own, np.maximum(between, apart)), -float(stdtrit(free, 0.025))
+    spread = np.sqrt(np.maximum(apart, between) / count)
+    return np.maximum(own, spread), -float(stdtrit(free, 0.025))
 
 
-def _sd(values: Sequence[float]) -> float:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+def repeating(variance: FloatArray, free: IntArray) -> Mask:
+    """Which vessels vary from print to print as the others do; the rest had accidents.
+
+    Cochran's test of the largest variance, repeated, in its form for unequal counts (the largest
+    against all others by the F distribution, Bonferroni; ISO 5725-2:2019, 7.3.3; 't Lam 2010,
+    10.1016/j.jspi.2009.09.010).
+
+    Parameters
+    ----------
+    variance : (n,) float64
+    free : (n,) int64
+        Degrees of freedom of each: prints less one.
+    """
+    kept = np.ones(len(variance), dtype=np.bool_)
+    while True:
+        worst = int(np.argmax(np.where(kept & (free > 0), variance, -1.0)))
+        rest = kept.copy()
+        rest[worst] = False
+        others = int(free[rest].sum())
+        if others == 0 or free[worst] == 0:
+            return kept
+        ratio = variance[worst] / max(float((variance * free)[rest].sum()) / others, 1e-12)
+        if kept.sum() * float(fdtrc(free[worst], others, ratio)) > ACCIDENT:
+            return kept
+        kept = rest
+
+
+def _variance(values: Sequence[float]) -> float:
+    return float(np.var(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 @dataclass(frozen=True)

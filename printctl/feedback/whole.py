@@ -17,6 +17,12 @@ NORMAL_95 = 1.96
 BIAS_VOXELS = 0.5
 """Half width of the interval of a segmentation's bias of all diameters, in voxels: on simulated
 scans of known parts it was 0.1 to 0.5 of one (docs/registration.md)."""
+OUTLIER = 5.0
+"""In standard deviations, from when on a vessel's size is its own and no part of what is common."""
+LEAST_FOR_OUTLIERS = 8
+"""Vessels; the spread of fewer isn't known well enough to call one of them off."""
+_PAIRED = 1000
+"""Vessels whose slopes to each other are looked at: pairs grow with the square."""
 VESSEL_VOXELS = 0.07
 """Standard deviation from vessel to vessel of that bias: 1.4 to 4 um at 25 to 80 um."""
 
@@ -113,7 +119,8 @@ def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias_mm: Mean 
     """
     every = [reading for found in prints for reading in found.values()]
     diameters = np.array([reading.diameter_mm for reading in every])
-    fits = [_line(_told(found), voxel_mm, float(diameters.mean())) for found in prints]
+    alike = [_common(_told(found), voxel_mm) for found in prints]
+    fits = [_line(found, voxel_mm, float(diameters.mean())) for found in alike]
     bias = Mean(0.0, BIAS_VOXELS * voxel_mm) if bias_mm is None else bias_mm
     offset = pooled([a.value for a, _ in fits], [a.half for a, _ in fits])
     slope = pooled([b.value for _, b in fits], [b.half for _, b in fits])
@@ -133,6 +140,31 @@ def _told(found: dict[int, Reading]) -> list[Reading]:
     """The vessels that are told well, where there are some."""
     well = [reading for reading in found.values() if reading.sections >= LEAST_SECTIONS]
     return well if len(well) >= 3 else list(found.values())
+
+
+def _common(found: list[Reading], voxel_mm: float) -> list[Reading]:
+    """Without single vessels that lie far off the others' line: faults and accidents of their own.
+
+    Outliers by the median absolute deviation, from `LEAST_FOR_OUTLIERS` vessels on.
+    """
+    if len(found) < LEAST_FOR_OUTLIERS:
+        return found
+    x = np.array([reading.diameter_mm for reading in found])
+    y = np.array([reading.excess_mm for reading in found])
+    own = np.array([np.hypot(reading.error_mm, VESSEL_VOXELS * voxel_mm) for reading in found])
+    some = slice(None, None, 1 + len(found) // _PAIRED)
+    slope = _median_slope(x[some], y[some])
+    rest = np.abs(y - slope * x - np.median(y - slope * x))
+    limit = OUTLIER * np.maximum(own, 1.4826 * float(np.median(rest)))
+    return [reading for reading, off in zip(found, rest > limit, strict=True) if not off]
+
+
+def _median_slope(x: FloatArray, y: FloatArray) -> float:
+    """Of all pairs (Theil 1950; Sen 1968, 10.1080/01621459.1968.10480934); 0 where x is one."""
+    first, second = np.triu_indices(len(x), 1)
+    run, rise = x[second] - x[first], y[second] - y[first]
+    apart = run != 0
+    return float(np.median(rise[apart] / run[apart])) if apart.any() else 0.0
 
 
 def _line(found: Sequence[Reading], voxel_mm: float, at_mm: float) -> tuple[Mean, Mean]:

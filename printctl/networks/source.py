@@ -19,7 +19,7 @@ from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError
 from printctl.networks.formats import read_network
-from printctl.pipeline.context import NETWORK
+from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.stages.flow import TABLE
 from printctl.pipeline.stages.registration import NUMBERS
 from printctl.pipeline.stages.tissue import SURFACE

@@ -12,7 +12,8 @@ from design.solids import Solid, surface_genus
 from design.toolpath.correction import check_outside, check_walls
 from printctl.compensation import CompensationFile, MadeWith, changes_line, save_compensation
 from printctl.errors import SafetyError, UsageError
-from printctl.pipeline.context import NETWORK, SIMULATED_PORT, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stages.solid import built_solids
 

@@ -22,16 +22,13 @@ from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.errors import UsageError
+from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan
-
-NETWORK = "network.csv"
-LUMEN = "lumen.stl"
-SOLID = "solid.stl"
 
 SIMULATED_PORT = "simulated"
 

@@ -51,6 +51,7 @@ def _part(
     name: str, vertices: FloatArray, faces: NDArray[np.int32], deviation_um: FloatArray
 ) -> ReportSurface:
     """A surface with the vertices that its faces use."""
-    used, index = np.unique(faces, return_inverse=True)
-    renumbered = index.reshape(faces.shape).astype(np.int32)
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    renumbered = (np.cumsum(used) - 1).astype(np.int32)[faces]
     return ReportSurface(name, vertices[used], renumbered, deviation_um[used], "µm")

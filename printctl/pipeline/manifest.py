@@ -67,7 +67,7 @@ class Manifest:
             data = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
             stages = {name: StageRecord(**record) for name, record in data["stages"].items()}
             return Manifest(folder, data["facts"], stages)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return Manifest(folder)
 
     def save(self) -> None:

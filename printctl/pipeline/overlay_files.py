@@ -12,9 +12,11 @@ import numpy as np
 from design.files import write_bytes, write_text
 from printctl.pipeline.overlaying import Overlay
 from printctl.progress import Report
+from registration.notes import wall_notes
 from registration.overlay import LayerStatus, overlay_csv, overlay_dict
 from registration.report.overlay import OverlayPage, PictureOf, draw_overlay, write_overlay_html
 from registration.report.wording import number
+from registration.walls_file import WallCalibration
 
 HTML, JSON, CSV = "overlay.html", "overlay.json", "overlay.csv"
 _DIMMEST: Final = 0.15
@@ -168,6 +170,7 @@ def _page(found: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]
             "is written later has none; if the printer was further, it gave no ink from there on.",
             "A layer that is out of view or unlit is called not seen, and one without gel under "
             "nothing but more such layers not printed: neither counts as failed.",
+            *wall_notes(data["walls"] and WallCalibration(**data["walls"]), ()),
             *data["notes"],
         ),
     )

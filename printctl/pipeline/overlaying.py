@@ -81,7 +81,7 @@ def overlay_scan(
     for layer in run.layers:
         cut = cutter.cut(raster, layer.middle_mm)
         lumen = lumens.mask(raster, layer.middle_mm)
-        numbers.append(measure_layer(layer, lumen, cut, raster, limits))
+        numbers.append(measure_layer(layer, lumen, cut, raster, limits, run.corrected))
         grey.append(_greys(cut))
         report(layer.number / len(run.layers), f"layer {layer.number}")
     if all(one.in_view == 0 for one in numbers):
@@ -117,7 +117,9 @@ def _with_the_last(found: Overlay) -> Overlay:
     layer = numbers[last].layer.upto(moves)
     cut = found.cutter.cut(found.raster, layer.middle_mm)
     lumen = found.lumens.mask(found.raster, layer.middle_mm)
-    numbers[last] = measure_layer(layer, lumen, cut, found.raster, found.limits)
+    numbers[last] = measure_layer(
+        layer, lumen, cut, found.raster, found.limits, found.run.corrected
+    )
     status[last] = LayerStatus.UNDER_WAY
     return replace(found, numbers=tuple(numbers), status=tuple(status))
 

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from design.solids import Solid, read_solid
-from design.toolpath.correction import Stretch
+from design.toolpath.correction import Corrections, Stretch
 from printctl.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
+from printctl.pipeline.artefacts import LUMEN, SOLID
 from printctl.pipeline.compensated import PRINTED_WITH
-from printctl.pipeline.context import LUMEN, SOLID, RunContext, default_place
+from printctl.pipeline.context import RunContext, default_place
 from printctl.pipeline.manifest import MANIFEST, Manifest
 from printctl.pipeline.stages.tissue import SURFACE
 from printctl.pipeline.stages.toolpath import GCODE
@@ -44,6 +45,8 @@ class WrittenRun:
         The construct and its lumens, part frame.
     thinnest_mm : float, mm
         Diameter of the thinnest lumen.
+    corrected : bool
+        Whether lumens were written otherwise than they are to become, which is the design.
     notes : tuple of str
         What a reader must know of these lines.
     """
@@ -54,6 +57,7 @@ class WrittenRun:
     solid: Solid
     lumen: Solid
     thinnest_mm: float
+    corrected: bool
     notes: tuple[str, ...]
 
 
@@ -80,7 +84,8 @@ def read_written(
     line_map, _ = read_line_map(folder / GCODE, gcode.count(b"\n"))
     job = read_job(gcode, GCODE, _pushing(context, part), line_map)
     notes = []
-    stretch = _stretch(folder, part)
+    corrections = _corrections(folder, part)
+    stretch = corrections.stretch
     if not stretch.is_neutral:
         said = (
             "are drawn in the design's size, which the scaled fit gives the scan"
@@ -88,6 +93,12 @@ def read_written(
             else "are drawn as written, over a part that may have shrunk since"
         )
         notes.append(f"The G-code isn't of the design's size (compensation): lines {said}.")
+    corrected = fit == "scaled" and corrections.changes_lumens
+    if corrected:
+        notes.append(
+            "Lumens were written otherwise than designed (compensation), so that they come out as "
+            "designed: gel is held against the design's, and lines count outside of them only."
+        )
     if context.printer.heads:
         notes.append("Line widths are those of the first head's syringe.")
     return WrittenRun(
@@ -97,16 +108,17 @@ def read_written(
         solid=context.solid,
         lumen=context.lumen,
         thinnest_mm=2 * float(context.network.radius.min()),
+        corrected=corrected,
         notes=tuple(notes),
     )
 
 
-def _stretch(folder: Path, part: Fresh) -> Stretch:
-    """Designed to written size: by a compensation's file, or by the recipe's own numbers."""
+def _corrections(folder: Path, part: Fresh) -> Corrections:
+    """Designed to written: by a compensation's file, or by the recipe's own numbers."""
     if part.compensation is not None:
-        return corrections_of_file(load_compensation(folder / PRINTED_WITH)).stretch
+        return corrections_of_file(load_compensation(folder / PRINTED_WITH))
     x, y, z = (1 / (1 - share / 100) for share in part.compensate.shrink_percent)
-    return Stretch((x, y, z))
+    return Corrections(Stretch((x, y, z)), radial_mm=part.compensate.radial_um * 1e-3)
 
 
 def _context(folder: Path, console: Console) -> RunContext:

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 PATCH_MM = 0.5
 """Points of one cell of this edge err together."""
-OWN, ALONG_LIGHT = 0.035, 0.045
+OWN, ALONG_LIGHT = 0.02, 0.025
 """Standard deviations of a wall's repeatable error, as parts of the blur: of each direction, and
 along the light of all walls (set on phantoms under three lights, held against others)."""
 NORMAL_95 = 1.96

@@ -74,9 +74,10 @@ def _starts(surface: ModelSurface, depth_down: bool, options: AlignmentOptions) 
     steps = (0.0, -options.shift_mm, options.shift_mm)
     shifts = [np.array([x, y, 0.0]) for x, y in product(steps, steps)]
     out = np.empty((options.turns, len(tilts) * len(shifts), 3, 4))
+    middle, turned = surface.centroid, turns.as_matrix()
     for n, (tilt, shift) in enumerate(product(tilts.as_matrix(), shifts)):
-        out[:, n, :, :3] = tilt @ turns.as_matrix() @ flip
-        out[:, n, :, 3] = surface.centroid + shift
+        out[:, n, :, :3] = tilt @ turned @ flip
+        out[:, n, :, 3] = middle + shift
     return out
 
 

@@ -2,7 +2,8 @@
 
 from registration.dye.marks import Marks, read_marks
 from registration.dye.measure import DyeOptions, DyeReport, measure_dye
-from registration.dye.verdict import dye_dict, dye_verdict, place_rows
+from registration.dye.numbers import dye_dict, place_rows
+from registration.dye.verdict import dye_verdict
 
 __all__ = [
     "DyeOptions",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,12 @@ from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals, find_arrivals
 from registration.dye.fit import Prediction, predict
 from registration.dye.marks import FloatArray, Marks, checked_node
-from registration.dye.patency import VesselDye, find_patency
-from registration.dye.predict import carried
+from registration.dye.patency import VesselDye, find_patency, timed_beside
+from registration.dye.perspective import FEWEST
+from registration.dye.predict import carried, carried_beside
 from registration.dye.stations import Stations
 from registration.dye.traces import Traces, before_dye, read_traces
-from registration.dye.view import View, find_view
+from registration.dye.view import LEAST_PX, View, find_view
 from registration.errors import DyeError
 
 _STRONG_DRIFT = 0.3
@@ -50,6 +51,21 @@ class DyeOptions:
 
 
 @dataclass(frozen=True)
+class Beside:
+    """Arrivals by the flow that closed vessels leave.
+
+    Attributes
+    ----------
+    closed : tuple of int
+        Vessels taken out: blocked, or not reached.
+    prediction : Prediction
+    """
+
+    closed: tuple[int, ...]
+    prediction: Prediction
+
+
+@dataclass(frozen=True)
 class DyeReport:
     """What a film shows.
 
@@ -63,6 +79,8 @@ class DyeReport:
     vessels : list of VesselDye
     notes : tuple of str
         What weakens the numbers.
+    beside : Beside or None
+        Where vessels are closed, and enough is seen of the others.
     """
 
     view: View
@@ -72,10 +90,20 @@ class DyeReport:
     prediction: Prediction
     vessels: list[VesselDye]
     notes: tuple[str, ...]
+    beside: Beside | None = None
+
+    @property
+    def held_to(self) -> Prediction:
+        """What vessels are judged by: beside closed ones the flow that they leave."""
+        return self.prediction if self.beside is None else self.beside.prediction
 
     def late_s(self) -> FloatArray:
-        """Measured less predicted arrival of each station, (s,), s; NaN where not both are."""
+        """Measured less designed arrival of each station, (s,), s; NaN where not both are."""
         return self.arrivals.time_s - self.prediction.time_s
+
+    def late_held_s(self) -> FloatArray:
+        """The same against `held_to`."""
+        return self.arrivals.time_s - self.held_to.time_s
 
 
 def measure_dye(
@@ -112,7 +140,28 @@ def measure_dye(
     end = float(traces.times[-1])
     vessels = find_patency(network, flow, stations, arrivals, prediction, end)
     notes = _notes(view, marks, traces, arrivals.dyed, arrivals.time_s)
-    return DyeReport(view, stations, traces, arrivals, prediction, vessels, tuple(notes))
+    report = DyeReport(view, stations, traces, arrivals, prediction, vessels, tuple(notes))
+    return _held_beside(report, network, inlet, given)
+
+
+def _held_beside(
+    report: DyeReport, network: VesselNetwork, inlet: int | None, given: DyeOptions
+) -> DyeReport:
+    """The report with arrivals held to the flow that closed vessels leave, if any are."""
+    closed = tuple(v.vessel for v in report.vessels if v.patency in ("blocked", "not reached"))
+    flow = carried_beside(network, inlet, closed) if closed else None
+    if flow is None:
+        return report
+    stations, arrivals = report.stations, report.arrivals
+    try:
+        prediction = predict(
+            network, flow, stations, report.traces, arrivals, given.flow_ul_s, given.start_s
+        )
+    except DyeError:
+        note = "too little is seen beside the closed vessels to hold dye to the flow they leave"
+        return replace(report, notes=(*report.notes, note))
+    vessels = timed_beside(report.vessels, flow, stations, arrivals, prediction)
+    return replace(report, vessels=vessels, beside=Beside(closed, prediction))
 
 
 def _check_inlet(inlet: int, network: VesselNetwork) -> None:
@@ -134,6 +183,16 @@ def _notes(
         )
     if len(marks.marks) == 2:
         notes.append("two marks always fit: a third shows whether they are right")
+    if len(marks.marks) == FEWEST - 1 and view.residual_mm * view.px_per_mm > LEAST_PX:
+        notes.append(
+            f"the marks are off by {view.residual_mm * view.px_per_mm:.0f} pixels; if the camera "
+            "was tilted, mark four points or more"
+        )
+    if view.perspective and len(marks.marks) == FEWEST:
+        notes.append(
+            f"the four marks mean a camera tilted by {view.tilt_deg:.0f}°, and four always fit "
+            "one: a fifth shows whether they are right"
+        )
     if not traces.corrected:
         notes.append(
             "too little ground off the vessels to correct shake and light; film with a wider rim"

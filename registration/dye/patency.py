@@ -20,8 +20,32 @@ _DUE, _WAIT, _FAR, _HALF, _FEWEST_OF_LINE, _LEAST_SPAN = 0.6, 3.0, 0.7, 0.5, 3, 
 
 
 @dataclass(frozen=True)
-class VesselDye:
-    """What was seen of one vessel.
+class Times:
+    """When dye passes a vessel, as measured and by a prediction.
+
+    Attributes
+    ----------
+    arrives_s, leaves_s, predicted_arrives_s, predicted_leaves_s : float or None, s
+        At the end that flow enters by and the one it leaves by, film's clock: a line through its
+        stations over the volume, extended to the ends.
+    transit_s, predicted_transit_s, transit_sd_s : float or None, s
+    late_s : float or None, s
+        Median of measured less predicted over its stations.
+    """
+
+    arrives_s: float | None = None
+    leaves_s: float | None = None
+    predicted_arrives_s: float | None = None
+    predicted_leaves_s: float | None = None
+    transit_s: float | None = None
+    predicted_transit_s: float | None = None
+    transit_sd_s: float | None = None
+    late_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class VesselDye(Times):
+    """What was seen of one vessel; its times are against the design.
 
     Attributes
     ----------
@@ -35,12 +59,8 @@ class VesselDye:
         Vessels behind it in series, without dye either, that may be the closed one.
     seen_share : float
         Of its stations.
-    arrives_s, leaves_s, predicted_arrives_s, predicted_leaves_s : float or None, s
-        At the end that flow enters by and the one it leaves by, film's clock: a line through its
-        stations over the volume, extended to the ends.
-    transit_s, predicted_transit_s, transit_sd_s : float or None, s
-    late_s : float or None, s
-        Median of measured less predicted over its stations.
+    beside : Times or None
+        The same against the flow that closed vessels leave, where there are any.
     """
 
     vessel: int
@@ -49,14 +69,7 @@ class VesselDye:
     blocked_to_mm: float | None = None
     or_in: tuple[int, ...] = ()
     seen_share: float = 0.0
-    arrives_s: float | None = None
-    leaves_s: float | None = None
-    predicted_arrives_s: float | None = None
-    predicted_leaves_s: float | None = None
-    transit_s: float | None = None
-    predicted_transit_s: float | None = None
-    transit_sd_s: float | None = None
-    late_s: float | None = None
+    beside: Times | None = None
 
 
 @dataclass(frozen=True)
@@ -131,19 +144,35 @@ def find_patency(
     made = []
     for vessel, state in states.items():
         here = stations.vessel == vessel
-        known = np.flatnonzero(here & arrivals.dyed & np.isfinite(prediction.time_s))
         stop = _stop(network, flow, vessel, seen[vessel]) if state == "blocked" else None
         shut = state == "blocked" and stop is None
         found = VesselDye(
-            vessel,
-            state,
+            vessel=vessel,
+            patency=state,
             blocked_from_mm=stop[0] if stop else None,
             blocked_to_mm=stop[1] if stop else None,
             or_in=_series(network, flow, states, vessel) if shut else (),
             seen_share=float(stations.seen[here].mean()),
         )
-        timed = _times(share, arrivals, prediction, known) if state == "open" else {}
+        timed = _times(share, arrivals, prediction, here) if state == "open" else {}
         made.append(replace(found, **timed))
+    return made
+
+
+def timed_beside(
+    vessels: list[VesselDye],
+    flow: Carried,
+    stations: Stations,
+    arrivals: Arrivals,
+    prediction: Prediction,
+) -> list[VesselDye]:
+    """Vessels with times against the flow that closed ones leave; it may run the other way."""
+    share = along_flow(flow, stations)
+    made = []
+    for vessel in vessels:
+        here = stations.vessel == vessel.vessel
+        timed = _times(share, arrivals, prediction, here) if vessel.patency == "open" else {}
+        made.append(replace(vessel, beside=Times(**timed)))
     return made
 
 
@@ -206,9 +235,10 @@ def _stop(
 
 
 def _times(
-    share: FloatArray, arrivals: Arrivals, prediction: Prediction, known: NDArray[np.intp]
+    share: FloatArray, arrivals: Arrivals, prediction: Prediction, here: NDArray[np.bool_]
 ) -> dict[str, Any]:
     """Arrival at both ends and transit, as far as a vessel's known stations tell."""
+    known = np.flatnonzero(here & arrivals.dyed & np.isfinite(prediction.time_s))
     if len(known) == 0:
         return {}
     late = float(np.median((arrivals.time_s - prediction.time_s)[known]))

@@ -9,6 +9,7 @@ Eₙ(z) = ∫₁^∞ exp(-zx)/xⁿ dx (Abramowitz & Stegun 5.1.4).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.special import exp1
 
 from design.hemodynamics import FlowConditions, FlowSolution, solve_flow
 from design.network import VesselNetwork
+from registration.dye.beside import Nodes, left_open, solve_beside
 from registration.dye.marks import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -55,11 +57,32 @@ def carried(network: VesselNetwork, inlet: int | None) -> Carried:
     FlowError
         When the network has no such flow.
     """
-    inlets = None if inlet is None else (inlet,)
-    outlets = None if inlet is None else _opposite(network, inlet)
-    solution = solve_flow(
-        network, FlowConditions(_WATER, inlet_flow_ul_s=1.0, inlets=inlets, outlets=outlets)
-    )
+    inlets, outlets = _ends(network, inlet)
+    conditions = FlowConditions(_WATER, inlet_flow_ul_s=1.0, inlets=inlets, outlets=outlets)
+    return _carried_by(network, solve_flow(network, conditions), inlets)
+
+
+def carried_beside(
+    network: VesselNetwork, inlet: int | None, closed: Collection[int]
+) -> Carried | None:
+    """Solve the flow of 1 µL/s without the vessels that are closed.
+
+    They are taken out whole: a closure that leaks isn't told from one that doesn't.
+
+    Returns
+    -------
+    Carried or None
+        Of the whole network, at rest in the closed vessels and in what they cut off; None where
+        nothing is left that leads from an inlet to an outlet.
+    """
+    inlets, outlets = _ends(network, inlet)
+    left = left_open(network, inlets, outlets, closed)
+    if not left.any():
+        return None
+    return _carried_by(network, solve_beside(network, _WATER, inlets, outlets, left), inlets)
+
+
+def _carried_by(network: VesselNetwork, solution: FlowSolution, inlets: Nodes) -> Carried:
     start, end, a, b, vessel = network.pieces()
     frustum = np.pi / 3.0 * np.linalg.norm(end - start, axis=1) * (a * a + a * b + b * b)
     volume: FloatArray = np.asarray(
@@ -67,16 +90,22 @@ def carried(network: VesselNetwork, inlet: int | None) -> Carried:
     )
     flow = np.abs(solution.flow)
     transit = np.where(flow > _STILL, volume / np.maximum(flow, _STILL), np.inf)
-    entering = network.inlets() if inlets is None else np.array(inlets)
     earliest: FloatArray = np.full(len(network.nodes), np.inf)
-    earliest[entering] = 0.0
+    earliest[list(inlets)] = 0.0
     for k in downstream(network, solution):
         first, last = ends_along(network, solution, int(k))
         earliest[last] = min(earliest[last], earliest[first] + transit[k])
     return Carried(solution, volume, transit, earliest)
 
 
-def _opposite(network: VesselNetwork, inlet: int) -> tuple[int, ...]:
+def _ends(network: VesselNetwork, inlet: int | None) -> tuple[Nodes, Nodes]:
+    """Nodes that dye enters and leaves by."""
+    if inlet is None:
+        return tuple(network.inlets().tolist()), tuple(network.outlets().tolist())
+    return (inlet,), _opposite(network, inlet)
+
+
+def _opposite(network: VesselNetwork, inlet: int) -> Nodes:
     """Open ends that dye let in at ``inlet`` leaves by; from a designed outlet, by all others."""
     starts, ends = network.inlets().tolist(), network.outlets().tolist()
     return tuple(node for node in (*starts, *ends) if node != inlet) if inlet in ends else (*ends,)

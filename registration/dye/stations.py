@@ -78,12 +78,14 @@ def _along(
     ends = view.pixels(np.concatenate([place[:, 0], place[:, -1]])).reshape(2, count, 2)
     ahead = ends[1] - ends[0]
     length = np.hypot(*ahead.T)
-    flat = length / (0.8 * way[-1] / count * view.px_per_mm)
+    scale = view.scales(middle)
+    flat = length / (0.8 * way[-1] / count * scale)
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.maximum(length, 1e-9)[:, None]
     # Middles of equal strips over the whole width: their mean is the mean over the lumen.
     strips = (2.0 * np.arange(ACROSS) + 1.0) / ACROSS - 1.0
     seen = view.pixels(place.reshape(-1, 3)).reshape(count, ALONG, 1, 2)
-    off = strips[:, None] * of_fine[:, :, None, None] * view.px_per_mm * aside[:, None, None]
+    wide = of_fine * scale[:, None]
+    off = strips[:, None] * wide[:, :, None, None] * aside[:, None, None]
     share = np.interp(at, way, volume_shares(points, radius))
     return share, middle, of_fine[:, ALONG // 2], (seen + off).reshape(count, -1, 2), flat
 
@@ -102,7 +104,8 @@ def _covered(
     """Samples in the projection of another vessel's piece, pieces cut off square."""
     start, end, r0, r1, owner = network.pieces()
     first, last = view.pixels(start), view.pixels(end)
-    reach = np.maximum(r0, r1) * view.px_per_mm
+    wide = np.stack([r0 * view.scales(start), r1 * view.scales(end)], axis=1)
+    reach = wide.max(axis=1)
     low, high = (
         edge(first, last) + sign * reach[:, None]
         for edge, sign in ((np.minimum, -1), (np.maximum, 1))
@@ -112,8 +115,9 @@ def _covered(
     for k in range(len(start)):
         near = ((highs >= low[k]) & (lows <= high[k])).all(axis=1) & (vessel != owner[k])
         if near.any():
-            ends = (r0[k] * view.px_per_mm, r1[k] * view.px_per_mm)
-            covered[near] |= within_piece(samples[near], first[k], last[k], ends)
+            covered[near] |= within_piece(
+                samples[near], first[k], last[k], (wide[k, 0], wide[k, 1])
+            )
     return covered
 
 

@@ -130,8 +130,9 @@ def off_vessels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> N
     start, end, r0, r1, _ = network.pieces()
     first, last = view.pixels(start), view.pixels(end)
     size = np.array(shape[::-1])
-    for a, b, ra, rb in zip(first, last, r0, r1, strict=True):
-        radii = (ra * view.px_per_mm + _MARGIN_PX, rb * view.px_per_mm + _MARGIN_PX)
+    wide0, wide1 = r0 * view.scales(start) + _MARGIN_PX, r1 * view.scales(end) + _MARGIN_PX
+    for a, b, *wide in zip(first, last, wide0, wide1, strict=True):
+        radii = (float(wide[0]), float(wide[1]))
         low = np.clip(np.floor(np.minimum(a, b) - max(radii)), 0, size).astype(int)
         high = np.clip(np.ceil(np.maximum(a, b) + max(radii)) + 1, 0, size).astype(int)
         u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))

@@ -1,4 +1,8 @@
-"""Where the design's points are seen in the picture: a similarity through the user's marks."""
+"""Where the design's points are seen in the picture, by the user's marks.
+
+Two or three marks give a similarity (turn, scale, shift). Four or more that don't fit one give a
+homography: a tilted camera, and points in one plane.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,14 @@ import numpy as np
 
 from design.network import VesselNetwork
 from registration.dye.marks import FloatArray, Marks, marked_points
+from registration.dye.perspective import (
+    FEWEST,
+    find_homography,
+    mapped,
+    reading_error,
+    slopes,
+    spread_out,
+)
 from registration.errors import DyeError
 
 _RIGHT_AND_UP: Final = {
@@ -20,73 +32,115 @@ _RIGHT_AND_UP: Final = {
     "x": ((0, 1, 0), (0, 0, 1)),
     "-x": ((0, 1, 0), (0, 0, -1)),
 }
-_LEAST_PX = 2.0
+LEAST_PX = 2.0
+"""How far off marks are read."""
+_READ, _STEEPEST_DEG = 0.25, 60.0
 
 
 @dataclass(frozen=True)
 class View:
-    """A distant camera.
+    """A camera's view of the part.
 
     Attributes
     ----------
     right, down : (3,) float64
         Axes of the part along the picture's before it is turned.
-    factor, shift : complex, px/mm and px
-        u + iv = factor · (right + i·down) + shift, of the conjugate where mirrored.
+    matrix : (3, 3) float64
+        From (right, down, 1), mm, to the pixel (u, v, 1) times a weight.
+    middle : (2,) float64, mm
+        Of the marks along right and down.
     mirrored : bool
     residual_mm : float, mm
-        Root mean square over the marks; 0 with two of them, which always fit.
+        Of a similarity: root mean square over the marks, 0 with two, which always fit. Of a
+        perspective: the same over the n - 4 that aren't needed for it, 0 with four.
+    perspective : bool
+        Whether the matrix is more than a similarity.
     either_way : bool
         The marks fit a mirrored picture as well.
     """
 
     right: FloatArray
     down: FloatArray
-    factor: complex
-    shift: complex
+    matrix: FloatArray
+    middle: FloatArray
     mirrored: bool
     residual_mm: float
+    perspective: bool = False
     either_way: bool = False
 
     @property
     def px_per_mm(self) -> float:
-        """Scale of the picture."""
-        return abs(self.factor)
+        """Scale of the picture at the marks' middle, not foreshortened."""
+        return float(np.linalg.norm(slopes(self.matrix, self.middle[None])[0], 2))
+
+    @property
+    def tilt_deg(self) -> float:
+        """Of the line of sight to the plane's normal at the marks' middle, by foreshortening."""
+        wide, narrow = np.linalg.svd(slopes(self.matrix, self.middle[None])[0])[1]
+        share = float(narrow / max(float(wide), 1e-12))
+        return float(np.degrees(np.arccos(min(share, 1.0)))) if self.perspective else 0.0
+
+    def places(self, points: FloatArray) -> FloatArray:
+        """Points (n, 3) along right and down, (n, 2), mm."""
+        return np.stack([points @ self.right, points @ self.down], axis=1)
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Where points (n, 3), mm, are seen, (n, 2); (0, 0) is the first pixel's middle."""
-        seen = points @ self.right + 1j * (points @ self.down)
-        placed = self.factor * (np.conj(seen) if self.mirrored else seen) + self.shift
-        return np.stack([placed.real, placed.imag], axis=1)
+        return mapped(self.matrix, self.places(points))
+
+    def scales(self, points: FloatArray) -> FloatArray:
+        """px/mm at points (n, 3), not foreshortened: a tube's width in the picture, (n,)."""
+        if not self.perspective:
+            return np.full(len(points), self.px_per_mm)
+        here = slopes(self.matrix, self.places(points))
+        return np.asarray(np.linalg.norm(here, 2, axis=(1, 2)))
 
 
 def find_view(marks: Marks, network: VesselNetwork) -> View:
-    """Fit a similarity (turn, scale, shift) to the marks.
+    """Fit a similarity to the marks; where four or more don't fit one, a homography.
+
+    Four fit a similarity if they are off by no more than two pixels, or a quarter of the thinnest
+    lumen's radius if that is more.
 
     Raises
     ------
     DyeError
-        Marks on one point, mirrored ones that don't say so, or ones that don't fit: further off
-        than the median lumen's radius, or two pixels if that is more.
+        Marks on one point, mirrored ones that don't say so, ones that are off by more than the
+        median lumen's radius (or two pixels); for a tilted view too few, in line, too near each
+        other, or vessels out of their plane.
     """
     points, pixels = marked_points(marks, network)
-    view, other = (_fitted(points, pixels, marks, marks.mirrored ^ flip) for flip in (False, True))
-    limit = max(float(np.median(network.radius)), _LEAST_PX / max(view.px_per_mm, 1e-9))
-    if view.residual_mm <= limit:
+    view, other = (_similar(points, pixels, marks, marks.mirrored ^ flip) for flip in (False, True))
+    limit = max(float(np.median(network.radius)), LEAST_PX / max(view.px_per_mm, 1e-9))
+    # Nearer than marks are read, a tilt can't be told from how they were read.
+    exact = max(_READ * float(network.radius.min()), LEAST_PX / max(view.px_per_mm, 1e-9))
+    few = len(points) < FEWEST
+    if view.residual_mm <= (limit if few else exact):
         return replace(view, either_way=other.residual_mm <= limit)
     off = f"marks are off by {view.residual_mm:.3g} mm, above {limit:.3g}"
-    if len(points) > 2 and other.residual_mm <= limit:
-        said = "mirrored: false" if marks.mirrored else "mirrored: true, if a mirror was used,"
+    if other.residual_mm <= limit < view.residual_mm and len(points) > 2:
+        raise DyeError(_turn_over(off, marks, f"to {other.residual_mm:.2g} mm"))
+    if few:
         raise DyeError(
-            f"{off}; they fit a mirrored picture to {other.residual_mm:.2g} mm: put {said} or the "
-            f"other side than side: {marks.side} into the marks"
+            f"{off}; check each mark's pixel (column, row from the top left) and side; if the "
+            "camera was tilted, mark four points or more, no three in line"
         )
-    raise DyeError(f"{off}; check each mark's pixel (column, row from the top left) and side")
+    return _tilted(view, points, pixels, marks, network, limit)
 
 
-def _fitted(points: FloatArray, pixels: FloatArray, marks: Marks, mirrored: bool) -> View:
+def _turn_over(off: str, marks: Marks, how: str) -> str:
+    said = "mirrored: false" if marks.mirrored else "mirrored: true, if a mirror was used,"
+    return (
+        f"{off}; they fit a mirrored picture {how}: put {said} or the other side than side: "
+        f"{marks.side} into the marks"
+    )
+
+
+def _similar(points: FloatArray, pixels: FloatArray, marks: Marks, mirrored: bool) -> View:
+    """Least squares of u + iv = factor · (right + i·down) + shift, the conjugate if mirrored."""
     right, up = (np.array(axis, dtype=np.float64) for axis in _RIGHT_AND_UP[marks.side])
     seen = points @ right - 1j * (points @ up)
+    middle = np.array([seen.real.mean(), seen.imag.mean()])
     seen = np.conj(seen) if mirrored else seen
     placed = pixels[:, 0] + 1j * pixels[:, 1]
     a, b = seen - seen.mean(), placed - placed.mean()
@@ -99,4 +153,79 @@ def _fitted(points: FloatArray, pixels: FloatArray, marks: Marks, mirrored: bool
     scale = max(abs(factor), 1e-9)
     residual = float(np.sqrt(np.mean(np.abs(b - factor * a) ** 2))) / scale
     shift = complex(placed.mean() - factor * seen.mean())
-    return View(right, -up, factor, shift, mirrored, residual)
+    flip = -1.0 if mirrored else 1.0
+    matrix = np.array([
+        [factor.real, -flip * factor.imag, shift.real],
+        [factor.imag, flip * factor.real, shift.imag],
+        [0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    return View(right, -up, matrix, middle, mirrored, residual)
+
+
+def _tilted(
+    straight: View,
+    points: FloatArray,
+    pixels: FloatArray,
+    marks: Marks,
+    network: VesselNetwork,
+    limit: float,
+) -> View:
+    places = straight.places(points)
+    off = f"marks don't fit a camera that looks straight (off by {straight.residual_mm:.3g} mm)"
+    if not spread_out(places) or not spread_out(pixels):
+        raise DyeError(
+            f"{off}, and can't tell how it was tilted: three of every four lie in line; mark four "
+            "points or more with no three of them in line, or check each mark's pixel"
+        )
+    matrix, spread = find_homography(places, pixels)
+    rest = float(np.sum((mapped(matrix, places) - pixels) ** 2))
+    view = replace(straight, matrix=matrix, perspective=True, residual_mm=0.0)
+    if len(points) > FEWEST:
+        error = np.sqrt(rest / (len(points) - FEWEST)) / view.px_per_mm
+        view = replace(view, residual_mm=float(error))
+    _check_fit(view, places, marks, network, limit, off)
+    _check_plane(view, points, network, limit)
+    _check_reach(view, spread, network, limit)
+    return view
+
+
+def _check_fit(
+    view: View, places: FloatArray, marks: Marks, network: VesselNetwork, limit: float, off: str
+) -> None:
+    """A view that a camera can have, and that fits the marks."""
+    check = "check each mark's pixel (column, row from the top left) and side"
+    all_places = np.concatenate([places, view.places(network.points)])
+    weight = all_places @ view.matrix[2, :2] + view.matrix[2, 2]
+    if not (weight / weight[0] > 0.0).all() or view.tilt_deg > _STEEPEST_DEG:
+        raise DyeError(f"{off}, nor one tilted by less than {_STEEPEST_DEG:g}°; {check}")
+    if view.residual_mm > limit:
+        raise DyeError(
+            f"{off}, nor a tilted one: {view.residual_mm:.3g}, above {limit:.3g}; {check}"
+        )
+    if (np.linalg.det(slopes(view.matrix, view.middle[None])[0]) < 0.0) != view.mirrored:
+        raise DyeError(_turn_over(off, marks, "tilted"))
+
+
+def _check_plane(view: View, points: FloatArray, network: VesselNetwork, limit: float) -> None:
+    """Vessels near enough to the marks' plane: what lies above it is seen aside."""
+    towards = np.cross(view.right, view.down)
+    height = np.concatenate([points, network.points]) @ towards - float((points @ towards).mean())
+    aside = float(np.abs(height).max()) * float(np.tan(np.radians(view.tilt_deg)))
+    if aside > limit:
+        raise DyeError(
+            f"the marks mean a camera tilted by {view.tilt_deg:.0f}°, and vessels and marks lie up "
+            f"to {np.abs(height).max():.2g} mm off one plane: they are seen {aside:.2g} mm aside, "
+            f"above {limit:.2g}; film straight, or mark points at the vessels' height"
+        )
+
+
+def _check_reach(view: View, spread: FloatArray, network: VesselNetwork, limit: float) -> None:
+    """Marks that pin the view down all over the design."""
+    points = network.points
+    error = reading_error(view.matrix, spread, view.places(points)) / view.scales(points)
+    if float(error.max()) > limit:
+        x, y, z = points[int(np.argmax(error))]
+        raise DyeError(
+            f"a pixel's error in the marks is {error.max():.2g} mm at ({x:.3g}, {y:.3g}, {z:.3g}), "
+            f"above {limit:.2g}; mark points farther apart, all round the design"
+        )

@@ -7,6 +7,7 @@ to scan does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,8 +116,9 @@ def _hierarchy(triangles: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
     more than asking. Eights of neighbours are built over as one thing each, of which the hierarchy
     needs the box only.
     """
-    corners = triangles.reshape(-1, 3 * CLUSTER, 3)
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    corners = triangles.reshape(-1, 3 * CLUSTER, 3).swapaxes(0, 1)
+    # Ten times faster than min(axis=...) over so short an axis.
+    low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
     boxes, nodes, order = build(np.stack([low, high, low], axis=1))
     leaf = nodes[:, 0] < 0
     nodes[leaf, 0] = -1 - CLUSTER * (-1 - nodes[leaf, 0])

@@ -13,10 +13,9 @@ from registration.overlay.raster import Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.filters import bin_mean
-from registration.segmentation.volume import Strength
+from registration.segmentation.volume import GelField, Strength
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _EDGE_VOXELS: Final = 2
@@ -73,7 +72,7 @@ class Cutter:
         places = np.stack([x, y, np.full_like(x, height_mm)], axis=-1)
         points = places @ self._back[:3, :3].T + self._back[:3, 3]
         grey = trilinear(self._scan, points)
-        above = self._field.above_level(points)
+        above = _above_level(self._field, points)
         where = (points - self._field.origin_mm) / self._field.voxel_mm
         last = np.array(self._field.values.shape[::-1]) - 1
         well = ((where >= _EDGE_VOXELS) & (where <= last - _EDGE_VOXELS)).all(axis=-1)
@@ -82,6 +81,23 @@ class Cutter:
         if self._reach is not None:
             seen &= self._reach.lit(where)
         return ScanCut(grey, np.nan_to_num(above, nan=-1.0) > 0, in_view, seen)
+
+
+def _above_level(field: GelField, points: FloatArray) -> FloatArray:
+    """As `GelField.above_level`, with walls where a calibration has them truly lie.
+
+    A place is gel when one that lies `wall_mm` nearer to the liquid is gel by the level.
+    """
+    if not field.wall_mm:
+        return field.above_level(points)
+    steps = np.diag(field.voxel_mm / 2)
+    rise = np.stack(
+        [field.above_level(points + d) - field.above_level(points - d) for d in steps], axis=-1
+    )
+    rise /= field.voxel_mm
+    size = np.linalg.norm(rise, axis=-1, keepdims=True)
+    outward = np.nan_to_num(-rise / np.where(size > 0, size, 1.0))
+    return field.above_level(points + field.wall_mm * outward)
 
 
 class _Reach:

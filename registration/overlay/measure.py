@@ -85,7 +85,12 @@ class LayerNumbers:
 
 
 def measure_layer(
-    layer: LayerLines, lumen: Mask, cut: ScanCut, raster: Raster, limits: Limits
+    layer: LayerLines,
+    lumen: Mask,
+    cut: ScanCut,
+    raster: Raster,
+    limits: Limits,
+    corrected: bool = False,
 ) -> LayerNumbers:
     """Hold a cut against its layer.
 
@@ -98,8 +103,12 @@ def measure_layer(
         At that height.
     raster : Raster
     limits : Limits
+    corrected : bool
+        Lumens were written otherwise than they are to become: lines count outside of them only.
     """
     owner = raster.owners(layer)
+    if corrected:
+        owner[lumen] = -1
     written = owner >= 0
     free = lumen & ~written
     # Between two lines a hair may be left: no border of the material.

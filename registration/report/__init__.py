@@ -7,13 +7,14 @@ from registration.report.figures import (
     network_figure,
 )
 from registration.report.network_page import NetworkPage, write_network_html
-from registration.report.page import write_report_html
+from registration.report.page import all_figures, write_report_html
 from registration.report.surface import ReportSurface
 
 __all__ = [
     "NetworkPage",
     "ReportError",
     "ReportSurface",
+    "all_figures",
     "diameter_figure",
     "histogram_figure",
     "network_figure",

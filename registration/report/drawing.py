@@ -6,12 +6,19 @@ import io
 import warnings
 from typing import Any, Final
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from registration.report.svg import INK, MUTED, PAPER, RULE
 
+FloatArray = NDArray[np.float64]
+
+PANEL_IN: Final = 3.4
+MOST_COLUMNS: Final = 3
+_TITLE_IN: Final = 0.25
 STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "font.family": "DejaVu Sans",
@@ -57,9 +64,56 @@ def blank(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+def small_multiples(
+    count: int, height_in: float = 1.75, gap_in: tuple[float, float] = (0.5, 0.56)
+) -> tuple[Figure, list[Axes], int]:
+    """Open axes for so many panels, row by row, and how many stand in a row.
+
+    Margins are fixed: to have matplotlib look for them took longer than the drawing.
+
+    Parameters
+    ----------
+    count : int
+    height_in : float, inch
+        Of a row.
+    gap_in : (across, up) float, inch
+        Between axes, for what stands there: numbers, titles, and labels where each panel has one.
+    """
+    columns = min(count, MOST_COLUMNS)
+    rows = -(-count // columns)
+    wide, high = PANEL_IN * columns, height_in * rows + _TITLE_IN
+    left, right, bottom = 0.7, 0.12, 0.5
+    across = (wide - left - right - (columns - 1) * gap_in[0]) / columns
+    up = (high - bottom - _TITLE_IN - (rows - 1) * gap_in[1]) / rows
+    room = {"left": left / wide, "right": 1 - right / wide}
+    room |= {"bottom": bottom / high, "top": 1 - _TITLE_IN / high}
+    room |= {"wspace": gap_in[0] / across, "hspace": gap_in[1] / up}
+    figure = Figure(figsize=(wide, high))
+    every = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).ravel().tolist()
+    for axes in every[count:]:
+        axes.set_axis_off()
+    for axes in every[:count]:
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure, every[:count], columns
+
+
+def broken(along: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line along a vessel that breaks where a section is missing."""
+    if len(along) < 3:
+        return along, values
+    steps = np.diff(along)
+    gaps = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
+    return np.insert(along, gaps, np.nan), np.insert(values, gaps, np.nan)
+
+
 def to_svg(figure: Figure, salt: str) -> bytes:
     """The drawing as SVG; the same drawing gives the same bytes."""
     stream = io.BytesIO()
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        # Laid out once; left to itself matplotlib draws all of it a first time to find this out.
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     with rc_context({"svg.hashsalt": salt}), warnings.catch_warnings():
         # The browser has its own fonts: a glyph missing here isn't missing there.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")

@@ -23,7 +23,7 @@ def frame_figure(report: DyeReport, network: VesselNetwork) -> bytes:
     Places without dye are crosses, places not seen small grey dots; closed vessels are named.
     """
     picture = report.traces.last
-    late = report.late_s()
+    late = report.late_held_s()
     known, clear = np.isfinite(late), report.arrivals.clear
     at = report.view.pixels(report.stations.points)
     reach = max(float(np.percentile(np.abs(late[known]), 95)) if known.any() else 0.0, 0.05)
@@ -57,9 +57,9 @@ def frame_figure(report: DyeReport, network: VesselNetwork) -> bytes:
 
 def arrival_figure(report: DyeReport) -> bytes:
     """Measured against predicted arrival of each place, with the line of agreement; SVG."""
-    x, y = report.prediction.time_s, report.arrivals.time_s
+    x, y = report.held_to.time_s, report.arrivals.time_s
     known = np.isfinite(x) & np.isfinite(y)
-    start = report.prediction.start_s
+    start = report.held_to.start_s
     both = np.concatenate([x[known], y[known], [start]])
     line = np.array([min(start, float(both.min())), 1.04 * float(both.max())])
     with styled():

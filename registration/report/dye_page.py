@@ -28,6 +28,10 @@ _COLUMNS: Final = (
     Column("predicted_transit_s", "predicted", "s"),
     Column("late_s", "Late", "s", kind="signed"),
 )
+_BESIDE: Final = (
+    Column("beside_predicted_leaves_s", "Leaves, beside closed", "s"),
+    Column("beside_late_s", "Late, beside closed", "s", kind="signed"),
+)
 _WORST: Final = ("blocked", "not reached", "not seen", "open", "no flow")
 
 
@@ -68,8 +72,13 @@ def write_dye_html(
 def vessel_table(vessels: list[dict[str, Any]]) -> Table:
     """Rows of the vessels, closed ones first."""
     ordered = sorted(vessels, key=lambda v: (_WORST.index(v["patency"]), v["vessel"]))
-    rows = [{**v, "vessel": v["vessel"], "where": _where(v)} for v in ordered]
-    return make_table("dye", rows, _COLUMNS, order="closed and unseen ones first")
+    rows = [{**v, **_beside(v), "where": _where(v)} for v in ordered]
+    beside = _BESIDE if any(v["beside"] for v in vessels) else ()
+    return make_table("dye", rows, (*_COLUMNS, *beside), order="closed and unseen ones first")
+
+
+def _beside(vessel: Mapping[str, Any]) -> dict[str, Any]:
+    return {f"beside_{name}": value for name, value in (vessel["beside"] or {}).items()}
 
 
 def _where(vessel: Mapping[str, Any]) -> str | None:

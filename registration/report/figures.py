@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
 from numpy.typing import NDArray
 
@@ -50,12 +51,23 @@ def histogram_figure(edges_um: Sequence[float], counts: Sequence[float]) -> byte
     colours = DIVERGING(TwoSlopeNorm(0.0, -reach, reach)(middle))
     with styled():
         figure, axes = blank(5.2, 3.1)
-        axes.bar(middle, share, np.diff(edges), color=colours, edgecolor=MUTED, linewidth=0.4)
+        axes.add_collection(
+            PolyCollection(
+                list(_bars(edges, share)), facecolors=colours, edgecolors=MUTED, linewidths=0.4
+            )
+        )
         axes.axvline(0.0, color=INK, linewidth=0.8)
         axes.set(xlabel="signed deviation / µm", ylabel="share of the surface / %")
         axes.set_xlim(edges[0], edges[-1])
-        axes.margins(y=0.06)
+        axes.set_ylim(0.0, 1.06 * float(share.max()) or 1.0)
         return to_svg(figure, "histogram")
+
+
+def _bars(edges: FloatArray, height: FloatArray) -> FloatArray:
+    """Corners of a histogram's bars, (n, 4, 2): one collection draws faster than n patches."""
+    left, right, floor = edges[:-1], edges[1:], np.zeros(len(height))
+    x = np.stack([left, left, right, right], axis=1)
+    return np.stack([x, np.stack([floor, height, height, floor], axis=1)], axis=2)
 
 
 def diameter_figure(

@@ -7,10 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from registration.report.drawing import blank, styled, to_svg
+from registration.report.drawing import blank, broken, small_multiples, styled, to_svg
 from registration.report.svg import ACCENT, INK, MUTED
 from registration.report.wording import is_number
 
@@ -20,7 +19,6 @@ Record = Mapping[str, Any]
 OUTSIDE: Final = "#b85a14"
 MOST_PROFILES: Final = 12
 """Vessels drawn along their length: those with defects, then the worst."""
-_COLUMNS: Final = 3
 
 
 def curve_figure(
@@ -59,39 +57,16 @@ def profile_figure(
     shown = _worth_showing(vessels, defects)
     if not shown:
         return None
-    rows = -(-len(shown) // _COLUMNS)
-    columns = min(len(shown), _COLUMNS)
     with styled():
-        figure, grid = _grid(rows, columns)
-        for axes in grid.ravel()[len(shown) :]:
-            axes.set_axis_off()
-        for axes, vessel in zip(grid.ravel(), shown, strict=False):
+        figure, grid, columns = small_multiples(len(shown))
+        for axes, vessel in zip(grid, shown, strict=True):
             own = [d for d in defects if vessel["vessel"] in (d.get("vessel"), d.get("other"))]
             _profile(axes, vessel, own, tolerance_percent / 100)
-        for axes in grid[:, 0]:
+        for axes in grid[::columns]:
             axes.set_ylabel("diameter / µm")
-        for axes in grid.ravel()[max(0, len(shown) - columns) : len(shown)]:
+        for axes in grid[-columns:]:
             axes.set_xlabel("along / mm")
         return to_svg(figure, "profiles")
-
-
-def _grid(rows: int, columns: int) -> tuple[Figure, Any]:
-    """Axes with room for their titles and numbers.
-
-    Margins are in inches and fixed: to have matplotlib look for them took longer than the drawing.
-    """
-    wide, high = 3.4 * columns, 1.75 * rows + 0.25
-    figure = Figure(figsize=(wide, high))
-    across, up = 3.4 - 0.55, 1.75 - 0.55
-    room = {"left": 0.7 / wide, "right": 1 - 0.12 / wide}
-    room |= {"bottom": 0.5 / high, "top": 1 - 0.25 / high}
-    grid = figure.subplots(
-        rows,
-        columns,
-        squeeze=False,
-        gridspec_kw={**room, "wspace": 0.5 / across, "hspace": 0.52 / up},
-    )
-    return figure, grid
 
 
 def _worth_showing(vessels: Sequence[Record], defects: Sequence[Record]) -> list[Record]:
@@ -109,7 +84,6 @@ def _worth_showing(vessels: Sequence[Record], defects: Sequence[Record]) -> list
 def _profile(axes: Axes, vessel: Record, defects: Sequence[Record], part: float) -> None:
     along, diameter = _numbers(vessel["along_mm"]), _numbers(vessel["diameter_um"])
     designed, length = float(vessel["designed_um"]), float(vessel["length_mm"])
-    axes.spines[["top", "right"]].set_visible(False)
     for first, last in vessel.get("unseen_mm") or []:
         axes.axvspan(first, last, color=MUTED, alpha=0.15, linewidth=0)
     for defect in defects:
@@ -119,13 +93,13 @@ def _profile(axes: Axes, vessel: Record, defects: Sequence[Record], part: float)
         designed * (1 - part), designed * (1 + part), color=ACCENT, alpha=0.12, linewidth=0
     )
     axes.axhline(designed, color=MUTED, linewidth=0.8)
-    # Where a section is missing the line breaks.
-    steps = np.diff(along)
-    gaps = (
-        1 + np.flatnonzero(steps > 1.5 * np.median(steps)) if len(steps) > 1 else np.array([], int)
+    axes.plot(
+        *broken(along, diameter),
+        color=INK,
+        linewidth=1.1,
+        marker="." if len(along) < 4 else "",
+        markersize=4,
     )
-    x, y = np.insert(along, gaps, np.nan), np.insert(diameter, gaps, np.nan)
-    axes.plot(x, y, color=INK, linewidth=1.1, marker="." if len(along) < 4 else "", markersize=4)
     names = ", ".join(dict.fromkeys(str(d["kind"]) for d in defects))
     axes.set_title(f"vessel {vessel['vessel']}" + (f": {names}" if names else ""), loc="left",
                    fontsize=8.6, color=OUTSIDE if names else INK)  # fmt: skip

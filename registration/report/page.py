@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,7 +67,8 @@ def write_report_html(
         The design, in the part's frame; ``vessel`` in `data` is its number there.
     figures : mapping of str to bytes, optional
         Caption to SVG or PNG. A prefix names the section: ``toolpath/Layer 12 of 50``; the
-        sections are `PLACES`, and anything else goes into a section of its own.
+        sections are `PLACES`, and anything else goes into a section of its own. What is here of
+        `all_figures` isn't drawn again.
 
     Raises
     ------
@@ -85,7 +87,11 @@ def report_html(
     figures: Mapping[str, bytes],
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
-    modules, view = import_map(), view_data(data, surfaces, network)
+    modules = import_map()
+    with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
+        packed = beside.submit(view_data, data, surfaces, network)
+        drawn = all_figures(data, network, figures)
+        view = packed.result()
     context = {
         "data": data,
         "style": style(),
@@ -93,7 +99,7 @@ def report_html(
         "modules": modules,
         "entry": Markup(ENTRY),
         "view": view,
-        "figures": placed_figures({**drawn_figures(data, network), **figures}),
+        "figures": placed_figures(drawn),
         **section_context(data),
     }
     return environment().get_template("report.html").render(context)
@@ -140,22 +146,41 @@ def scene(
     }
 
 
-def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dict[str, bytes]:
-    """The drawings that follow from the numbers themselves."""
-    made: dict[str, bytes] = {}
+def all_figures(
+    data: Mapping[str, Any],
+    network: VesselNetwork | None,
+    figures: Mapping[str, bytes] | None = None,
+) -> dict[str, bytes]:
+    """The drawings that follow from the numbers themselves, and those given.
+
+    What is given under a drawing's own name stands for it: a page and its PDF are drawn once.
+    """
+    given = figures or {}
+    made = {
+        name: given[name] if name in given else draw()
+        for name, draw in _drawings(data, network).items()
+    }
+    return {name: picture for name, picture in made.items() if picture is not None} | dict(given)
+
+
+def _drawings(
+    data: Mapping[str, Any], network: VesselNetwork | None
+) -> dict[str, Callable[[], bytes | None]]:
+    """How to draw what there are numbers for."""
+    made: dict[str, Callable[[], bytes | None]] = {}
     registration = mapping(data, "registration")
     histogram = mapping(registration, "histogram")
     for key, fit in (("counts", "scaled"), ("counts_rigid", "rigid")):
         if histogram.get(key):
-            made[f"histogram/Signed deviation, {fit} fit"] = histogram_figure(
-                histogram["edges_um"], histogram[key]
+            made[f"histogram/Signed deviation, {fit} fit"] = partial(
+                histogram_figure, histogram["edges_um"], histogram[key]
             )
     made |= _gauged(registration)
     gauged = records(registration, "vessels")
     if any(is_number(r.get("measured_um")) for r in gauged):
-        made["diameters/Measured against designed diameter"] = _diameters(gauged)
+        made["diameters/Measured against designed diameter"] = partial(_diameters, gauged)
     if network is not None:
-        made["design/Network, coloured by diameter"] = network_figure(network)
+        made["design/Network, coloured by diameter"] = partial(network_figure, network)
         rows = records(mapping(data, "flow"), "vessels")
         ends = columns(rows, ("pressure_in_mmhg", "pressure_out_mmhg"), network.vessel_count)
         pressure = point_pressure(
@@ -163,27 +188,25 @@ def drawn_figures(data: Mapping[str, Any], network: VesselNetwork | None) -> dic
         )
         if pressure is not None:
             name = "flow/Pressure along the network, as designed"
-            made[name] = network_figure(network, pressure, "pressure / mmHg")
+            made[name] = partial(network_figure, network, pressure, "pressure / mmHg")
     return made
 
 
-def _gauged(registration: Mapping[str, Any]) -> dict[str, bytes]:
+def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | None]]:
     """What was gauged: shares within, diameters along the vessels, layers."""
-    curve = mapping(registration, "within_curve")
-    profiles = profile_figure(records(registration, "vessels"), records(registration, "defects"))
-    made = {
-        "curve/Share of the surface within any tolerance": curve_figure(
-            curve["tolerance_um"], curve["rigid"], curve["scaled"]
+    curve, vessels = mapping(registration, "within_curve"), records(registration, "vessels")
+    made: dict[str, Callable[[], bytes | None]] = {}
+    if curve:
+        made["curve/Share of the surface within any tolerance"] = partial(
+            curve_figure, curve["tolerance_um"], curve["rigid"], curve["scaled"]
         )
-        if curve
-        else None,
-        "profiles/Diameter along the vessels: measured (line), designed with ± 10 %, "
-        "defects marked": profiles,
-        "registration/Deviation of each written layer": layer_deviation_figure(
-            records(registration, "by_layer")
-        ),
-    }
-    return {name: picture for name, picture in made.items() if picture is not None}
+    made[
+        "profiles/Diameter along the vessels: measured (line), designed with ± 10 %, defects marked"
+    ] = partial(profile_figure, vessels, records(registration, "defects"))
+    made["registration/Deviation of each written layer"] = partial(
+        layer_deviation_figure, records(registration, "by_layer")
+    )
+    return made
 
 
 def _diameters(gauged: Sequence[Mapping[str, Any]]) -> bytes:

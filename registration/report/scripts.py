@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -16,16 +17,39 @@ from typing import Any, Final
 from markupsafe import Markup
 
 _HERE: Final = Path(__file__).parent
+_STATIC: Final = _HERE / "static"
 _VENDORED: Final = {"three": "three.module.min.js", "three/orbit": "OrbitControls.js"}
 ENTRY: Final = 'import "report/main";'
 
 
 @cache
 def import_map() -> str:
-    """Import map of all modules of the page, as JSON."""
-    files = {name: _HERE / "vendor" / file for name, file in _VENDORED.items()}
-    files |= {f"report/{p.stem}": p for p in sorted((_HERE / "static").glob("*.js"))}
-    return as_script_json({"imports": {name: data_url(p) for name, p in files.items()}})
+    """Import map of all modules of the report's page, as JSON."""
+    vendored = {name: _HERE / "vendor" / file for name, file in _VENDORED.items()}
+    return _as_map(vendored | _modules("report", _STATIC))
+
+
+@cache
+def module_map(shared: tuple[str, ...], name: str = "", folder: Path | None = None) -> str:
+    """Import map of a page with few of the report's modules, as JSON.
+
+    Parameters
+    ----------
+    shared : tuple of str
+        Of the report's modules, each under ``report/``.
+    name, folder : str, Path or None
+        All modules of the page's own folder, each under ``name/``.
+    """
+    files = {f"report/{one}": _STATIC / f"{one}.js" for one in shared}
+    return _as_map(files | ({} if folder is None else _modules(name, folder)))
+
+
+def _modules(name: str, folder: Path) -> dict[str, Path]:
+    return {f"{name}/{path.stem}": path for path in sorted(folder.glob("*.js"))}
+
+
+def _as_map(files: Mapping[str, Path]) -> str:
+    return as_script_json({"imports": {name: data_url(path) for name, path in files.items()}})
 
 
 def data_url(path: Path) -> str:

@@ -1,9 +1,9 @@
 """The film of a dye front: light table, absorption or fluorescence, and what spoils a film.
 
 Modelled: Beer-Lambert absorption in the three colours (or fluorescence in proportion to the dye),
-uneven light, grain of the background, blur, light that drifts, camera shake, shot and read noise,
-8 bits. Not modelled: refraction at the lumens, perspective, gamma, bubbles, dye that stains the
-gel, rolling shutter.
+a tilted camera and its perspective, uneven light, grain of the background, blur, light that
+drifts, camera shake, shot and read noise, 8 bits. Not modelled: refraction at the lumens, gamma,
+bubbles, dye that stains the gel, rolling shutter.
 """
 
 from __future__ import annotations

@@ -11,7 +11,8 @@ import numpy as np
 from design.files import write_text
 from firmware_profiles import Printer
 from printctl.link.job import parse_job
-from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE, of_heads

@@ -17,7 +17,8 @@ from design.hemodynamics import (
 )
 from design.network_vtp import write_network_vtp
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.parts import FlowPart

@@ -24,7 +24,8 @@ from printctl.lumens import (
     read_filaments,
     read_layers,
 )
-from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE, of_heads
 from printctl.progress import Report

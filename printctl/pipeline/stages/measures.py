@@ -9,7 +9,8 @@ from typing import Any
 from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, measure_network, measures_dict
-from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions

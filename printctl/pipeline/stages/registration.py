@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid, write_ply
-from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
+from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.flow import conditions
@@ -149,10 +150,15 @@ def write_exports(
 
 def write_deviation(path: Path, found: RegistrationReport) -> None:
     """The scanned surface after the scaled fit, in the part's frame, with its signed deviation."""
+    surface = Solid(scaled_vertices(found), found.faces)
+    write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
+
+
+def scaled_vertices(found: RegistrationReport) -> NDArray[np.float64]:
+    """Vertices of the scanned surface after the scaled fit, (n, 3), mm, as files hold them."""
     again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
     vertices = found.vertices @ again[:3, :3].T + again[:3, 3]
-    surface = Solid(vertices.astype(np.float32).astype(np.float64), found.faces)
-    write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
+    return vertices.astype(np.float32).astype(np.float64)
 
 
 def load_deviation(

@@ -10,6 +10,7 @@ import numpy as np
 from design.files import write_text
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
+from printctl.pipeline.artefacts import HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
@@ -19,10 +20,8 @@ from printctl.pipeline.stages.registration import DEVIATION, load_deviation
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
-from registration.report import ReportSurface, write_report_html
+from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.pdf import write_report_pdf
-
-HTML, JSON, PDF = "report.html", "report.json", "report.pdf"
 
 _SECTIONS = {
     "tissue": "tissue",
@@ -88,6 +87,8 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     drawn = figures(context)
+    if pdf:  # once for both; the page alone draws while it packs
+        drawn = all_figures(data, context.network, drawn)
     write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn)
     if pdf:
         told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}

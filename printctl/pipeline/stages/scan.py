@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from design.files import write_text
-from printctl.pipeline.context import NETWORK, Filled, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage

@@ -9,7 +9,8 @@ from typing import Any
 from design.network import VesselNetwork
 from design.solids import read_solid, surface_genus, validate_file
 from design.vasculature import PLANAR_DIMPLES
-from printctl.pipeline.context import LUMEN, NETWORK, SOLID, RunContext
+from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_build import Built, build
 from printctl.pipeline.solid_files import checkable, write_solids
 from printctl.pipeline.stage import Stage

@@ -30,13 +30,14 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from firmware_profiles import Ink
+from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
     compensation_facts,
     solid_dependence,
     written_solid,
 )
-from printctl.pipeline.context import NETWORK, SOLID, Filled, RunContext
+from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.regions import make_filling, make_region

@@ -15,7 +15,8 @@ from design.vasculature import (
     planar_four_vessel,
     tree_to_network,
 )
-from printctl.pipeline.context import NETWORK, RunContext
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.growing import closed_loop, grown_tree, said_of
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage

@@ -15,12 +15,16 @@ from registration.comparison import Comparison
 from registration.comparison.overall import Quantity
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
 from registration.picture.colours import SEQUENTIAL
-from registration.report.drawing import styled, to_svg
+from registration.report.drawing import broken, small_multiples, styled, to_svg
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 FloatArray = NDArray[np.float64]
 
 OUTSIDE: Final = "#b85a14"
+_LABELLED_IN: Final = (0.8, 0.78)
+"""Between panels that each have their own quantity and axis."""
+_UNDER_IN: Final = (0.5, 0.78)
+"""Between panels that share a row's quantity."""
 MOST_PANELS: Final = 12
 MOST_ROWS: Final = 60
 TITLES: Final = {
@@ -33,25 +37,12 @@ TITLES: Final = {
 }
 
 
-def panels(count: int, columns: int = 3, height_in: float = 1.9) -> tuple[Figure, list[Axes]]:
-    """Small multiples: open axes, row by row."""
-    columns = min(count, columns)
-    rows = -(-count // columns)
-    figure = Figure(figsize=(3.4 * columns, height_in * rows + 0.2), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    for axes in grid[count:]:
-        axes.set_axis_off()
-    for axes in grid[:count]:
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure, grid[:count]
-
-
 def quantities_figure(found: Comparison) -> bytes:
     """Each quantity over the prints: scans with their intervals, the mean, a line that drifts."""
     known = [q for q in found.quantities if np.isfinite(q.values).any()]
     at = scan_places(found)
     with styled():
-        figure, grid = panels(len(known))
+        figure, grid, _ = small_multiples(len(known), 1.9, _LABELLED_IN)
         for axes, quantity in zip(grid, known, strict=True):
             _quantity(axes, quantity, at)
             _print_axis(axes, len(found.prints))
@@ -165,11 +156,11 @@ def history_figure(found: Comparison) -> bytes | None:
     at = scan_places(found)
     error = np.array([scan.error_um for scan in found.scans])
     with styled():
-        figure, grid = panels(len(shown), height_in=1.75)
+        figure, grid, columns = small_multiples(len(shown), 1.9, _UNDER_IN)
         for axes, vessel in zip(grid, shown, strict=True):
             _history(axes, at, error[:, vessel.vessel], vessel, found.tolerance_percent)
             _print_axis(axes, len(found.prints))
-        for axes in grid[::3]:
+        for axes in grid[::columns]:
             axes.set_ylabel("error / µm")
         return to_svg(figure, "history")
 
@@ -204,12 +195,12 @@ def along_figure(found: Comparison) -> bytes | None:
     # From pale to dark by order; the palest of the scale would be lost on paper.
     colours = SEQUENTIAL(np.linspace(0.75, 0.05, len(found.prints)))
     with styled():
-        figure, grid = panels(len(shown), height_in=1.75)
+        figure, grid, columns = small_multiples(len(shown), 1.9, _UNDER_IN)
         for axes, vessel in zip(grid, shown, strict=True):
             axes.axhline(vessel.designed_um, color=MUTED, linewidth=0.8)
             for number, each in enumerate(found.prints):
                 for k in each.scans:
-                    along, diameter = _broken(*found.scans[k].sections[vessel.vessel])
+                    along, diameter = broken(*found.scans[k].sections[vessel.vessel])
                     # A line through one section can't be seen.
                     few = "." if len(along) < 4 else ""
                     axes.plot(along, diameter, few + "-", color=colours[number], linewidth=0.9,
@@ -217,15 +208,6 @@ def along_figure(found: Comparison) -> bytes | None:
             axes.set_title(f"vessel {vessel.vessel}", loc="left", fontsize=8.6, color=INK)
             axes.set_xlim(0, found.scans[0].length_mm[vessel.vessel])
             axes.set_xlabel("along / mm")
-        for axes in grid[::3]:
+        for axes in grid[::columns]:
             axes.set_ylabel("diameter / µm")
         return to_svg(figure, "along")
-
-
-def _broken(along: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A line that breaks where a section is missing."""
-    if len(along) < 3:
-        return along, values
-    steps = np.diff(along)
-    gaps = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
-    return np.insert(along, gaps, np.nan), np.insert(values, gaps, np.nan)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -28,11 +27,12 @@ from registration.report.comparison.sections import (
     vessel_table,
 )
 from registration.report.page import environment, style
-from registration.report.scripts import as_script_json, content_policy, data_url
+from registration.report.scripts import content_policy, module_map
 from registration.report.svg import inline_figure
 from registration.report.wording import number
 
-_STATIC: Final = Path(__file__).parents[1] / "static"
+Drawn = Mapping[str, tuple[str, bytes]]
+"""Name to caption and drawing (SVG)."""
 _ENTRY: Final = (
     'import { startTheme } from "report/theme"; import { startTables } from "report/tables"; '
     'startTheme(); startTables(); document.documentElement.dataset.state = "ready";'
@@ -40,7 +40,11 @@ _ENTRY: Final = (
 
 
 def write_comparison_html(
-    path: Path, found: Comparison, title: str, notes: Sequence[str] = ()
+    path: Path,
+    found: Comparison,
+    title: str,
+    notes: Sequence[str] = (),
+    drawn: Drawn | None = None,
 ) -> None:
     """Write a comparison as one HTML file that opens offline.
 
@@ -53,18 +57,23 @@ def write_comparison_html(
         Of the design, usually.
     notes : sequence of str
         Sentences to those that follow from the comparison itself.
+    drawn : dict or None
+        Of `comparison_figures`, where they are drawn already.
 
     Raises
     ------
     OSError
         When the file can't be written.
     """
-    write_text(path, comparison_html(found, title, notes))
+    write_text(path, comparison_html(found, title, notes, drawn))
 
 
-def comparison_html(found: Comparison, title: str, notes: Sequence[str] = ()) -> str:
+def comparison_html(
+    found: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
+) -> str:
     """The text of the page; same input, same text."""
-    modules, drawn = _modules(), comparison_figures(found)
+    modules = module_map(("tables", "theme"))
+    drawn = comparison_figures(found) if drawn is None else drawn
     context = {
         "title": title,
         "facts": facts(found),
@@ -98,7 +107,7 @@ def facts(found: Comparison) -> list[str]:
     ]
 
 
-def comparison_figures(found: Comparison) -> dict[str, tuple[str, bytes]]:
+def comparison_figures(found: Comparison) -> Drawn:
     """Name to caption and drawing (SVG)."""
     made = {
         "quantities": (
@@ -120,10 +129,3 @@ def comparison_figures(found: Comparison) -> dict[str, tuple[str, bytes]]:
     return {
         name: (caption, picture) for name, (caption, picture) in made.items() if picture is not None
     }
-
-
-@cache
-def _modules() -> str:
-    """Import map of the page's scripts, as JSON."""
-    files = {f"report/{name}": _STATIC / f"{name}.js" for name in ("tables", "theme")}
-    return as_script_json({"imports": {name: data_url(path) for name, path in files.items()}})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ from registration.report.gcode.chunks import Packed, pack_job
 from registration.report.gcode.colouring import colourings
 from registration.report.gcode.job import Act, GcodeColour, GcodeJob, layer_sums
 from registration.report.page import environment, style
-from registration.report.scripts import as_script_json, content_policy, data_url
+from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
 
 MAX_MOVES: Final = 12_000_000
@@ -26,9 +25,8 @@ MAX_MOVES: Final = 12_000_000
 MAX_TEXT_BYTES: Final = 120_000_000
 """Of a file whose lines go into the page; of a larger one only their numbers do."""
 
-_HERE: Final = Path(__file__).parent
+_STATIC: Final = Path(__file__).parent / "static"
 _ENTRY: Final = 'import "gcode/main";'
-_SHARED: Final = ("theme", "unpack")
 
 
 @dataclass(frozen=True)
@@ -70,13 +68,13 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         )
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
-    modules = _modules()
+    modules = module_map(("theme", "unpack"), "gcode", _STATIC)
     context = {
         "title": job.name,
         "facts": _facts(job),
         "notes": [*job.notes, *_left_out(job, with_text)],
         "style": style(),
-        "own_style": Markup((_HERE / "static" / "gcode.css").read_text(encoding="utf-8")),
+        "own_style": Markup((_STATIC / "gcode.css").read_text(encoding="utf-8")),
         "policy": content_policy([modules, _ENTRY]),
         "modules": modules,
         "entry": Markup(_ENTRY),
@@ -85,14 +83,6 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         "noun": "Pass" if job.layers.passes else "Layer",
     }
     write_text(path, environment().get_template("gcode.html").render(context))
-
-
-@cache
-def _modules() -> str:
-    """Import map of the page's scripts, as JSON."""
-    files = {f"report/{name}": _HERE.parent / "static" / f"{name}.js" for name in _SHARED}
-    files |= {f"gcode/{p.stem}": p for p in sorted((_HERE / "static").glob("*.js"))}
-    return as_script_json({"imports": {name: data_url(p) for name, p in files.items()}})
 
 
 def _view(job: GcodeJob, packed: Packed, page: GcodePage) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,10 +12,10 @@ from markupsafe import Markup
 
 from design.files import write_text
 from registration.report.page import environment, style
-from registration.report.scripts import as_script_json, content_policy, data_url
+from registration.report.scripts import content_policy, module_map
 from registration.report.wording import MISSING, fixed, number
 
-_HERE: Final = Path(__file__).parent
+_STATIC: Final = Path(__file__).parent / "static"
 _ENTRY: Final = 'import "overlay/main";'
 MOST_BYTES: Final = 60_000_000
 """Of pictures in one page; of more, layers without a finding are left out."""
@@ -70,11 +69,11 @@ def write_overlay_html(
         When the file can't be written.
     """
     kept = _chosen(layers, pictures)
-    modules = _modules()
+    modules = module_map(("tables", "theme"), "overlay", _STATIC)
     context = {
         "page": page,
         "style": style(),
-        "own_style": Markup((_HERE / "static" / "overlay.css").read_text(encoding="utf-8")),
+        "own_style": Markup((_STATIC / "overlay.css").read_text(encoding="utf-8")),
         "policy": content_policy([modules, _ENTRY]),
         "modules": modules,
         "entry": Markup(_ENTRY),
@@ -191,12 +190,3 @@ def _amount(layer: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _cell(order: Any, text: str) -> dict[str, Any]:
     return {"order": "" if order is None else order, "text": text, "mark": ""}
-
-
-@cache
-def _modules() -> str:
-    """Import map of the page's scripts, as JSON."""
-    shared = _HERE.parent / "static"
-    files = {f"report/{name}": shared / f"{name}.js" for name in ("tables", "theme")}
-    files |= {f"overlay/{path.stem}": path for path in sorted((_HERE / "static").glob("*.js"))}
-    return as_script_json({"imports": {name: data_url(path) for name, path in files.items()}})

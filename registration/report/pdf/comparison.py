@@ -9,7 +9,7 @@ from reportlab.platypus import Flowable, KeepTogether
 from registration.comparison import Comparison
 from registration.comparison import notes as standing_notes
 from registration.comparison import verdict as found_verdict
-from registration.report.comparison.page import comparison_figures, facts
+from registration.report.comparison.page import Drawn, comparison_figures, facts
 from registration.report.comparison.sections import (
     key_figures,
     print_table,
@@ -31,28 +31,33 @@ _MARKS = (
 )
 
 
-def comparison_pdf(found: Comparison, title: str, notes: Sequence[str]) -> bytes:
+def comparison_pdf(
+    found: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
+) -> bytes:
     """The file's bytes; parameters as `write_comparison_pdf`'s."""
     verdict = found_verdict(found)
     subject = f"{outcome(verdict)}: {'; '.join(verdict['reasons'])}"
     return built(
-        comparison_story(found, title, notes),
+        comparison_story(found, title, notes, drawn),
         Facts(f"{title}: comparison of prints", subject, f"{title} · {' · '.join(facts(found))}"),
     )
 
 
-def comparison_story(found: Comparison, title: str, notes: Sequence[str]) -> list[Flowable]:
+def comparison_story(
+    found: Comparison, title: str, notes: Sequence[str], drawn: Drawn | None = None
+) -> list[Flowable]:
     """Everything in its order, the verdict first."""
-    drawn = {
+    drawn = comparison_figures(found) if drawn is None else drawn
+    shown = {
         name: KeepTogether(figure(picture, caption, WIDTH))
-        for name, (caption, picture) in comparison_figures(found).items()
+        for name, (caption, picture) in drawn.items()
     }
     shared = shared_table(found)
     return [
         *head("comparison of prints", title, "   ·   ".join(facts(found)), found_verdict(found),
               key_figures(found)),
         text("From print to print", HEADING),
-        drawn["quantities"],
+        shown["quantities"],
         text("Each scan", MINOR),
         *data_table(print_table(found)),
         text("Mean, spread and drift", MINOR),
@@ -60,7 +65,7 @@ def comparison_story(found: Comparison, title: str, notes: Sequence[str]) -> lis
         text("Repeatability of a vessel's diameter, all vessels pooled", MINOR),
         fact_lines(spread_facts(found)),
         text("Vessels", HEADING),
-        *(drawn[name] for name in ("vessels", "history", "along") if name in drawn),
+        *(shown[name] for name in ("vessels", "history", "along") if name in shown),
         text("Each vessel", MINOR),
         *data_table(vessel_table(found)),
         text(_MARKS, SMALL),

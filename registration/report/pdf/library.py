@@ -13,6 +13,7 @@ from registration.report.errors import ReportError
 
 if TYPE_CHECKING:  # statistics are slow to load, and only a comparison needs them
     from registration.comparison import Comparison
+    from registration.report.comparison import Drawn
 
 _LIBRARY = "reportlab"
 
@@ -42,6 +43,7 @@ def write_report_pdf(
     network : VesselNetwork or None
         For the drawings of the design.
     figures : dict of "section/caption" to SVG or PNG, or None
+        As `registration.report.write_report_html` takes them.
 
     Raises
     ------
@@ -57,7 +59,11 @@ def write_report_pdf(
 
 
 def write_comparison_pdf(
-    path: Path, found: Comparison, title: str, notes: Sequence[str] = ()
+    path: Path,
+    found: Comparison,
+    title: str,
+    notes: Sequence[str] = (),
+    drawn: Drawn | None = None,
 ) -> None:
     """Write a comparison of prints as a PDF; the parameters are the page's.
 
@@ -71,7 +77,7 @@ def write_comparison_pdf(
     _need()
     from registration.report.pdf.comparison import comparison_pdf  # reportlab is an extra
 
-    write_bytes(path, comparison_pdf(found, title, notes))
+    write_bytes(path, comparison_pdf(found, title, notes, drawn))
 
 
 def _need() -> None:

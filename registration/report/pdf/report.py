@@ -10,7 +10,7 @@ from reportlab.platypus import Flowable, KeepTogether, Spacer
 from design.network import VesselNetwork
 from registration.report.gauging_sections import defect_table, printed_facts, two_way_rows
 from registration.report.key_figures import key_figures
-from registration.report.page import drawn_figures
+from registration.report.page import all_figures
 from registration.report.pdf.blocks import HALF, head, outcome, pair
 from registration.report.pdf.document import Facts, built
 from registration.report.pdf.drawing import figure
@@ -45,7 +45,7 @@ def report_story(
 ) -> list[Flowable]:
     """Everything in its order: verdict first, provenance last."""
     registration = mapping(data, "registration")
-    drawn = _by_place({**drawn_figures(data, network), **figures})
+    drawn = _by_place(all_figures(data, network, figures))
     name = plain(data.get("recipe") or "Scan against design")
     return [
         *head("registration report", name, meta_line(data), mapping(data, "verdict"),

@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
 from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
+from registration.walls_file import WallCalibration, write_walls
 from registration.writers import write_scan
 from sim.scanner import OctOptions, Placing, Scanned, simulate_oct
 from tests.printctl.cli.shell import Shell
@@ -49,13 +51,13 @@ RECIPE: dict[str, Any] = {
 }
 
 
-def gcode() -> tuple[str, list[int], list[int]]:
+def gcode(rows: Sequence[float] = ROWS) -> tuple[str, list[int], list[int]]:
     """The file, the layer of each line, and the lines that write."""
     syringe, ink = load(Syringe, "hamilton_1ml"), load(Ink, "collagen_fresh")
     each = LINE * LAYER * SIZE[0] / (math.pi / 4 * syringe.inner_mm**2 * ink.flow_factor)
     text, layer, writes, pushed = ["G21", "G90", "M82", "G92 X12 Y21 Z9 E0"], [-1] * 4, [], 0.0
     for k in range(5):
-        for y in ROWS:
+        for y in rows:
             pushed += each
             text.append(f"G0 X{PLACE[0]:g} Y{PLACE[1] + y:g} Z{PLACE[2] + LAYER * (k + 1):g} F2400")
             text.append(f"G1 X{PLACE[0] + SIZE[0]:g} E{pushed:.5f} F1200")
@@ -64,7 +66,7 @@ def gcode() -> tuple[str, list[int], list[int]]:
     return "\n".join(text) + "\n", layer, writes
 
 
-def make_run(folder: Path, **toolpath: Any) -> None:
+def make_run(folder: Path, rows: Sequence[float] = ROWS, **toolpath: Any) -> None:
     folder.mkdir()
     said = RECIPE | {"toolpath": {**RECIPE["toolpath"], **toolpath}}
     recipe = parse_recipe(said, "here").model_dump(mode="json", by_alias=True)
@@ -77,7 +79,7 @@ def make_run(folder: Path, **toolpath: Any) -> None:
     axis = np.array([[0, 1.5, 0.25], [SIZE[0], 1.5, 0.25]])
     one = np.array([[0, 1]]), np.array([0.15]), np.array([4]), np.zeros(1)
     write_network_csv(folder / "network.csv", VesselNetwork.from_segments(axis, *one))
-    text, layer, _ = gcode()
+    text, layer, _ = gcode(rows)
     (folder / "part.gcode").write_text(text)
     np.savez(folder / "part.map.npz", source=np.array(layer), source_kind=np.array("layer"))
 
@@ -145,6 +147,24 @@ def test_a_scan_in_mid_print_shows_the_missing_line_and_its_line_of_the_file(
     assert page.count("data:image/png;base64,") == 5
     assert f"Line {line} of the G-code should have filled it." in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_a_calibration_of_walls_moves_gels_border(tmp_path: Path, shell: Shell) -> None:
+    """The slot of 0.2 mm is free of lines; its walls 20 um further back leave less gel in it."""
+    share = []
+    for offset_um in (-20.0, 20.0):
+        write_walls(tmp_path / "walls.yaml", WallCalibration(offset_um, 0.6, 150.0, 250.0, 10))
+        code, out, err = shell("run", *POSE, "--layer", "3", "--json", "--walls", "walls.yaml")
+        assert code == 0, err
+        data = json.loads(out)
+        assert data["walls"]["offset_um"] == offset_um
+        share.append(data["layers"][0]["gel_in_free_share"])
+    # Both walls of 0.2 mm go 40 um aside, where the scan's blur leaves them a slot.
+    assert share[0] - share[1] == pytest.approx(2 * 0.04 / LINE, abs=0.12)
+    page = (tmp_path / "out/overlay.html").read_text(encoding="utf-8")
+    assert "Walls were moved +20.0 µm into the gel" in page
+    code, _, err = shell("run", *POSE, "--walls", "scan.tif")
+    assert (code, "no calibration of walls there" in err) == (1, True)
 
 
 def test_only_the_layers_that_are_asked_for(tmp_path: Path, shell: Shell) -> None:
@@ -225,5 +245,23 @@ def test_lines_written_larger_are_laid_over_the_design_in_its_size(tmp_path: Pat
     assert top.high_mm - top.low_mm == pytest.approx(0.96 * LAYER)
     assert top.end[:, 0].max() == pytest.approx(0.98 * SIZE[0])
     assert top.end[:, 1].max() == pytest.approx(rigid.layers[-1].end[:, 1].max())
+    assert not scaled.corrected
     assert "design's size" in scaled.notes[0]
     assert "as written" in rigid.notes[0]
+
+
+@pytest.mark.parametrize(("radial_um", "gaps"), [(-100.0, 0), (0.0, 1)])
+def test_a_lumen_written_narrower_that_came_out_as_designed_is_no_gap(
+    radial_um: float, gaps: int, tmp_path: Path, shell: Shell
+) -> None:
+    """Here so much narrower that a line lies in it. Without a compensation that is a fault."""
+    rows = [round(0.1 + LINE * k, 3) for k in range(15)]
+    make_run(tmp_path / "narrower", rows, compensate={"radial_um": radial_um})
+    assert shell("narrower", *POSE, "--layer", "3")[0] == 0
+    layer = json.loads((tmp_path / "out/overlay.json").read_text())["layers"][0]
+    assert layer["gap_count"] == gaps
+    assert layer["blob_count"] == 0
+    free = LINE * SIZE[0] if radial_um else 0
+    assert layer["free_mm2"] == pytest.approx(free, rel=0.05)
+    said = "so that they come out as designed" in (tmp_path / "out/overlay.html").read_text("utf-8")
+    assert said == bool(radial_um)

@@ -43,7 +43,10 @@ def test_mirrored_marks_are_recognised() -> None:
 def test_a_wrong_mark_is_told_in_mm() -> None:
     said = marks_of(NETWORK, PLANAR_CAMERA, PLANAR_MARKS)
     said["marks"][2]["pixel"][0] += 170.0
-    with pytest.raises(DyeError, match=r"off by .* mm, above"):
+    with pytest.raises(DyeError, match=r"off by .* mm\), nor one tilted by less than 60"):
+        find_view(Marks.model_validate(said), NETWORK)
+    del said["marks"][3]
+    with pytest.raises(DyeError, match=r"off by .* mm, above .* four points or more"):
         find_view(Marks.model_validate(said), NETWORK)
 
 

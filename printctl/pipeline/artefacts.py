@@ -1,0 +1,9 @@
+"""Names of a run folder's files that several stages and commands share.
+
+Nothing is imported here, so that a command can name them before anything heavy is loaded.
+"""
+
+NETWORK = "network.csv"
+LUMEN = "lumen.stl"
+SOLID = "solid.stl"
+HTML, JSON, PDF = "report.html", "report.json", "report.pdf"

@@ -1,0 +1,113 @@
+"""What `printctl register` makes of a registration: its numbers, its page, files for others."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from design.files import write_text
+from design.network import VesselNetwork
+from design.solids import Solid
+from printctl.feedback import NO_ORIGIN, keep_origin
+from printctl.pipeline.artefacts import HTML, PDF
+from printctl.pipeline.deviation_surfaces import split_surfaces
+from printctl.pipeline.facts import scan_origin
+from printctl.pipeline.stages.registration import (
+    DEVIATION,
+    NUMBERS,
+    SIGN,
+    design_facts,
+    scaled_vertices,
+    scan_facts,
+    write_deviation,
+    write_exports,
+)
+from printctl.pipeline.verdict import verdict
+from registration import RegistrationReport, Scan, report_dict
+from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report.pdf import write_report_pdf
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """A scan, the design it was held against, and what came of it.
+
+    Attributes
+    ----------
+    source : Path
+        The scan's file.
+    scan : Scan
+    model : Path
+        A run folder, or the design's STL.
+    surface : Solid
+    network : Path
+        network.csv, mm.
+    vessels : VesselNetwork
+    found : RegistrationReport
+    printed : dict or None
+        Which print was scanned (`print_identity`).
+    """
+
+    source: Path
+    scan: Scan
+    model: Path
+    surface: Solid
+    network: Path
+    vessels: VesselNetwork
+    found: RegistrationReport
+    printed: dict[str, Any] | None
+
+    def judged(self, tolerance_um: float, diameter_tolerance_percent: float) -> dict[str, Any]:
+        """Numbers and verdict, as ``registration.json`` holds them."""
+        numbers = {
+            **report_dict(self.found),
+            "sign_convention": SIGN,
+            "design": design_facts(self.network),
+            "measured_by": scan_facts(self.scan),
+        }
+        return {
+            "schema": 1,
+            "recipe": self.source.stem,
+            "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
+            "scan": {"source": str(self.source)},
+            "printed": self.printed,
+            "registration": numbers,
+        }
+
+    def write(self, out: Path, data: dict[str, Any], pdf: bool) -> list[str]:
+        """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve."""
+        out.mkdir(parents=True, exist_ok=True)
+        with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
+            exports = beside.submit(write_exports, out, self.scan, self.vessels, self.found)
+            made = self._origin(out)
+            write_text(out / NUMBERS, _json(data | made))
+            # Drawn once for page and PDF; the page alone draws while it packs.
+            drawn = all_figures(data, self.vessels) if pdf else None
+            self._write_page(out, data, drawn)
+            if pdf:
+                origin = scan_origin(self.source, self.network)
+                write_report_pdf(out / PDF, {**data, "provenance": origin}, self.vessels, drawn)
+            exports.result()
+        if NO_ORIGIN not in made:
+            return []
+        return [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
+
+    def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None) -> None:
+        write_deviation(out / DEVIATION, self.found)
+        vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
+        shown = [
+            *split_surfaces(vertices, self.found.faces, deviation_um, self.vessels),
+            ReportSurface("As designed", self.surface.vertices, self.surface.faces),
+        ]
+        write_report_html(out / HTML, data, shown, self.vessels, drawn)
+
+    def _origin(self, out: Path) -> dict[str, Any]:
+        """How the part was made, where the model is a run; a compensation needs it."""
+        return keep_origin(self.model, self.source, out) if self.model.is_dir() else {}
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,173 @@
+"""Views by four marks or more: tilted cameras, and marks that can't tell of one."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from design.network import VesselNetwork
+from design.vasculature.named import planar_four_vessel
+from registration.dye import DyeReport, Marks, measure_dye, read_marks
+from registration.dye.marks import FloatArray
+from registration.dye.view import find_view
+from registration.errors import DyeError
+from sim.dye import Disturbance, Dye, DyeCamera, DyeFilm, dye_flow
+from sim.dye.transport import Transport
+from tests.registration.dye.films import PLANAR_CAMERA, PLANAR_FLOW, filmed, marks_of
+
+NETWORK = planar_four_vessel()
+CORNERS = (4, 7, 8, 11)
+TILTED = dataclasses.replace(PLANAR_CAMERA, tilt_deg=20.0, distance_mm=80.0, turn_deg=10.0)
+
+
+def seen_by(
+    camera: DyeCamera, nodes: tuple[int, ...], network: VesselNetwork = NETWORK, **more: Any
+) -> Marks:
+    return Marks.model_validate(marks_of(network, camera, nodes, **more))
+
+
+def pinhole(points: FloatArray, tilt: float, distance: float, scale: float) -> FloatArray:
+    """A pinhole looking at (8, 4, 1.5) from above, tilted about x; worked out on paper."""
+    x, y, z = (points - [8.0, 4.0, 1.5]).T
+    c, s = np.cos(tilt), np.sin(tilt)
+    # Lower in the picture is nearer: the camera stands at y < 4.
+    depth = distance + c * -z + s * y
+    size, flat = (scale * distance / depth)[:, None], np.stack([x, -(c * y + s * z)], axis=1)
+    seen: FloatArray = flat * size + np.array([320.0, 180.0])
+    return seen
+
+
+def test_the_simulated_camera_is_a_pinhole() -> None:
+    points = np.random.default_rng(0).uniform(0.0, 10.0, (20, 3))
+    camera = DyeCamera(width=641, height=361, tilt_deg=20.0, distance_mm=60.0)
+    known = pinhole(points, np.radians(20.0), 60.0, camera.px_per_mm)
+    assert camera.pixels(points) == pytest.approx(known)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("distance", [np.inf, 60.0])
+def test_a_tilted_camera_is_found_from_four_marks(mirrored: bool, distance: float) -> None:
+    camera = dataclasses.replace(TILTED, mirrored=mirrored, distance_mm=distance)
+    view = find_view(seen_by(camera, CORNERS), NETWORK)
+    assert view.perspective
+    assert view.tilt_deg == pytest.approx(20.0, abs=0.5)
+    assert view.residual_mm == 0.0
+    elsewhere = np.array([[0.0, 4.1, 1.5], [16.0, 4.1, 1.5], [7.0, 2.0, 1.5]])
+    assert view.pixels(elsewhere) == pytest.approx(camera.pixels(elsewhere), abs=1e-6)
+    assert view.scales(elsewhere) == pytest.approx(camera.scales(elsewhere), rel=0.01)
+
+
+def test_marks_read_to_a_pixel_say_how_well_they_fit() -> None:
+    nodes, errors = (*CORNERS, 0, 1, 2, 3), np.random.default_rng(3).normal(0.0, 1.0, (50, 8, 2))
+    camera = dataclasses.replace(TILTED, px_per_mm=29.0)
+    clean, squares = camera.pixels(NETWORK.nodes[list(nodes)]), []
+    for error in errors:
+        marks = [
+            {"node": node, "pixel": pixel}
+            for node, pixel in zip(nodes, (clean + error).tolist(), strict=True)
+        ]
+        view = find_view(Marks.model_validate({"marks": marks}), NETWORK)
+        squares.append((view.residual_mm * view.px_per_mm) ** 2)
+        off = np.hypot(*(view.pixels(NETWORK.points) - camera.pixels(NETWORK.points)).T)
+        assert off.max() < 6.0
+    # Eight of sixteen numbers are used up: a pixel each way is left, 2 px² a mark.
+    assert np.mean(squares) == pytest.approx(2.0, rel=0.25)
+
+
+def test_a_straight_camera_stays_one_with_four_marks() -> None:
+    view = find_view(seen_by(PLANAR_CAMERA, CORNERS), NETWORK)
+    assert not view.perspective
+    assert view.tilt_deg == 0.0
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        ((4, 5, 6, 7), "three of every four lie in line; mark four"),
+        ((4, 5, 6, 7, 11), "three of every four lie in line"),
+        ((4, 8, 11), "mark four points or more, no three in line"),
+    ],
+)
+def test_marks_that_cant_tell_of_a_tilt_are_refused(nodes: tuple[int, ...], words: str) -> None:
+    camera = dataclasses.replace(TILTED, tilt_deg=45.0, distance_mm=12.0)
+    with pytest.raises(DyeError, match=words):
+        find_view(seen_by(camera, nodes), NETWORK)
+
+
+def test_marks_in_a_corner_are_refused() -> None:
+    places = [(3.0, 1.4, 1.5), (3.0, 3.4, 1.5), (5.0, 1.4, 1.5), (5.0, 3.6, 1.5)]
+    camera = dataclasses.replace(PLANAR_CAMERA, tilt_deg=50.0, px_per_mm=40.0)
+    pixels = camera.pixels(np.array(places)).tolist()
+    marks = [{"at_mm": a, "pixel": p} for a, p in zip(places, pixels, strict=True)]
+    with pytest.raises(DyeError, match=r"a pixel's error .* mark points farther apart"):
+        find_view(Marks.model_validate({"marks": marks}), NETWORK)
+
+
+def test_vessels_out_of_the_marks_plane_need_a_straight_camera() -> None:
+    nodes = NETWORK.nodes.copy()
+    nodes[0, 2] += 2.5
+    none = np.zeros(NETWORK.vessel_count, dtype=int)
+    radius = np.array([r[0] for _, r in NETWORK.polylines()])
+    deep = VesselNetwork.from_segments(nodes, NETWORK.vessel_nodes, radius, none, none)
+    assert not find_view(seen_by(PLANAR_CAMERA, CORNERS, deep), deep).perspective
+    with pytest.raises(DyeError, match=r"tilted by 20°.* 2\.5 mm off one plane.*film straight"):
+        find_view(seen_by(TILTED, CORNERS, deep), deep)
+
+
+def test_a_mirrored_and_tilted_picture_is_recognised() -> None:
+    camera = dataclasses.replace(TILTED, tilt_deg=35.0, mirrored=True)
+    said = marks_of(NETWORK, camera, (*CORNERS, 0))
+    with pytest.raises(DyeError, match=r"fit a mirrored picture .*: put mirrored: true"):
+        find_view(Marks.model_validate({**said, "mirrored": False}), NETWORK)
+
+
+def _filmed(folder: Path, camera: DyeCamera) -> DyeReport:
+    film = DyeFilm(6.0, 20.0, 1.5, camera, Dye(), Disturbance())
+    path = filmed(folder, NETWORK, PLANAR_FLOW, (*CORNERS, 0), film)
+    return measure_dye(path, read_marks(folder / "marks.yaml"), NETWORK)
+
+
+def test_notes_say_what_three_and_four_marks_leave_open(tmp_path: Path) -> None:
+    film = DyeFilm(5.0, 6.0, 1.0, dataclasses.replace(TILTED, tilt_deg=30.0), Dye(), Disturbance())
+    path = filmed(tmp_path, NETWORK, PLANAR_FLOW, CORNERS, film)
+    marks = read_marks(tmp_path / "marks.yaml")
+    notes = measure_dye(path, marks, NETWORK).notes
+    assert any("tilted by 30°, and four always fit one: a fifth" in note for note in notes)
+    three = marks.model_copy(update={"marks": marks.marks[:3]})
+    notes = measure_dye(path, three, NETWORK).notes
+    assert any("if the camera was tilted, mark four points" in note for note in notes)
+
+
+def _carried(report: DyeReport, fps: float = 6.0, seconds: float = 20.0) -> FloatArray:
+    """Half of the end's level at each station by the simulator's own cells; no picture."""
+    transport = Transport(dye_flow(NETWORK, PLANAR_FLOW), 1.0 / fps)
+    times = np.arange(round(fps * seconds)) / fps
+    seen = np.array([dye.mean(axis=1) for dye in transport.frames(times, 1.5)])
+    stations, found = report.stations, []
+    for vessel, share in zip(stations.vessel, stations.share, strict=True):
+        first, last = transport.first[vessel], transport.first[vessel + 1]
+        middles = first + share * (last - first) - 0.5
+        low = int(np.clip(np.floor(middles), first, last - 1))
+        high = min(low + 1, int(last) - 1)
+        curve = seen[:, low] + (middles - low) * (seen[:, high] - seen[:, low])
+        half = 0.5 * np.median(curve[-len(times) // 10 :])
+        at = max(int(np.argmax(curve >= half)), 1)
+        part = (half - curve[at - 1]) / max(curve[at] - curve[at - 1], 1e-9)
+        found.append(times[at - 1] + part / fps)
+    return np.array(found)
+
+
+def test_a_tilted_camera_sees_dye_arrive_at_the_same_time(tmp_path: Path) -> None:
+    straight, tilted = _filmed(tmp_path / "a", PLANAR_CAMERA), _filmed(tmp_path / "b", TILTED)
+    assert tilted.view.perspective
+    assert not straight.view.perspective
+    assert [v.patency for v in tilted.vessels] == ["open"] * 14
+    for report in (straight, tilted):
+        off = np.abs(report.arrivals.time_s - _carried(report))
+        assert np.isfinite(off).mean() > 0.8
+        assert np.nanmedian(off) < 0.5 / 6.0
+        assert np.nanpercentile(off, 90) < 1.0 / 6.0
