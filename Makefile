@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration clean
+.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -45,6 +45,10 @@ bench-solids: $(VENV)/.ready
 # Scan to report; BENCH="--quick" for a tenth of the cases.
 bench-registration: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.registration $(BENCH)
+
+# Vessels written into soft matter, judged by a checker of its own; BENCH="--quick" without the 2,000.
+bench-embedded: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.embedded $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

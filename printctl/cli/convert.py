@@ -10,37 +10,47 @@ import typer
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.networks import LOSSES, check_target, read_network, write_network
+from printctl.networks import LOSSES, check_target, read_noted, write_network
 
 
 def convert(
     source: Annotated[
-        Path, typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz.", show_default=False)
+        Path,
+        typer.Argument(
+            help="Network: .csv, .vtp, .swc, .json, .npz, or X-CAVATE's .txt.", show_default=False
+        ),
     ],
     target: Annotated[
         Path,
         typer.Argument(
-            help="The same formats; without a suffix a new folder of SimVascular paths.",
+            help="The same formats but .txt; without a suffix a new folder of SimVascular paths.",
             show_default=False,
         ),
     ],
     unit: UnitOption = None,
+    ends: Annotated[
+        Path | None,
+        typer.Option("--inlet-outlet", help="Inlets and outlets that come with X-CAVATE's .txt."),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Convert a vessel network between CSV, VTP, SWC, JSON and npz, and to SimVascular paths.
 
-    All our files are in mm, but for SWC (µm) and SimVascular's (cm). An old file is replaced only
-    by a whole new one.
+    X-CAVATE's networks (.txt, cm) are read, and their vessels joined. All our files are in mm, but
+    for SWC (µm) and SimVascular's (cm). An old file is replaced only by a whole new one.
     """
     check_target(target)
     if target.exists() and source.exists() and target.samefile(source):
         raise UsageError(f"{target} is the network itself; give another name")
-    network = read_network(source, unit)
+    network, notes = read_noted(source, unit, ends)
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
     if as_json:
-        print_json({"file": str(target), "vessels": network.vessel_count, "loses": loss})
+        found = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
+        print_json(found | {"notes": list(notes)})
         return
+    for note in notes:
+        messages().print(note, style="dim", markup=False)
     if loss:
         messages().print(f"[dim]{loss}[/]")
     print_lines(f"{target}: {network.vessel_count} vessels, {len(network.points)} points")

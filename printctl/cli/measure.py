@@ -23,7 +23,7 @@ from printctl.cli.network_options import (
 )
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.networks import Drive, load_source
+from printctl.networks import READ, Drive, load_source
 from printctl.pipeline.stages.tissue import SURFACE
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)
@@ -78,7 +78,7 @@ def _tissue(path: Path, unit: LengthUnit | None) -> Tissue:
         path, unit = path / SURFACE, "mm"
         if not path.is_file():
             raise UsageError(f"{path} isn't there; give --tissue a mesh or a run folder")
-    elif path.suffix.lower() in (".csv", ".vtp", ".swc", ".json", ".npz"):
+    elif path.suffix.lower() in READ:
         raise UsageError("a network alone has no tissue; give --tissue a mesh or a run folder")
     if unit is None:
         raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")

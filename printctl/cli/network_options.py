@@ -12,7 +12,7 @@ from design.units import LengthUnit
 SourceArg = Annotated[
     Path,
     typer.Argument(
-        help="A run folder, or a network: .csv, .vtp, .swc, .json, .npz.", show_default=False
+        help="A run folder, or a network: .csv, .vtp, .swc, .json, .npz, .txt.", show_default=False
     ),
 ]
 UnitOption = Annotated[

@@ -11,15 +11,16 @@ import typer
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.networks import read_network
+from printctl.networks import read_noted
 from printctl.pipeline.solid_files import WRITERS
 
 
 def solid(
     source: Annotated[
-        Path, typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz.", show_default=False)
+        Path,
+        typer.Argument(help="Network: .csv, .vtp, .swc, .json, .npz, .txt.", show_default=False),
     ],
     out: Annotated[
         Path,
@@ -49,7 +50,9 @@ def solid(
         raise UsageError(f"{out}: give a file that ends in .step, .{', .'.join(WRITERS)}")
     if kind == "step" and (fillet_ratio or wall_mm is not None):
         raise UsageError("--fillet-ratio and --wall-mm are for triangles; STEP has sharp lumens")
-    network = read_network(source, unit)
+    network, notes = read_noted(source, unit)
+    for note in notes:
+        messages().print(note, style="dim", markup=False)
     if kind == "step":
         found = asdict(write_step(out, network))
     else:

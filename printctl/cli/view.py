@@ -30,10 +30,9 @@ from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.view_gcode import SUFFIXES, GcodeWish, is_gcode, view_gcode
 from printctl.cli.view_network import NetworkWish, view_network
 from printctl.errors import UsageError
-from printctl.networks import Drive
+from printctl.networks import READ, Drive
 from registration.report.network_view import MAX_PIECES
 
-_NETWORKS: Final = (".csv", ".vtp", ".swc", ".json", ".npz")
 _FOR_NETWORKS: Final = (
     "seen_from", "unit", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
     "most_pieces",
@@ -111,9 +110,9 @@ def _check_targets(out: Path | None, png: Path | None) -> None:
 
 
 def _check_suffix(source: Path) -> None:
-    if source.is_file() and source.suffix.lower() not in (*_NETWORKS, *SUFFIXES):
+    if source.is_file() and source.suffix.lower() not in (*READ, *SUFFIXES):
         raise UsageError(
-            f"{source} is neither a network ({', '.join(_NETWORKS)}) nor G-code "
+            f"{source} is neither a network ({', '.join(READ)}) nor G-code "
             f"({', '.join(SUFFIXES)}) by its name; give one of these, or a run folder"
         )
 

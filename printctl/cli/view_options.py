@@ -19,7 +19,7 @@ the order is the vessels' in the one, that of writing in the other."""
 SourceArg = Annotated[
     Path,
     typer.Argument(
-        help="A run folder, a network (.csv, .vtp, .swc, .json, .npz), or G-code (.gcode).",
+        help="A run folder, a network (.csv, .vtp, .swc, .json, .npz, .txt), or G-code (.gcode).",
         show_default=False,
     ),
 ]

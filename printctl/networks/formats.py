@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from design.network import VesselNetwork
 from design.network_csv import read_network_csv, write_network_csv
@@ -16,6 +16,7 @@ from design.network_simvascular import write_simvascular_paths
 from design.network_swc import read_network_swc, write_network_swc
 from design.network_vtp import write_network_vtp
 from design.network_vtp_read import read_network_vtp
+from design.network_xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 from printctl.errors import UsageError
 
@@ -29,8 +30,12 @@ _SAID: Final[dict[str, tuple[LengthUnit, Callable[[Path], VesselNetwork]]]] = {
     ".swc": ("um", read_network_swc),
     ".json": ("mm", read_network_json),
     ".npz": ("mm", read_network_npz),
+    ".txt": ("cm", lambda path: read_network_xcavate(path).network),
 }
 """Formats that say it, or are always in it."""
+
+READ: Final = (*_ASKED, *_SAID)
+"""Suffixes of the formats that are read."""
 
 _WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
     ".csv": write_network_csv,
@@ -48,13 +53,36 @@ LOSSES: Final = {
 """What a format can't hold, by suffix."""
 
 
+class Noted(NamedTuple):
+    """A network, and sentences for the user on what its reader made of it."""
+
+    network: VesselNetwork
+    notes: tuple[str, ...]
+
+
+def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) -> Noted:
+    """As `read_network`, with what the user should know of it.
+
+    ``ends`` is the file of inlets and outlets that may come with X-CAVATE's.
+    """
+    if path.suffix.lower() != ".txt":
+        if ends is not None:
+            raise UsageError(f"a file of inlets and outlets goes with X-CAVATE's .txt, not {path}")
+        return Noted(read_network(path, unit), ())
+    _check_said(path, unit)
+    if ends is not None and not ends.is_file():
+        raise UsageError(f"{ends} isn't there, or no file; check the path")
+    found = read_network_xcavate(path, ends)
+    return Noted(found.network, found.notes)
+
+
 def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
     """Read a network, in mm.
 
     Parameters
     ----------
     path : Path
-        Ends in .csv, .vtp, .swc, .json or .npz.
+        Ends in .csv, .vtp, .swc, .json, .npz or .txt (X-CAVATE's).
     unit : LengthUnit or None
         Of the coordinates, where the format doesn't say it; where it does, None or the same.
 
@@ -66,22 +94,31 @@ def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
         As the format's reader.
     """
     suffix = path.suffix.lower()
-    if suffix not in _ASKED and suffix not in _SAID:
-        known = ", ".join([*_ASKED, *_SAID])
+    if suffix not in READ:
+        known = ", ".join(READ)
         raise UsageError(f"{path}: {suffix or 'no suffix'} isn't a network's; {known} are read")
-    if not path.is_file():
-        raise UsageError(f"{path} isn't there, or no file; check the path")
     if suffix in _SAID:
-        own, reader = _SAID[suffix]
-        if unit not in (None, own):
-            raise UsageError(f"{path} is in {own}, as its format says, not {unit}; drop --unit")
-        return reader(path)
+        _check_said(path, unit)
+        return _SAID[suffix][1](path)
+    _check_there(path)
     if unit is None:
         raise UsageError(
             f"{path} doesn't say the unit of its coordinates; give --unit, one of "
             f"{', '.join(MM_PER)}"
         )
     return _ASKED[suffix](path, unit)
+
+
+def _check_said(path: Path, unit: LengthUnit | None) -> None:
+    _check_there(path)
+    own = _SAID[path.suffix.lower()][0]
+    if unit not in (None, own):
+        raise UsageError(f"{path} is in {own}, as its format says, not {unit}; drop --unit")
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        raise UsageError(f"{path} isn't there, or no file; check the path")
 
 
 def check_target(path: Path) -> None:

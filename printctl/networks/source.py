@@ -18,7 +18,7 @@ from design.network_csv import read_network_csv
 from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError
-from printctl.networks.formats import read_network
+from printctl.networks.formats import read_noted
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.stages.flow import TABLE
 from printctl.pipeline.stages.registration import NUMBERS
@@ -87,8 +87,8 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
     if not path.exists():
         raise UsageError(f"{path} doesn't exist; give a run folder or a network's file")
     if not path.is_dir():
-        network = read_network(path, unit)
-        return with_flow(Source(path.stem, network, Known(), None, ()), drive)
+        network, notes = read_noted(path, unit)
+        return with_flow(Source(path.stem, network, Known(), None, notes), drive)
     if not (path / NETWORK).is_file():
         raise UsageError(
             f"{path} holds no {NETWORK}, so it is no run folder; `printctl run` or "

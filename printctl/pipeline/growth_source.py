@@ -13,7 +13,9 @@ from design.network_csv import read_network_csv
 from design.network_json import read_network_json
 from design.network_npz import read_network_npz
 from design.network_swc import read_network_swc
-from design.units import PA_PER_MMHG
+from design.network_vtp_read import read_network_vtp
+from design.network_xcavate import read_network_xcavate
+from design.units import PA_PER_MMHG, LengthUnit
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage
 from printctl.errors import RecipeError
 from printctl.recipe.growth import GrownNetwork, Growth, PenaltyPart, StagePart
@@ -89,15 +91,24 @@ def read_trunk(part: GrownNetwork, recipe_folder: Path) -> VesselNetwork | None:
     """The artery that growth goes on from; None without one."""
     if part.trunk is None:
         return None
-    path = recipe_folder / part.trunk
+    return read_given(recipe_folder / part.trunk, part.trunk_unit)[0]
+
+
+def read_given(path: Path, unit: LengthUnit | None) -> tuple[VesselNetwork, tuple[str, ...]]:
+    """The network of a recipe's file, whose suffix the recipe has checked; and notes on it."""
     match path.suffix.lower():
         case ".swc":
-            return read_network_swc(path)
+            return read_network_swc(path), ()
         case ".json":
-            return read_network_json(path)
+            return read_network_json(path), ()
         case ".npz":
-            return read_network_npz(path)
-    return read_network_csv(path, unit=part.trunk_unit or "mm")
+            return read_network_npz(path), ()
+        case ".vtp":
+            return read_network_vtp(path, unit or "mm"), ()
+        case ".txt":
+            found = read_network_xcavate(path)
+            return found.network, found.notes
+    return read_network_csv(path, unit=unit or "mm"), ()
 
 
 def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:

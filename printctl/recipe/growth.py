@@ -31,11 +31,33 @@ class NamedNetwork(NetworkSection):
 
 
 class GivenNetwork(NetworkSection):
-    """A network from a CSV file of pieces."""
+    """A network from a file of any format that is read."""
 
     network: FileName
-    unit: LengthUnit = Field(description="Unit of the coordinates; radii are mm, as named.")
+    unit: LengthUnit | None = Field(
+        default=None,
+        description="Of the coordinates of a .csv (radii are mm, as named) or .vtp; other files "
+        "say it.",
+    )
     clearance_mm: float = Field(default=0.0, ge=0, le=10, description="Least wall between vessels.")
+    overlaps: Literal["refuse", "tell"] = Field(
+        default="refuse",
+        description="What to do where vessels are nearer than that without meeting; tell: go on.",
+    )
+
+    @model_validator(mode="after")
+    def _unit_is_known(self) -> GivenNetwork:
+        kind = self.network.rsplit(".", 1)[-1].lower()
+        if kind not in ("csv", "vtp", "swc", "json", "npz", "txt"):
+            raise ValueError(
+                f"network {self.network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
+            )
+        if (kind in ("csv", "vtp")) != (self.unit is not None):
+            wanted = "give unit" if self.unit is None else "remove unit"
+            raise ValueError(
+                f"network {self.network}: .csv and .vtp alone are in a unit of the user's; {wanted}"
+            )
+        return self
 
     def files(self) -> list[str]:
         """The network's."""

@@ -5,7 +5,7 @@ from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.held import held_diameter_mm
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
-from design.toolpath.embedded.report import Crossing, EmbeddedReport
+from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 
 __all__ = [
     "Crossing",
@@ -13,6 +13,7 @@ __all__ = [
     "EmbeddedOptions",
     "EmbeddedPlan",
     "EmbeddedReport",
+    "Merged",
     "check_vessels",
     "embedded_toolpath",
     "held_diameter_mm",

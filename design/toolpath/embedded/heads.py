@@ -56,6 +56,21 @@ class EmbeddedHeads:
         return max(one.shaft_mm for one in self.options)
 
     @property
+    def bare_mm(self) -> float:
+        """Radius of the thinnest head's tip, mm."""
+        return min(one.tip_mm - one.clearance_mm for one in self.options)
+
+    @property
+    def tip_mm(self) -> float:
+        """Radius that must stay free around any head's tip, mm."""
+        return max(one.tip_mm for one in self.options)
+
+    @property
+    def cone_mm(self) -> float:
+        """Height over which the tip widens to the shaft, mm; the shortest of all heads'."""
+        return min(one.cone_mm for one in self.options)
+
+    @property
     def overlap_radii(self) -> float:
         """The longest overlap of a joint, in radii."""
         return max(one.overlap_radii for one in self.options)

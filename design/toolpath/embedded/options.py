@@ -16,7 +16,10 @@ class EmbeddedOptions:
     Attributes
     ----------
     needle_inner_mm, needle_outer_mm : float, mm
-        Diameters of the needle; a vertical shaft without a cone.
+        Diameters of the needle, a vertical tube.
+    tip_outer_mm, cone_mm : float, mm
+        Of a tapered tip: its outer diameter at the opening, and the height over which it widens to
+        `needle_outer_mm`. 0 and 0 for a plain tube.
     clearance_mm : float, mm
         Kept between the shaft and what is written.
     thinnest : float
@@ -38,10 +41,14 @@ class EmbeddedOptions:
         Flow while priming and retracting.
     dwell_s : float, s
         Pause after a prime, until the ink flows.
+    open_joints : int
+        How many joints may stay without an overlap; more are refused.
     """
 
     needle_inner_mm: float = 0.16
     needle_outer_mm: float = 0.31
+    tip_outer_mm: float = 0.0
+    cone_mm: float = 0.0
     clearance_mm: float = 0.05
     thinnest: float = 0.8
     write_speed_mm_s: float = 5.0
@@ -54,6 +61,7 @@ class EmbeddedOptions:
     retract_ul: float = 0.02
     plunger_ul_s: float = 0.4
     dwell_s: float = 0.0
+    open_joints: int = 0
 
     def __post_init__(self) -> None:
         require_positive(
@@ -75,9 +83,18 @@ class EmbeddedOptions:
             overlap_radii=self.overlap_radii,
             retract_ul=self.retract_ul,
             dwell_s=self.dwell_s,
+            tip_outer_mm=self.tip_outer_mm,
+            cone_mm=self.cone_mm,
+            open_joints=self.open_joints,
         )
+        if (self.tip_outer_mm > 0) != (self.cone_mm > 0):
+            raise ToolpathError(
+                f"tip_outer_mm {self.tip_outer_mm:g} and cone_mm {self.cone_mm:g} (embedded "
+                "options) describe a tapered tip together; give both or neither"
+            )
         for small, large in (
             ("needle_inner_mm", "needle_outer_mm"),
+            ("tip_outer_mm", "needle_outer_mm"),
             ("min_speed_mm_s", "write_speed_mm_s"),
         ):
             if getattr(self, small) > getattr(self, large):
@@ -90,6 +107,11 @@ class EmbeddedOptions:
     def shaft_mm(self) -> float:
         """Radius that must stay free around the shaft, mm."""
         return self.needle_outer_mm / 2 + self.clearance_mm
+
+    @property
+    def tip_mm(self) -> float:
+        """Radius that must stay free around the tip, mm."""
+        return (self.tip_outer_mm or self.needle_outer_mm) / 2 + self.clearance_mm
 
     @property
     def smallest_lumen_mm(self) -> float:

@@ -1,4 +1,4 @@
-"""From a network to embedded filaments: cut, order, write."""
+"""From a network to embedded filaments: cut, order, close the joints, write."""
 
 from __future__ import annotations
 
@@ -6,16 +6,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.toolpath.embedded.filament import frustum_ul
+from design.toolpath.embedded.elements import Elements, elements_of
 from design.toolpath.embedded.heads import EmbeddedHeads
+from design.toolpath.embedded.improve import broken, ordered
+from design.toolpath.embedded.joints import Joined, Joiner
+from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
+from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.embedded.order import order_pieces
-from design.toolpath.embedded.pieces import Piece, cut
-from design.toolpath.embedded.report import Crossing, EmbeddedReport
-from design.toolpath.embedded.shaft import Conflicts, Needle, find_conflicts
+from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
+from design.toolpath.embedded.rules import entered, find_rules
+from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.squares import Squares, squares_of
 from design.toolpath.embedded.write import FilamentWriter
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
+
+
+@dataclass(frozen=True)
+class Met:
+    """What the shaft meets, as in `EmbeddedReport`."""
+
+    crossings: tuple[Crossing, ...]
+    grazes: tuple[Crossing, ...]
+    merged: tuple[Merged, ...]
 
 
 @dataclass(frozen=True)
@@ -26,75 +40,139 @@ class EmbeddedPlan:
     report: EmbeddedReport
 
 
+@dataclass(frozen=True)
+class Scene:
+    """A network and a needle made ready for planning."""
+
+    elements: Elements
+    squares: Squares
+    meetings: Meetings
+    collisions: Touches
+    needle: Needle
+
+    @staticmethod
+    def of(network: VesselNetwork, heads: EmbeddedHeads) -> Scene:
+        """Cut the vessels, and find where they meet."""
+        needle = Needle(
+            heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
+        )
+        # Half the radius that is kept free: then three places along an element tell of all of it.
+        elements = elements_of(network, heads.tip_mm / 2)
+        squares = squares_of(elements, needle.shaft_mm)
+        nodes = at_nodes(network, elements)
+        collisions = touches(elements, squares, nodes, needle)
+        return Scene(elements, squares, with_touches(nodes, collisions), collisions, needle)
+
+    def met(self, first: IntArray, second: IntArray, network: VesselNetwork) -> Met:
+        """What the shaft meets where the ``first`` elements are written after the ``second``."""
+        bare = entered(first, second, self.elements, self.meetings, self.needle)
+        return Met(
+            crossings=_by_vessels(self.elements, first[bare], second[bare]),
+            grazes=_by_vessels(self.elements, first[~bare], second[~bare]),
+            merged=_merged(network, self.collisions),
+        )
+
+
 def embedded_toolpath(network: VesselNetwork, options: EmbeddedOptions) -> Toolpath:
     """Write ``network`` along its centrelines; see `plan_embedded`."""
     return plan_embedded(network, options).toolpath
 
 
 def plan_embedded(network: VesselNetwork, options: EmbeddedOptions | EmbeddedHeads) -> EmbeddedPlan:
-    """Plan the writing of ``network`` from the bottom up and say what couldn't be avoided.
+    """Plan the writing of ``network`` and say what couldn't be avoided.
 
-    Q = π d² v / 4; the speed is the highest that speed and flow limits allow. The shaft passes
-    through nothing written before, except where the report names a crossing. Pieces are cut at
-    turning points of their height and nowhere else: a cycle of pieces that each must come before
-    the next is broken where it does the least harm, not split. Of several heads
-    (`EmbeddedHeads`) each writes its own vessels, with as few changes as the order allows; the
-    widest of their shafts is kept clear of what is written.
+    Vessels are cut into short elements; of two of which one stands in the shaft's way while the
+    other is written the order is fixed (`rules`), and passes are laid through them (`schedule`) so
+    that the needle is lifted seldom. Passes go through nodes where they can, and are cut where
+    vessels wait for each other. Ends that meet ink are carried on into it (`joints`).
+
+    Q = π d² v / 4; the speed is the highest that speed and flow limits allow. Of several heads
+    (`EmbeddedHeads`) each writes its own vessels; the widest of their shafts is kept clear.
 
     Raises
     ------
     ToolpathError
-        When a vessel is too thin for the needle or too thick for flow and speed.
+        When a vessel is too thin for the needle or too thick for flow and speed, or when a joint
+        can't be closed and `EmbeddedOptions.open_joints` doesn't allow that.
     """
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
-    pieces = cut(network)
-    needle = Needle(heads.shaft_mm, heads.overlap_radii)
-    several = None
-    if len(heads.options) > 1:
-        several = np.array([heads.of(piece.vessel) for piece in pieces], dtype=np.int64)
-    ordered = order_pieces(pieces, find_conflicts(pieces, needle), several)
-    writer = FilamentWriter(ordered[0], heads)
-    paths = [writer.write(piece) for piece in ordered]
-    # Once more on what is really written: directions and overlaps are known only now.
-    crossings = _crossings(ordered, find_conflicts(ordered, needle, paths))
+    scene = Scene.of(network, heads)
+    rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
+    passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
+    _refuse_open(joined, heads)
+    writer = FilamentWriter(scene.elements, passes[0], heads)
+    writer.write_all(passes, joined)
+    first, second = broken(rules, passes)
+    met = scene.met(first, second, network)
     toolpath = writer.builder.build()
-    return EmbeddedPlan(toolpath, _report(toolpath, ordered, writer, crossings))
+    return EmbeddedPlan(toolpath, _report(toolpath, scene.elements, passes, joined, writer, met))
 
 
-def _crossings(ordered: list[Piece], conflicts: Conflicts) -> tuple[Crossing, ...]:
-    """What is broken by writing pieces in the order in which they stand."""
-    found = [
-        Crossing(ordered[k].vessel, ordered[k].vessel, float(conflicts.own_mm[k]))
-        for k in np.flatnonzero(conflicts.own_mm)
-    ]
-    found += [
-        Crossing(
-            ordered[conflicts.first[k]].vessel,
-            ordered[conflicts.second[k]].vessel,
-            float(conflicts.harm_mm[k]),
+def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
+    allowed = min(options.open_joints for options in heads.options)
+    if len(joined.open) > allowed:
+        first = joined.open[0]
+        x, y, z = first.place_mm
+        raise ToolpathError(
+            f"{len(joined.open)} of {joined.joints} joints can't be made to overlap (allowed: "
+            f"{allowed}, open_joints): the first is vessel {first.vessel} with vessel "
+            f"{first.other} at ({x:.2f}, {y:.2f}, {z:.2f}) mm, where the needle's shaft would pass "
+            "through other ink from either side; use a thinner needle, move the vessels apart, or "
+            "allow open joints"
         )
-        for k in np.flatnonzero(conflicts.first > conflicts.second)
-    ]
+
+
+def _by_vessels(elements: Elements, first: IntArray, second: IntArray) -> tuple[Crossing, ...]:
+    """Pairs of elements by pairs of vessels, with the way along the first."""
+    count = int(elements.vessel[-1]) + 1
+    pair = elements.vessel[first] * count + elements.vessel[second]
+    found = []
+    for key in np.unique(pair).tolist():
+        rows = np.unique(first[pair == key])
+        vessel, through = divmod(key, count)
+        found.append(Crossing(vessel, through, float(elements.length[rows].sum())))
     return tuple(sorted(found, key=lambda c: (-c.length_mm, c.vessel, c.through)))
+
+
+def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:
+    """Pairs of vessels without a common node that overlap, the deepest first.
+
+    Those that share one and leave it side by side are one body for longer than a joint reaches.
+    """
+    low, high = touches.vessel.min(axis=1), touches.vessel.max(axis=1)
+    deepest: dict[tuple[int, int], float] = {}
+    for a, b, overlap in zip(low.tolist(), high.tolist(), touches.overlap.tolist(), strict=True):
+        deepest[a, b] = max(deepest.get((a, b), 0.0), overlap)
+    ends = [set(pair) for pair in network.vessel_nodes.tolist()]
+    found = [Merged(a, b, overlap) for (a, b), overlap in deepest.items() if not ends[a] & ends[b]]
+    return tuple(sorted(found, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
 
 
 def _report(
     toolpath: Toolpath,
-    ordered: list[Piece],
+    elements: Elements,
+    passes: list[Pass],
+    joined: Joined,
     writer: FilamentWriter,
-    crossings: tuple[Crossing, ...],
+    met: Met,
 ) -> EmbeddedReport:
     length, speed = toolpath.lengths, toolpath.speed_mm_s
     write, travel = toolpath.kind == MoveKind.WRITE, toolpath.kind == MoveKind.TRAVEL
+    r0, r1 = elements.radius.T
+    design_ul = float((np.pi / 3 * elements.length * (r0**2 + r0 * r1 + r1**2)).sum())
     return EmbeddedReport(
-        pieces=len(ordered),
-        passes=writer.passes,
-        crossings=crossings,
-        joints=writer.joints,
-        overlapped=writer.overlapped,
-        continued=writer.continued,
-        design_ul=float(sum(frustum_ul(p.points, p.radius).sum() for p in ordered)),
+        vessels=int(elements.vessel[-1]) + 1,
+        passes=len(passes),
+        crossings=met.crossings,
+        grazes=met.grazes,
+        merged=met.merged,
+        joints=joined.joints,
+        overlapped=joined.overlapped,
+        continued=joined.through,
+        open=len(joined.open),
+        design_ul=design_ul,
         overlap_ul=writer.overlap_ul,
         written_ul=toolpath.written_ul,
         written_mm=float(length[write].sum()),

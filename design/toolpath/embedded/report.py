@@ -24,22 +24,41 @@ class Crossing:
 
 
 @dataclass(frozen=True)
+class Merged:
+    """Two vessels that overlap in the design though they share no node there.
+
+    Their ink becomes one; the shaft passes through it as through a joint.
+
+    Attributes
+    ----------
+    vessel, other : int
+    overlap_mm : float, mm
+        Deepest.
+    """
+
+    vessel: int
+    other: int
+    overlap_mm: float
+
+
+@dataclass(frozen=True)
 class EmbeddedReport:
     """Embedded writing in numbers.
 
     Attributes
     ----------
-    pieces, passes : int
-        Pieces written, and starts of the needle: pieces that go on from the last one need none.
+    vessels, passes : int
+        Vessels of the network, and starts of the needle.
     crossings : tuple of Crossing
-        Where the shaft passes through what was written before, the longest first; empty for a
-        plan without harm. Found on the pieces as written, overlaps included, with the shaft's
-        clearance; what lies within √2 (R + r) plus the overlap of a shared node is the joint and
-        doesn't count.
-    joints, overlapped, continued : int
-        Piece ends that meet something already written; of these, those overlapped by a tangent
-        extension and those written without a stop. The sum of the last two is the first, unless
-        the overlap is 0.
+        Where the shaft passes through what was written before, the longest first; empty for a plan
+        without harm. Ink of a joint doesn't count (`needle.joint_reach`).
+    grazes : tuple of Crossing
+        Where it comes nearer than the clearance.
+    merged : tuple of Merged
+        The network's own collisions, the deepest first.
+    joints, overlapped, continued, open : int
+        Ends and ways through nodes that meet something already written; of these, those overlapped
+        by a tangent extension, those written without a stop, and those that can't be overlapped.
     design_ul, overlap_ul, written_ul : float, µL
         Σ π r² L of the network, ink in the overlaps, and their sum as planned.
     written_mm, travel_mm : float, mm
@@ -49,12 +68,15 @@ class EmbeddedReport:
         While writing.
     """
 
-    pieces: int
+    vessels: int
     passes: int
     crossings: tuple[Crossing, ...]
+    grazes: tuple[Crossing, ...]
+    merged: tuple[Merged, ...]
     joints: int
     overlapped: int
     continued: int
+    open: int
     design_ul: float
     overlap_ul: float
     written_ul: float

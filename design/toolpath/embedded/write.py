@@ -1,104 +1,145 @@
-"""Write ordered pieces: travels above the print, joints overlapped."""
+"""Write ordered passes: overlaps at their ends, travels as low as what is written allows."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from design.toolpath.embedded.elements import TAPER_STEP, Elements, straightened, subdivided
 from design.toolpath.embedded.filament import frustum_ul, writing_speed
+from design.toolpath.embedded.ground import Ground, ground_under, highest_along, lay
 from design.toolpath.embedded.heads import EmbeddedHeads
-from design.toolpath.embedded.pieces import Piece
+from design.toolpath.embedded.joints import Joined
+from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.walk import Leg
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import FloatArray
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """Part of one vessel as it is written: points (k, 3), radii (k,), mm."""
+
+    points: FloatArray
+    radius: FloatArray
+    vessel: int
+
+
 class FilamentWriter:
-    """Turns pieces into moves, and counts joints and starts.
+    """Turns passes into moves.
 
     Attributes
     ----------
     builder : MoveBuilder
         Where the moves go.
-    passes, joints, overlapped, continued : int
     overlap_ul : float, µL
-        As in `EmbeddedReport`.
+        Ink of the overlaps.
     """
 
-    def __init__(self, first: Piece, heads: EmbeddedHeads) -> None:
-        self.builder = MoveBuilder(first.points[0], "vessel")
-        self.passes = self.joints = self.overlapped = self.continued = 0
-        self.overlap_ul = 0.0
-        self._heads, self._head = heads, heads.of(first.vessel)
+    def __init__(self, elements: Elements, first: Pass, heads: EmbeddedHeads) -> None:
+        self._elements, self._heads = elements, heads
+        leg = first.legs[0]
+        self._head = heads.of(int(elements.vessel[leg.element]))
         self._options = heads.options[self._head]
+        start = elements.point[elements.end[leg.element, 0 if leg.step > 0 else 1]]
+        self.builder = MoveBuilder(start, "vessel")
         self.builder.tool = self._head
+        self.overlap_ul = 0.0
         self._pressed: set[int] = set()
-        self._widest: dict[int, float] = {}
-        self._top = -np.inf
-        self._node = -1
+        self._started = False
+        self._ground: Ground = ground_under(
+            elements.point, heads.shaft_mm, float(elements.radius.max())
+        )
 
-    def write(self, piece: Piece) -> Piece:
-        """Write one piece from its first point, going there as needed; returns it as written."""
-        path, head = piece, self._heads.of(piece.vessel)
-        goes_on = piece.ends[0] == self._node and head == self._head
-        self.continued += goes_on
-        self.joints += goes_on
-        if not goes_on and self._is_joint(piece.ends[0]):
-            path = self._overlapping(path.reversed(), piece.ends[0]).reversed()
-        self._wrote(piece.ends[0], piece.radius[0])  # so that a ring's end meets its beginning
-        if self._is_joint(piece.ends[1]):
-            path = self._overlapping(path, piece.ends[1])
-        if not goes_on:
-            self._go(path.points[0], path.vessel, head)
-        length = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
-        volume = frustum_ul(path.points, path.radius)
-        speed = writing_speed(volume / length, self._options)
-        self.builder.write(path.points[1:], volume, speed, path.vessel)
-        self._pressed.add(head)
-        self._wrote(piece.ends[1], piece.radius[-1])
-        self._top = max(self._top, float((path.points[:, 2] + path.radius).max()))
-        self._node = piece.ends[1]
-        return path
+    def write_all(self, passes: list[Pass], joined: Joined) -> None:
+        """Write passes in their order."""
+        for one, before, beyond in zip(passes, joined.before, joined.beyond, strict=True):
+            self._write([self._stretch(leg) for leg in one.legs], float(before), float(beyond))
 
-    def _is_joint(self, node: int) -> bool:
-        if node not in self._widest:
-            return False
-        self.joints += 1
-        return True
+    def _stretch(self, leg: Leg) -> Stretch:
+        """A leg as few straight moves as its shape and taper need."""
+        order = leg.elements()
+        side = (0, 1) if leg.step > 0 else (1, 0)
+        ends, radius = self._elements.end[order], self._elements.radius[order]
+        numbers = np.append(ends[:, side[0]], ends[-1, side[1]])
+        thick = np.append(radius[:, side[0]], radius[-1, side[1]])
+        points, thick = straightened(self._elements.point[numbers], thick)
+        points, thick = subdivided(points, thick, np.inf, TAPER_STEP)
+        return Stretch(points, thick, int(self._elements.vessel[leg.element]))
 
-    def _wrote(self, node: int, radius: float) -> None:
-        self._widest[node] = max(self._widest.get(node, 0.0), float(radius))
+    def _write(self, stretches: list[Stretch], before: float, beyond: float) -> None:
+        if before > 0.0:
+            stretches[0] = self._longer(stretches[0], before, at_end=False)
+        if beyond > 0.0:
+            stretches[-1] = self._longer(stretches[-1], beyond, at_end=True)
+        first = stretches[0]
+        self._go(first.points[0], first.vessel, self._heads.of(first.vessel))
+        for one in stretches:
+            length = np.linalg.norm(np.diff(one.points, axis=0), axis=1)
+            volume = frustum_ul(one.points, one.radius)
+            speed = writing_speed(volume / length, self._options)
+            self.builder.write(one.points[1:], volume, speed, one.vessel)
+            lay(self._ground, one.points, one.radius, self._heads.shaft_mm)
+        self._pressed.add(self._head)
 
-    def _overlapping(self, piece: Piece, node: int) -> Piece:
-        """Go on past the last point, into what is written there.
-
-        By radii of the thinner of the two: a wide vessel that went on by its own would swell the
-        thin one that it meets.
-        """
-        own = float(piece.radius[-1])
-        radii = self._options.overlap_radii * min(1.0, self._widest[node] / own)
-        longer = piece.extended(radii)
-        if longer is not piece:
-            self.overlapped += 1
-            self.overlap_ul += float(np.pi * own**3 * radii)
-        return longer
+    def _longer(self, one: Stretch, reach_mm: float, *, at_end: bool) -> Stretch:
+        """Go on straight beyond an end, as thick as there."""
+        end, inner = (-1, -2) if at_end else (0, 1)
+        way = one.points[end] - one.points[inner]
+        further = one.points[end] + reach_mm * way / np.linalg.norm(way)
+        place = len(one.points) if at_end else 0
+        self.overlap_ul += float(np.pi * one.radius[end] ** 2 * reach_mm)
+        return Stretch(
+            np.insert(one.points, place, further, axis=0),
+            np.insert(one.radius, place, one.radius[end]),
+            one.vessel,
+        )
 
     def _go(self, to: FloatArray, vessel: int, head: int) -> None:
-        """Retract, rise above everything written, cross, go down, prime.
+        """Retract, rise above what stands in the way, cross, go down, prime.
 
         With another head from the way across on; one that has pushed nothing yet isn't primed.
+        Close to ink the needle goes slowly up and down, elsewhere as fast as across.
         """
         options, builder = self._options, self.builder
-        self.passes += 1
-        if self.passes > 1:
+        if self._started:
             builder.plunge(-options.retract_ul, options.plunger_ul_s, vessel)
-            tip = builder.tip
-            top = max(self._top, tip[2], to[2]) + options.lift_mm
-            up, across = np.array([*tip[:2], top]), np.array([*to[:2], top])
-            builder.travel(up[None], options.lift_speed_mm_s, vessel)
+            tip, changes = builder.tip, head != self._head
+            below = float(self._ground.top.max()) if changes else self._highest(tip, to)
+            height = max(below, tip[2], to[2]) + options.lift_mm
+            up, across = np.array([*tip[:2], height]), np.array([*to[:2], height])
+            self._vertically(tip, up, vessel)
             self._head = builder.tool = head
             options = self._options = self._heads.options[head]
             if np.any(across != up):
                 builder.travel(across[None], options.travel_speed_mm_s, vessel)
-            builder.travel(to[None], options.lift_speed_mm_s, vessel)
+            self._vertically(across, to, vessel)
             if head in self._pressed:
                 builder.plunge(options.retract_ul, options.plunger_ul_s, vessel)
+        else:
+            # The job begins here: before the first point, where an overlap asks for it.
+            builder = self.builder = MoveBuilder(to, "vessel")
+            builder.tool = self._head
+        self._started = True
         builder.dwell(options.dwell_s, vessel)
+
+    def _highest(self, tip: FloatArray, to: FloatArray) -> float:
+        return float(highest_along(self._ground, tip, to))
+
+    def _vertically(self, start: FloatArray, end: FloatArray, vessel: int) -> None:
+        """Up or down: slowly below the ink that stands around, and a lift above it."""
+        options = self._options
+        low, high = sorted((float(start[2]), float(end[2])))
+        slow = max(self._highest(start, start), low) + options.lift_mm
+        fast_speed = max(options.travel_speed_mm_s, options.lift_speed_mm_s)
+        if low < slow < high:
+            between = np.array([*start[:2], slow])
+            up = end[2] > start[2]
+            speeds = [options.lift_speed_mm_s, fast_speed] if up else [
+                fast_speed, options.lift_speed_mm_s,
+            ]  # fmt: skip
+            self.builder.travel(np.stack([between, end]), speeds, vessel)
+        elif np.any(start != end):
+            speed = options.lift_speed_mm_s if slow >= high else fast_speed
+            self.builder.travel(end[None], speed, vessel)

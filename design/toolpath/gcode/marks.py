@@ -4,13 +4,13 @@
 mark       after the lines above it
 ========== ====================================================================================
 LAYER_END  layer n is written; where another follows the needle stands at its height or above
-PASS_END   a pass that ended along vessel n is written, the needle is above all that is written
+PASS_END   a pass that ended along vessel n is written, the way straight up is free
 RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
 ========== ====================================================================================
 
 A mark is a line of its own, ``;LAYER_END:3`` (``//LAYER_END:3`` where that begins a comment); a
 firmware never sees it. In a FRESH print the tip
-is always at the top of what is written; in an embedded one a pass ends above it.
+is always at the top of what is written; in an embedded one a pass ends above what stands around it.
 """
 
 from __future__ import annotations

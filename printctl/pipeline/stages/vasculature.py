@@ -9,15 +9,17 @@ import numpy as np
 
 from design.lattices import LatticeOptions, build_lattice
 from design.network import VesselKind, VesselNetwork
-from design.network_csv import read_network_csv, write_network_csv
+from design.network_csv import write_network_csv
 from design.vasculature import (
     check_network,
+    collisions,
     planar_four_vessel,
     tree_to_network,
 )
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.growing import closed_loop, grown_tree, said_of
+from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
@@ -55,12 +57,16 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
     """The network that the recipe asks for, in the tissue's frame, and what is said of it."""
     part = context.recipe.vasculature
+    notes: tuple[str, ...] = ()
     match part:
         case NamedNetwork():
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
-            network = read_network_csv(context.recipe_folder / part.network, unit=part.unit)
+            network, notes = read_given(context.recipe_folder / part.network, part.unit)
             clearance = part.clearance_mm
+            if part.overlaps == "tell":
+                notes += overlaps_told(network, clearance)
+                return network, {"notes": list(notes)}
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, lattice_options(part)), 0.0
         case GrownNetwork():
@@ -70,7 +76,22 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             closed = closed_loop(context.tissue, part, context.recipe.seed)
             return closed.network, {"loops": said_of(closed)}
     check_network(network, clearance)
-    return network, {}
+    return network, {"notes": list(notes)} if notes else {}
+
+
+def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
+    """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
+    found = collisions(network, clearance_mm)
+    if not found.count:
+        return ()
+    worst = int(np.argmin(found.gap_mm))
+    one, two = found.vessels[worst].tolist()
+    x, y, z = found.place_mm[worst].tolist()
+    return (
+        f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {found.count} "
+        f"(overlaps: tell); nearest are vessels {one} and {two}, {found.gap_mm[worst]:.3g} mm "
+        f"apart at ({x:.4g}, {y:.4g}, {z:.4g}) mm",
+    )
 
 
 def lattice_options(part: LatticeNetwork) -> LatticeOptions:

@@ -83,6 +83,50 @@ def polyline(points: np.ndarray, radius: float | np.ndarray) -> VesselNetwork:
     )
 
 
+def polylines(lines: list[np.ndarray], radius: float) -> VesselNetwork:
+    """A vessel along each; one that ends where it begins is a loop."""
+    ends = np.array([line[k] for line in lines for k in (0, -1)], dtype=float)
+    nodes, number = np.unique(ends, axis=0, return_inverse=True)
+    none = np.zeros(len(lines), dtype=np.int64)
+    points = np.concatenate(lines).astype(float)
+    return VesselNetwork(
+        nodes=nodes,
+        vessel_nodes=number.reshape(-1, 2),
+        kind=none,
+        tree=none,
+        offset=np.concatenate([[0], np.cumsum([len(line) for line in lines])]),
+        points=points,
+        radius=np.full(len(points), radius),
+    )
+
+
+def helix(turns: float, radius_mm: float, pitch_mm: float, phase: float = 0.0) -> np.ndarray:
+    """Points along a helix, upward."""
+    turn = np.linspace(0, 2 * np.pi * turns, int(64 * turns) + 1)
+    x, y = radius_mm * np.cos(turn + phase), radius_mm * np.sin(turn + phase)
+    return np.column_stack([x, y, pitch_mm * turn / (2 * np.pi)])
+
+
+def ring(radius_mm: float, tilt: float) -> np.ndarray:
+    """Points around a circle, closed exactly, raised on one side by a tilt in rad."""
+    turn = np.linspace(0, 2 * np.pi, 65)
+    flat = np.cos(tilt) * np.sin(turn)
+    line = radius_mm * np.column_stack([np.cos(turn), flat, np.sin(tilt) * np.sin(turn)])
+    line[-1] = line[0]
+    return line
+
+
+def cage(bars: int, radius_mm: float, height_mm: float) -> VesselNetwork:
+    """Uprights between a ring of straight vessels at the bottom and one at the top."""
+    turn = 2 * np.pi * np.arange(bars) / bars
+    nodes = [
+        (radius_mm * np.cos(t), radius_mm * np.sin(t), z) for z in (0.0, height_mm) for t in turn
+    ]
+    upright = [(k, k + bars) for k in range(bars)]
+    rings = [(low + k, low + (k + 1) % bars) for low in (0, bars) for k in range(bars)]
+    return network(nodes, upright + rings, 0.15)
+
+
 def random_tree(terminals: int, size_mm: float, seed: int, thinnest_mm: float) -> VesselNetwork:
     """A branching tree in a cube; each new terminal joins the nearest segment."""
     rng = np.random.default_rng(seed)

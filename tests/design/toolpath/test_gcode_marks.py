@@ -44,21 +44,23 @@ def test_each_layer_ends_once_relieved_and_at_the_next_ones_height():
     assert machine.lines[ends[-1] + 1] != ";RELOAD"
 
 
-def test_each_pass_ends_above_all_that_is_written():
-    plan = plan_embedded(random_tree(20, 10, 3, 0.1), EmbeddedOptions())
+def test_each_pass_ends_with_a_free_way_straight_up():
+    options = EmbeddedOptions()
+    plan = plan_embedded(random_tree(20, 10, 3, 0.1), options)
     machine = read(plan.toolpath)
     ends = [k for k, text in enumerate(machine.lines) if text.startswith(";PASS_END")]
     assert len(ends) == plan.report.passes > 3
     assert [text for text in machine.lines if text == ";RELOAD"] == [";RELOAD"] * (len(ends) - 1)
-    top = -np.inf
+    written = []
     for before, after in zip([9, *ends], ends[:-1], strict=False):
-        written = [
-            float(here[0]["Z"])
-            for last, here in pairwise(machine.states[before:after])
-            if here[1] > last[1]
-        ]
-        top = max([top, *written])
-        assert float(machine.states[after][0]["Z"]) > top
+        for last, here in pairwise(machine.states[before:after]):
+            if here[1] > last[1]:
+                way = [[float(state[0][axis]) for axis in "XYZ"] for state in (last, here)]
+                written.append(np.linspace(*way, 50))
+        tip = np.array([float(machine.states[after][0][axis]) for axis in "XYZ"])
+        ink = np.concatenate(written)
+        near = np.linalg.norm((ink - tip)[:, :2], axis=1) < options.needle_outer_mm / 2 + 0.1
+        assert (ink[near, 2] < tip[2]).all()
 
 
 def test_marks_change_no_command():

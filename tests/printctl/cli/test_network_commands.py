@@ -40,6 +40,21 @@ def test_a_network_goes_round_the_formats(tmp_path: Path, shell: Shell) -> None:
     assert "no radii" in err
 
 
+def test_x_cavates_networks_are_read_joined_and_told_of(tmp_path: Path, shell: Shell) -> None:
+    trunk = "Vessel: 0, Number of Points: 2\n\n0, 0, 0, 0.1\n4, 0, 0, 0.1\n"
+    branch = "Vessel: 1, Number of Points: 2\n1, 0.05, 0, 0.04\n1, 2, 0, 0.04"
+    (tmp_path / "a.txt").write_text(trunk + branch)
+    (tmp_path / "ends.txt").write_text("inlet\n4, 0, 0\noutlet\n0, 0, 0")
+    code, out, err = shell("convert", "a.txt", "b.csv", "--inlet-outlet", "ends.txt")
+    assert (code, out) == (0, "b.csv: 3 vessels, 6 points\n")
+    assert "0.500 mm at most" in " ".join(err.split())
+    rows = [line.split(",") for line in (tmp_path / "b.csv").read_text().splitlines()[1:]]
+    assert [float(word) for word in rows[0][3:9]] == [40, 0, 0, 10, 0, 0]
+    code, _, err = shell("solid", "a.txt", "--out", "a.stl")
+    assert code == 0
+    assert "lie: 1, by 0.500" in " ".join(err.split())
+
+
 CASES: tuple[tuple[int, tuple[str, ...], str], ...] = (
     (2, ("--unit",), "convert a.csv a.vtp"),
     (2, ("a.csv", "another name"), "convert a.csv a.csv --unit mm"),
@@ -48,6 +63,10 @@ CASES: tuple[tuple[int, tuple[str, ...], str], ...] = (
     (1, ("b.csv", "line 3", "NaN"), "convert b.csv b.json --unit mm"),
     (1, ("c.csv", "UTF-8"), "view c.csv --unit mm"),
     (1, ("d.vtp", "not XML"), "measure d.vtp --unit mm --tissue ."),
+    (1, ("e.txt", "line 1", "announces 2 points and has 1"), "view e.txt"),
+    (2, ("e.txt", "in cm", "--unit"), "view e.txt --unit mm"),
+    (2, (".txt", "a.csv"), "convert a.csv a.json --unit mm --inlet-outlet e.txt"),
+    (2, ("none.txt",), "convert e.txt a.json --inlet-outlet none.txt"),
     (2, ("run folder",), "view ."),
     (2, ("deviation", "registered scan", "radius"), "view a.csv --unit mm --colour deviation"),
     (2, ("--colour", "colourful"), "view a.csv --unit mm --colour colourful"),
@@ -67,6 +86,7 @@ def test_wrong_input_is_told_in_one_message_and_leaves_nothing(
     (tmp_path / "b.csv").write_text(HEADER + FORK.replace("0.4,0.4", "nan,0.4"))
     (tmp_path / "c.csv").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "d.vtp").write_text("no xml at all")
+    (tmp_path / "e.txt").write_text("Vessel: 0, Number of Points: 2\n0, 0, 0, 0.1")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     ended, out, err = shell(*command.split())
     assert ended == code

@@ -86,6 +86,26 @@ def test_wrong_growth_names_place_value_and_remedy(keys: dict[str, Any], message
         recipe_of(**keys)
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"network": "a.csv"}, r"a\.csv: .*give unit"),
+        ({"network": "a.vtp"}, r"a\.vtp: .*give unit"),
+        ({"network": "a.txt", "unit": "cm"}, r"a\.txt: .*remove unit"),
+        ({"network": "a.stl", "unit": "mm"}, r"a\.stl isn't a \.csv"),
+    ],
+)
+def test_a_given_network_says_its_unit_where_its_file_doesnt(
+    given: dict[str, str], message: str
+) -> None:
+    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
+    data["vasculature"] = given
+    with pytest.raises(RecipeError, match=message):
+        parse_recipe(data, "test.yaml")
+    data["vasculature"] = {"network": "a.json"}
+    assert parse_recipe(data, "test.yaml").vasculature.files() == ["a.json"]
+
+
 def test_closed_loops_take_limits_but_no_points() -> None:
     data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
     data["vasculature"] = {"grow": "closed_loop", "terminals": 9, "flow_ratio": 0.1}

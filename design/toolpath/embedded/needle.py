@@ -1,0 +1,48 @@
+"""The room that a vertical needle takes above its tip, and what counts as a joint."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from kernels import jit
+
+JOINT: Final = math.sqrt(2.0)
+"""Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
+45 degrees may join, and be written downward."""
+
+
+class Needle(NamedTuple):
+    """A vertical needle.
+
+    Attributes
+    ----------
+    bare_mm : float, mm
+        Radius of its tip.
+    tip_mm, shaft_mm : float, mm
+        Radius to be kept free at the tip, and around the shaft above the cone: with clearance.
+    cone_mm : float, mm
+        Height over which the one becomes the other; 0 for a plain tube.
+    overlap_radii : float
+        Overlap of joints, in radii.
+    """
+
+    bare_mm: float
+    tip_mm: float
+    shaft_mm: float
+    cone_mm: float
+    overlap_radii: float
+
+
+@jit
+def radius_at(needle: Needle, height: float) -> float:
+    """Radius that must be free at a height above the tip, mm."""
+    if height >= needle.cone_mm:
+        return needle.shaft_mm
+    return needle.tip_mm + (needle.shaft_mm - needle.tip_mm) * height / needle.cone_mm
+
+
+@jit
+def joint_reach(needle: Needle, radius: float) -> float:
+    """How far along the network ink belongs to the place that is written, mm."""
+    return JOINT * (needle.bare_mm + radius) + needle.overlap_radii * radius

@@ -1,0 +1,69 @@
+"""A recipe's network from any file that is read, and vessels of it that run into each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from design.errors import NetworkError
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv, write_network_csv
+from design.network_json import write_network_json
+from design.network_vtp import write_network_vtp
+from printctl.pipeline.growth_source import read_given
+from printctl.pipeline.run import toolpath_recipe
+from printctl.recipe import parse_recipe
+
+# A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
+OVER = VesselNetwork.from_segments(
+    np.array([[1.0, 3, 2], [9, 3, 2], [5, 1, 2.3], [5, 5, 2.3]]),
+    np.array([[0, 1], [2, 3]]),
+    np.full(2, 0.2),
+    np.zeros(2, dtype=np.int64),
+    np.zeros(2, dtype=np.int64),
+)
+
+
+def test_every_format_gives_the_same_network(tmp_path: Path) -> None:
+    write_network_json(tmp_path / "a.json", OVER)
+    write_network_vtp(tmp_path / "a.vtp", OVER, {})
+    write_network_csv(tmp_path / "a.csv", OVER)
+    for name, unit in (("a.json", None), ("a.vtp", "mm"), ("a.csv", "mm")):
+        network, notes = read_given(tmp_path / name, unit)
+        assert network.points == pytest.approx(OVER.points)
+        assert notes == ()
+    rows = ["Vessel: 0, Number of Points: 2", "0.1, 0.3, 0.2, 0.02", "0.9, 0.3, 0.2, 0.02"]
+    (tmp_path / "a.txt").write_text("\n".join(rows))
+    network, notes = read_given(tmp_path / "a.txt", None)
+    assert network.points == pytest.approx(OVER.points[:2])
+    assert len(notes) == 1
+
+
+def _made(folder: Path, **vasculature: Any) -> dict[str, Any]:
+    write_network_csv(folder / "over.csv", OVER)
+    data = {
+        "schema": 1,
+        "name": "over",
+        "tissue": {"shape": "block", "size_mm": [10, 6, 4]},
+        "vasculature": {"network": "over.csv", "unit": "mm", **vasculature},
+        "toolpath": {"method": "embedded", "needle": "30g", "allowed_crossings": 10},
+        "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    }
+    recipe = parse_recipe(data, "over.yaml")
+    return toolpath_recipe(recipe, folder, folder / "run", Console(quiet=True))
+
+
+def test_vessels_that_run_into_each_other_are_refused_or_told_of(tmp_path: Path) -> None:
+    with pytest.raises(
+        NetworkError, match=r"vessels 0 and 1 overlap by 0\.1 mm at \(5, 3, 2\.15\)"
+    ):
+        _made(tmp_path)
+    (note,) = _made(tmp_path, overlaps="tell")["network"]["notes"]
+    assert note.startswith("Places where vessels are nearer than 0 mm without meeting: 1 ")
+    assert "vessels 0 and 1, -0.1 mm apart at (5, 3, 2.15) mm" in note
+    kept = read_network_csv(tmp_path / "run" / "network.csv", unit="mm")
+    assert kept.vessel_count == 2
