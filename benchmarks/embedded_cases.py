@@ -22,7 +22,9 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.pipeline.growing import closed_loop
 from printctl.recipe.growth import ClosedLoop
 
-SHARED = Path(os.environ.get("PRINTCTL_SHARED_DATA", "/work/shared/data"))
+SHARED = Path(
+    os.environ.get("PRINTCTL_SHARED_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
+)
 PRINTER, SYRINGE, INK = "generic_marlin", "hamilton_1ml", "gelatin_sacrificial"
 PLACE_MM = (60.0, 60.0, 20.0)
 """Of the network's lowest corner in the printer's frame."""

@@ -133,13 +133,19 @@ def outside_joints(
 
 
 @jit
-def _apart(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> float:
-    """Least distance of ends and middles of two short stretches, mm."""
+def _apart(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, far: float) -> float:
+    """Least distance of ends and middles of two short stretches, mm; inf where beyond `far`."""
+    x, y, z = a[0] + b[0] - c[0] - d[0], a[1] + b[1] - c[1] - d[1], a[2] + b[2] - c[2] - d[2]
+    if 0.25 * (x * x + y * y + z * z) > far * far:  # between the middles
+        return np.inf
     least = np.inf
     for k in range(3):
-        p = a + 0.5 * k * (b - a)
+        s = 0.5 * k
         for n in range(3):
-            least = min(least, ((c + 0.5 * n * (d - c) - p) ** 2).sum())
+            t, away = 0.5 * n, 0.0
+            for axis in range(3):
+                away += (a[axis] + s * (b[axis] - a[axis]) - c[axis] - t * (d[axis] - c[axis])) ** 2
+            least = min(least, away)
     return float(np.sqrt(least))
 
 
@@ -165,7 +171,8 @@ def _overlapping(
                         continue
                     c, d = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
                     thick = max(elements.radius[j, 0], elements.radius[j, 1])
-                    away = _apart(a, b, c, d)
+                    span = 0.5 * (elements.length[i] + elements.length[j])
+                    away = _apart(a, b, c, d, radius + thick + span)
                     if away >= radius + thick:
                         continue
                     reach = joint_reach(needle, max(radius, thick))
