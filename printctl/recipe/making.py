@@ -80,6 +80,10 @@ class Embedded(Part):
         default=0,
         description="How often the needle's shaft may pass through ink that is already written.",
     )
+    open_joints: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0,
+        description="How many joints may stay without an overlap; more are refused.",
+    )
     compensation: CompensationName = None
 
     def files(self) -> list[str]:

@@ -117,10 +117,10 @@ def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
         x, y, z = first.place_mm
         raise ToolpathError(
             f"{len(joined.open)} of {joined.joints} joints can't be made to overlap (allowed: "
-            f"{allowed}, open_joints): the first is vessel {first.vessel} with vessel "
+            f"{allowed}): the first is vessel {first.vessel} with vessel "
             f"{first.other} at ({x:.2f}, {y:.2f}, {z:.2f}) mm, where the needle's shaft would pass "
             "through other ink from either side; use a thinner needle, move the vessels apart, or "
-            "allow open joints"
+            "allow them (toolpath.open_joints in a recipe)"
         )
 
 

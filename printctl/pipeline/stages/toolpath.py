@@ -161,6 +161,7 @@ def embedded_options(part: Embedded, filled: Filled) -> EmbeddedOptions:
         overlap_radii=part.overlap_radii,
         retract_ul=filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
+        open_joints=part.open_joints,
     )
 
 
