@@ -10,8 +10,9 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath import MoveKind
 from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath, plan_embedded
+from tests.design.toolpath.joint_checker import bodies
 from tests.design.toolpath.shaft_checker import crossings
-from tests.design.toolpath.shapes import network, polyline, random_tree
+from tests.design.toolpath.shapes import cage, network, polyline, random_tree
 
 OPTIONS = EmbeddedOptions()
 
@@ -75,6 +76,17 @@ def test_an_unavoidable_crossing_is_told():
     assert side_by_side(0.36).grazes == ()
 
 
+def test_vessels_that_overlap_are_told_as_one_body():
+    nodes = [(-2, 0, 0), (2, 0, 0), (0, -2, 0.1), (0, 2, 0.1)]
+    net = network(nodes, [(0, 1), (2, 3)], 0.15)
+    plan = plan_embedded(net, OPTIONS)
+    assert plan.report.crossings == ()
+    (merged,) = plan.report.merged
+    assert (merged.vessel, merged.other) == (0, 1)
+    assert merged.overlap_mm == pytest.approx(0.2, abs=0.02)
+    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) == set()
+
+
 def test_a_cycle_is_split():
     # Three bars, each lying on the next: A over B, B over C, C over A, with C's end just over A.
     nodes = [(0, 0, 0), (6, 0, 3), (5.5, -1, 0), (0, 6, 3), (0.3, 6, 0), (0.2, -0.2, 3)]
@@ -128,14 +140,34 @@ def test_ink_is_the_networks_volume_and_the_overlaps():
     assert report.written_ul == pytest.approx(report.design_ul + report.overlap_ul, rel=1e-9)
 
 
-def test_every_joint_of_a_tree_is_closed():
-    net = random_tree(30, 12, 5, 0.1)
-    report = plan_embedded(net, OPTIONS).report
-    # A way through a node spares a start, and every start but the first of a body is a joint.
-    assert report.joints >= net.vessel_count - 1
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_every_joint_of_a_tree_is_closed(seed):
+    net = random_tree(15, 12, seed, 0.1)
+    plan = plan_embedded(net, OPTIONS)
+    report = plan.report
+    # A tree of n vessels has n - 1 joints, and one for each cut.
+    assert report.vessels == net.vessel_count
+    cuts = report.passes + report.continued - net.vessel_count
+    assert report.joints == net.vessel_count - 1 + cuts
     assert report.overlapped + report.continued == report.joints
     assert report.open == 0
-    assert report.passes < net.vessel_count
+    assert bodies(plan.toolpath) == 1
+
+
+def test_a_vessel_is_written_from_end_to_end_and_not_beyond():
+    toolpath = embedded_toolpath(polyline(np.array([[0.0, 0, 0], [10, 0, 0]]), 0.2), OPTIONS)
+    assert np.ptp(np.vstack([toolpath.start, toolpath.end]), axis=0).tolist() == [10, 0, 0]
+
+
+@pytest.mark.parametrize("net", [random_tree(12, 10, 2, 0.1), cage(8, 3.0, 4.0)])
+def test_every_move_that_writes_goes_somewhere(net):
+    """A first pass that begins before its first point starts there."""
+    toolpath = embedded_toolpath(net, OPTIONS)
+    write = toolpath.kind == MoveKind.WRITE
+    assert toolpath.lengths[write].min() > 1e-3
+    area = toolpath.volume_ul[write] / toolpath.lengths[write]
+    assert np.sqrt(area.max() / np.pi) <= net.radius.max() * (1 + 1e-9)
+    assert np.sqrt(area.min() / np.pi) >= net.radius.min() * (1 - 1e-9)
 
 
 def test_a_ring_is_closed_by_an_overlap():

@@ -118,7 +118,7 @@ def test_the_checker_of_joints_finds_a_missing_overlap():
     assert bodies(plain) > 1
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),
     terminals=st.integers(2, 24),
@@ -166,3 +166,22 @@ def test_a_short_overlap_closes_what_a_long_one_cant():
     plan = plan_embedded(net, options)
     assert plan.report.open == 0
     assert bodies(plan.toolpath) == 2
+
+
+@pytest.mark.xfail(reason="the order of passes doesn't know the ink of overlaps", strict=True)
+@pytest.mark.parametrize(
+    ("seed", "terminals", "size_mm", "overlap"),
+    [
+        (52772, 21, 9.584576823595258, 0.5),
+        (284040, 10, 13.29583847111261, 1.0),
+        (459779, 10, 8.65902162765095, 1.0),
+    ],
+)
+def test_later_passes_keep_clear_of_the_ink_of_overlaps_too(seed, terminals, size_mm, overlap):
+    """Now they brush it, by up to 0.03 mm, where a filament stands near a joint's extension."""
+    net = random_tree(terminals, size_mm, seed, 0.1)
+    plan = plan_embedded(net, replace(OPTIONS, overlap_radii=overlap, open_joints=terminals))
+    told = {(crossing.vessel, crossing.through) for crossing in plan.report.crossings}
+    for pair in plan.report.merged:
+        told |= {(pair.vessel, pair.other), (pair.other, pair.vessel)}
+    assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) <= told
