@@ -14,6 +14,10 @@ from design.toolpath.embedded.squares import Squares
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
+BESIDE = 0.7
+"""Filaments touch where they are nearer than this part of the way along vessels: what lies ahead
+on a thick vessel is near, too, but no collision."""
+
 
 class Meetings(NamedTuple):
     """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``.
@@ -150,6 +154,16 @@ def _apart(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, far: floa
 
 
 @jit
+def _way(vessel: int, at: float, other: int, there: float, meetings: Meetings) -> float:
+    """Way along vessels between two places, through a node at most; inf where there is none."""
+    way = abs(at - there) if vessel == other else np.inf
+    for m in range(meetings.begin[vessel], meetings.begin[vessel + 1]):
+        if meetings.other[m] == other:
+            way = min(way, abs(meetings.own[m] - at) + abs(meetings.there[m] - there))
+    return float(way)
+
+
+@jit
 def _overlapping(
     elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
 ) -> tuple[IntArray, IntArray, FloatArray]:
@@ -177,7 +191,9 @@ def _overlapping(
                         continue
                     reach = joint_reach(needle, max(radius, thick))
                     low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
-                    if low < high:
+                    there = elements.arc[j] + 0.5 * elements.length[j]
+                    way = _way(elements.vessel[i], at, elements.vessel[j], there, meetings)
+                    if low < high and away < BESIDE * way:
                         one.append(i)
                         other.append(j)
                         gap.append(away)

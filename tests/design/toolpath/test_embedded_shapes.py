@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.errors import ToolpathError
+from design.toolpath import MoveKind
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from tests.design.toolpath.joint_checker import bodies
 from tests.design.toolpath.shaft_checker import crossings
@@ -185,3 +186,12 @@ def test_later_passes_keep_clear_of_the_ink_of_overlaps_too(seed, terminals, siz
     for pair in plan.report.merged:
         told |= {(pair.vessel, pair.other), (pair.other, pair.vessel)}
     assert crossings(plan.toolpath, net, OPTIONS.needle_outer_mm / 2) <= told
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.7])
+def test_a_steep_vessel_is_written_upward_however_thick(radius):
+    """A thick one reaches further ahead than its joint does: that is no collision with itself."""
+    net = polylines([np.array([[0.0, 0, 6], [2, 0, 3], [4, 0, 0]])], radius)
+    path = plan_embedded(net, replace(OPTIONS, overlap_radii=0.2, max_flow_ul_s=8.0)).toolpath
+    write = path.kind == MoveKind.WRITE
+    assert ((path.end - path.start)[write, 2] > 0).all()
