@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.toolpath.toolpath import FloatArray, IntArray
+from kernels import jit
 
 TAPER_STEP = 0.05
 """An element's radii differ by at most about this part."""
@@ -79,23 +81,42 @@ def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, 
 
 def straightened(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Leave out points near the chord of those kept (Douglas & Peucker 1973), radii included."""
-    keep = np.zeros(len(line), dtype=np.bool_)
-    keep[[0, -1]] = True
-    values = np.column_stack([line, radius])
-    stack = [(0, len(line) - 1)]
+    keep = _near_chords(np.column_stack([line, radius]))
+    return line[keep], radius[keep]
+
+
+@jit
+def _near_chords(values: FloatArray) -> NDArray[np.bool_]:
+    """Which of (n, 4) places and radii stand off the chords of the others."""
+    keep = np.zeros(len(values), dtype=np.bool_)
+    keep[0] = keep[-1] = True
+    stack = [(0, len(values) - 1)]
     while stack:
         low, high = stack.pop()
-        if high - low < 2:
-            continue
-        chord = values[high] - values[low]
-        inner = values[low + 1 : high] - values[low]
-        share = np.clip(inner[:, :3] @ chord[:3] / max(chord[:3] @ chord[:3], 1e-18), 0.0, 1.0)
-        away = np.linalg.norm(inner - share[:, None] * chord, axis=1)
-        if away.max() > STRAIGHT_MM:
-            middle = low + 1 + int(away.argmax())
-            keep[middle] = True
-            stack += [(low, middle), (middle, high)]
-    return line[keep], radius[keep]
+        most, farthest = STRAIGHT_MM, -1
+        for k in range(low + 1, high):
+            away = _from_chord(values[k], values[low], values[high])
+            if away > most:
+                most, farthest = away, k
+        if farthest > 0:
+            keep[farthest] = True
+            stack.append((low, farthest))
+            stack.append((farthest, high))
+    return keep
+
+
+@jit
+def _from_chord(value: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """How far a place (and its radius) is from a chord."""
+    along, length2 = 0.0, 0.0
+    for axis in range(3):
+        along += (value[axis] - low[axis]) * (high[axis] - low[axis])
+        length2 += (high[axis] - low[axis]) ** 2
+    share = min(max(along / max(length2, 1e-18), 0.0), 1.0)
+    away2 = 0.0
+    for axis in range(4):
+        away2 += (value[axis] - low[axis] - share * (high[axis] - low[axis])) ** 2
+    return float(np.sqrt(away2))
 
 
 def subdivided(

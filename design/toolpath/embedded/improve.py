@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.joints import Joined, Joiner
+from design.toolpath.embedded.joined import Joined
+from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.toolpath import IntArray
@@ -19,21 +20,22 @@ def ordered(
     """Passes in their order and how they join; the best of all rounds.
 
     A joint stays open when ink written meanwhile stands in the way of its overlap. The next round
-    writes the later stretch before that ink, if that breaks no rule of the shaft's.
+    writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
+    of the shaft's says the opposite.
     """
     asked = one_way(rules)
-    best: tuple[tuple[int, int, int], list[Pass], Joined] | None = None
+    best: tuple[tuple[int, ...], list[Pass], Joined] | None = None
     for _ in range(ROUNDS):
         passes = Scheduler(elements, asked, head).run()
         joined = joiner.join(passes)
-        score = len(broken(rules, passes)[0]), len(joined.open), len(passes)
+        harm = len(broken(rules, passes)[0]), len(joined.open), len(joined.brushed)
+        score = *harm, joined.shortened, len(passes)
         if best is None or score < best[0]:
             best = score, passes, joined
-        if not joined.open:
+        first, after = np.array(joined.wishes, dtype=np.int64).reshape(-1, 2).T
+        known, asked = asked, one_way(with_more(asked, first, after))
+        if len(asked.after) == len(known.after):
             break
-        pairs = [(o.element, int(k)) for o in joined.open for k in o.barred_by]
-        first, after = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-        asked = with_more(asked, first, after)
     assert best is not None
     return best[1], best[2]
 

@@ -1,8 +1,9 @@
 """Where passes meet: each end that comes to ink is carried on into it, so that the two hold.
 
 A pass that begins or ends where ink lies goes on straight by the overlap. Where the shaft would
-pass through other ink there, the earlier of the two goes on instead, when less lay about. What
-can be closed from neither side stays open, and is named.
+pass through other ink there, or later ones through the overlap, the earlier of the two goes on
+instead, when less lay about. Where no side has room, a part of the overlap does; what can be closed
+from neither side stays open, and is named.
 """
 
 from __future__ import annotations
@@ -12,58 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.extensions import Extension, barred, barring, meets
+from design.toolpath.embedded.joined import Brushed, Joined, OpenJoint
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.rules import depth_at
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares
-from design.toolpath.toolpath import FloatArray, IntArray
-from kernels import jit
+from design.toolpath.toolpath import IntArray
 
-
-@dataclass(frozen=True)
-class OpenJoint:
-    """Two stretches that meet and can't be made to overlap.
-
-    Attributes
-    ----------
-    vessel, other : int
-        The later and the earlier one.
-    place_mm : (3,) float64, mm
-    element : int
-        The later stretch's, at the joint.
-    barred_by : (k,) int64
-        Elements of other ink in the way of its overlap.
-    """
-
-    vessel: int
-    other: int
-    place_mm: FloatArray
-    element: int
-    barred_by: IntArray
-
-
-@dataclass
-class Joined:
-    """Passes with their overlaps.
-
-    Attributes
-    ----------
-    before, beyond : (p,) float64, mm
-        How far each pass begins before its first point, and goes on beyond its last.
-    joints, overlapped : int
-        Ends that come to ink; of these, those closed by an overlap.
-    through : int
-        Stretches that go on from the last one through a node without a stop.
-    open : list of OpenJoint
-    """
-
-    before: FloatArray
-    beyond: FloatArray
-    joints: int
-    overlapped: int
-    through: int
-    open: list[OpenJoint]
+PARTS = (1.0, 0.5, 0.25)
+"""Of an overlap that are tried, the longest first."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +34,23 @@ class _End:
     element: int
 
 
-_Ends = dict[int, list[_End]]
-"""Passes that end at each point."""
-_Inked = dict[int, int]
-"""The element last written at each point."""
+@dataclass(frozen=True)
+class _Extended:
+    """An end carried on: elements written before that bar it, and later ones that brush it."""
+
+    end: _End
+    extension: Extension
+    barred_by: IntArray
+    brushed: list[Brushed]
+
+    @property
+    def free(self) -> bool:
+        return not len(self.barred_by) and not self.brushed
+
+    @property
+    def harmless(self) -> bool:
+        """Whether later passes come no nearer than the needle itself needs."""
+        return not len(self.barred_by) and not any(one.entered for one in self.brushed)
 
 
 class Joiner:
@@ -87,38 +59,38 @@ class Joiner:
     def __init__(
         self, elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
     ) -> None:
-        self._elements, self._squares = elements, squares
-        self._meetings, self._needle = meetings, needle
+        self.elements, self.squares, self.meetings = elements, squares, meetings
+        self.needle = needle
 
     def join(self, passes: list[Pass]) -> Joined:
         """Close what can be closed."""
-        out = Joined(np.zeros(len(passes)), np.zeros(len(passes)), 0, 0, 0, [])
-        when = self._when(passes)
-        ends: _Ends = {}
-        inked: _Inked = {}
-        for number, one in enumerate(passes):
-            order, points = one.elements().tolist(), self._points(one)
-            out.through += len(one.legs) - 1
-            out.joints += len(one.legs) - 1
-            begin, end = _End(number, False, order[0]), _End(number, True, order[-1])
-            self._meet(out, when, begin, points[0], ends, inked)
-            ends.setdefault(points[0], []).append(begin)
-            inked[points[0]] = order[0]
-            for point, element in zip(points[1:-1], order[1:], strict=True):
-                if point in inked:
-                    self._go_through(out, when, element, point, ends, inked)
-                inked[point] = element
-            self._meet(out, when, end, points[-1], ends, inked)
-            ends.setdefault(points[-1], []).append(end)
-            inked[points[-1]] = order[-1]
-        return out
+        return _Round(self, passes).join()
 
-    def _when(self, passes: list[Pass]) -> IntArray:
-        """Number of the pass that writes each element."""
-        when = np.empty(len(self._elements.end), dtype=np.int64)
+
+class _Round:
+    """One order of passes being joined."""
+
+    def __init__(self, joiner: Joiner, passes: list[Pass]) -> None:
+        self._scene, self._elements, self._passes = joiner, joiner.elements, passes
+        self._out = Joined(np.zeros(len(passes)), np.zeros(len(passes)))
+        self._when = np.full(len(joiner.elements.end), len(passes), dtype=np.int64)
         for number, one in enumerate(passes):
-            when[one.elements()] = number
-        return when
+            self._when[one.elements()] = number
+        self._ends: dict[int, list[_End]] = {}  # passes that end at each point
+        self._inked: dict[int, int] = {}  # the element last written at each point
+
+    def join(self) -> Joined:
+        for number, one in enumerate(self._passes):
+            order, points = one.elements().tolist(), self._points(one)
+            self._out.through += len(one.legs) - 1
+            self._out.joints += len(one.legs) - 1
+            self._meet(_End(number, False, order[0]), points[0])
+            for point, element in zip(points[1:-1], order[1:], strict=True):
+                if point in self._inked:
+                    self._go_through(element, point)
+                self._inked[point] = element
+            self._meet(_End(number, True, order[-1]), points[-1])
+        return self._out
 
     def _points(self, one: Pass) -> list[int]:
         """Points that a pass goes through, one more than its elements."""
@@ -129,93 +101,98 @@ class Joiner:
             found += ends[:, side[0]].tolist()
         return [*found, int(ends[-1, side[1]])]
 
-    def _meet(
-        self, out: Joined, when: IntArray, end: _End, point: int, ends: _Ends, inked: _Inked
-    ) -> None:
+    def _meet(self, end: _End, point: int) -> None:
         """A pass begins or ends at a point; where ink lies, it or an earlier one goes on."""
-        if point in inked:
-            sides = [end, *reversed(ends.get(point, []))]
-            self._close(out, when, sides, point, (end.element, inked[point]))
+        ends = self._ends.setdefault(point, [])
+        if point in self._inked:
+            self._close([end, *reversed(ends)], point, end.element)
+        ends.append(end)
+        self._inked[point] = end.element
 
-    def _go_through(
-        self, out: Joined, when: IntArray, element: int, point: int, ends: _Ends, inked: _Inked
-    ) -> None:
+    def _go_through(self, element: int, point: int) -> None:
         """A pass goes through a point where ink lies: what ended there must reach beyond it."""
-        earlier = ends.get(point, [])
+        earlier, out = self._ends.get(point, []), self._out
         reached = any((out.beyond if e.last else out.before)[e.number] > 0.0 for e in earlier)
         if reached or not earlier:
             out.joints += 1
             out.overlapped += 1
         else:
-            self._close(out, when, earlier[::-1], point, (element, inked[point]))
+            self._close(earlier[::-1], point, element)
 
-    def _close(
-        self, out: Joined, when: IntArray, sides: list[_End], point: int, met: tuple[int, int]
-    ) -> None:
-        """Carry the first of `sides` that can be on beyond a point.
-
-        ``met`` are the later element there and the earlier one.
-        """
+    def _close(self, sides: list[_End], point: int, later: int) -> None:
+        """Carry the first of `sides` that can be on beyond a point, reached by element `later`."""
+        out, earlier = self._out, self._inked[point]
         out.joints += 1
-        later, earlier = met
-        reach = self._needle.overlap_radii * min(self._radius(later), self._radius(earlier))
+        reach = self._scene.needle.overlap_radii * min(self._radius(later), self._radius(earlier))
         if reach == 0.0:
             return
-        barred: list[IntArray] = []
-        for side in sides:
-            barred.append(self._barred(side, point, reach, when))
-            if not len(barred[-1]):
-                far = out.beyond if side.last else out.before
-                far[side.number] = max(far[side.number], reach)
-                out.overlapped += 1
-                return
+        whole = [self._extended(side, point, reach) for side in sides]
+        chosen = next((one for one in whole if one.free), None)
+        if chosen is None:
+            self._wish(whole[0], later)
+            chosen = self._harmless(whole, sides, point, reach) or self._least_brushed(whole)
+        if chosen is not None:
+            self._keep(chosen)
+            return
         vessel, place = self._elements.vessel, self._elements.point[point]
-        out.open.append(
-            OpenJoint(int(vessel[later]), int(vessel[earlier]), place, later, barred[0])
-        )
+        out.open.append(OpenJoint(int(vessel[later]), int(vessel[earlier]), place))
 
     def _radius(self, element: int) -> float:
         return float(self._elements.radius[element].max())
 
-    def _barred(self, end: _End, point: int, reach: float, when: IntArray) -> IntArray:
-        """Elements written by then that the shaft would meet so far beyond an end."""
-        elements, element = self._elements, end.element
-        tail, head = elements.end[element]
-        inner = int(tail) if int(head) == point else int(head)
-        here = elements.point[point]
-        way = here - elements.point[inner]
-        tip = here + reach * way / np.linalg.norm(way)
-        at = elements.arc[element] + (elements.length[element] if int(head) == point else 0.0)
-        return _met(
-            tip, self._radius(element), int(elements.vessel[element]), float(at),
-            end.number + end.last, when, elements, self._squares, self._meetings, self._needle,
-        )  # fmt: skip
+    def _extended(self, end: _End, point: int, reach: float) -> _Extended:
+        """What an end would meet if it went on beyond its point."""
+        elements, element, scene = self._elements, end.element, self._scene
+        tail, head = elements.end[element].tolist()
+        here, inner = elements.point[point], elements.point[tail if head == point else head]
+        way = here - inner
+        extension = Extension(
+            here,
+            here + reach * way / np.linalg.norm(way),
+            self._radius(element),
+            int(elements.vessel[element]),
+            float(elements.arc[element] + (elements.length[element] if head == point else 0.0)),
+        )
+        about = self._when, elements, scene.squares, scene.meetings, scene.needle
+        now = end.number + end.last
+        bars, brushes = barring(extension, now, *about), barred(extension, now, *about)
+        return _Extended(end, extension, bars, [self._brushed(k, end, extension) for k in brushes])
 
+    def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
+        scene = self._scene
+        bare = scene.needle.bare()
+        entered = meets(later, extension, self._elements, scene.meetings, bare)
+        return Brushed(int(later), end.element, entered)
 
-@jit
-def _met(
-    tip: FloatArray,
-    radius: float,
-    vessel: int,
-    at: float,
-    now: int,
-    when: IntArray,
-    elements: Elements,
-    squares: Squares,
-    meetings: Meetings,
-    needle: Needle,
-) -> IntArray:
-    """Elements of passes before the one numbered `now` that the shaft above a tip meets."""
-    met = [0][:0]
-    column = int((tip[0] - squares.origin[0]) / squares.pitch)
-    row = int((tip[1] - squares.origin[1]) / squares.pitch)
-    for x in range(max(0, column - 1), min(squares.shape[0], column + 2)):
-        for y in range(max(0, row - 1), min(squares.shape[1], row + 2)):
-            square = x * squares.shape[1] + y
-            for m in range(squares.begin[square], squares.begin[square + 1]):
-                j = squares.member[m]
-                if when[j] < now and (
-                    depth_at(tip, radius, vessel, at, j, elements, meetings, needle) > 0.0
-                ):
-                    met.append(j)
-    return np.array(met, np.int64)
+    def _harmless(
+        self, whole: list[_Extended], sides: list[_End], point: int, reach: float
+    ) -> _Extended | None:
+        """One that later passes graze at most, or else the longest part for which there is room."""
+        for one in whole:
+            if one.harmless:
+                return one
+        for part in PARTS[1:]:
+            for side in sides:
+                one = self._extended(side, point, part * reach)
+                if one.harmless:
+                    self._out.shortened += 1
+                    return one
+        return None
+
+    def _least_brushed(self, whole: list[_Extended]) -> _Extended | None:
+        """The one that fewest later elements brush, of those that nothing bars."""
+        open_to = [one for one in whole if not len(one.barred_by)]
+        return min(open_to, key=lambda one: len(one.brushed), default=None)
+
+    def _wish(self, one: _Extended, later: int) -> None:
+        """What would have to be written in another order."""
+        self._out.wishes += [(later, int(k)) for k in one.barred_by]
+        self._out.wishes += [(brush.element, brush.end) for brush in one.brushed]
+
+    def _keep(self, one: _Extended) -> None:
+        out, end = self._out, one.end
+        far = out.beyond if end.last else out.before
+        reach = float(np.linalg.norm(one.extension.tip - one.extension.start))
+        far[end.number] = max(far[end.number], reach)
+        out.overlapped += 1
+        out.brushed += one.brushed

@@ -10,7 +10,7 @@ import numpy as np
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.needle import Needle, joint_reach
-from design.toolpath.embedded.squares import Squares
+from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -137,6 +137,21 @@ def outside_joints(
 
 
 @jit
+def of_one_joint(
+    vessel: int, at: float, other: int, there: float, reach: float, meetings: Meetings
+) -> bool:
+    """Whether two places on vessels belong to one joint, as in `outside_joints`."""
+    if vessel == other and abs(at - there) <= reach:
+        return True
+    for m in range(meetings.begin[vessel], meetings.begin[vessel + 1]):
+        if meetings.other[m] == other and (
+            abs(meetings.own[m] - at) <= reach and abs(meetings.there[m] - there) <= reach
+        ):
+            return True
+    return False
+
+
+@jit
 def _apart(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, far: float) -> float:
     """Least distance of ends and middles of two short stretches, mm; inf where beyond `far`."""
     x, y, z = a[0] + b[0] - c[0] - d[0], a[1] + b[1] - c[1] - d[1], a[2] + b[2] - c[2] - d[2]
@@ -174,27 +189,31 @@ def _overlapping(
         middle = 0.5 * (a + b)
         radius = max(elements.radius[i, 0], elements.radius[i, 1])
         at = elements.arc[i] + 0.5 * elements.length[i]
-        column = int((middle[0] - squares.origin[0]) / squares.pitch)
-        row = int((middle[1] - squares.origin[1]) / squares.pitch)
-        for x in range(max(0, column - 1), min(squares.shape[0], column + 2)):
-            for y in range(max(0, row - 1), min(squares.shape[1], row + 2)):
-                square = x * squares.shape[1] + y
-                for m in range(squares.begin[square], squares.begin[square + 1]):
-                    j = squares.member[m]
-                    if j <= i:
-                        continue
-                    c, d = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-                    thick = max(elements.radius[j, 0], elements.radius[j, 1])
-                    span = 0.5 * (elements.length[i] + elements.length[j])
-                    away = _apart(a, b, c, d, radius + thick + span)
-                    if away >= radius + thick:
-                        continue
-                    reach = joint_reach(needle, max(radius, thick))
-                    low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
-                    there = elements.arc[j] + 0.5 * elements.length[j]
-                    way = _way(elements.vessel[i], at, elements.vessel[j], there, meetings)
-                    if low < high and away < BESIDE * way:
-                        one.append(i)
-                        other.append(j)
-                        gap.append(away)
+        lowest, room = min(a[2], b[2]) - radius, radius + 0.5 * elements.length[i]
+        for k in range(3):
+            begin, end = near(squares, middle, k)
+            for m in range(begin, end):
+                x, y, top, reach = squares.around[m]
+                if (
+                    top < lowest
+                    or (x - middle[0]) ** 2 + (y - middle[1]) ** 2 > (room + reach) ** 2
+                ):
+                    continue
+                j = squares.member[m]
+                if j <= i:
+                    continue
+                c, d = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
+                thick = max(elements.radius[j, 0], elements.radius[j, 1])
+                span = 0.5 * (elements.length[i] + elements.length[j])
+                away = _apart(a, b, c, d, radius + thick + span)
+                if away >= radius + thick:
+                    continue
+                reach = joint_reach(needle, max(radius, thick))
+                low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
+                there = elements.arc[j] + 0.5 * elements.length[j]
+                way = _way(elements.vessel[i], at, elements.vessel[j], there, meetings)
+                if low < high and away < BESIDE * way:
+                    one.append(i)
+                    other.append(j)
+                    gap.append(away)
     return np.array(one, np.int64), np.array(other, np.int64), np.array(gap, np.float64)

@@ -33,6 +33,12 @@ class Needle(NamedTuple):
     cone_mm: float
     overlap_radii: float
 
+    def bare(self) -> Needle:
+        """The needle itself, without its clearance."""
+        return self._replace(
+            tip_mm=self.bare_mm, shaft_mm=self.shaft_mm - self.tip_mm + self.bare_mm
+        )
+
 
 @jit
 def radius_at(needle: Needle, height: float) -> float:

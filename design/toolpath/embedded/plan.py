@@ -11,12 +11,13 @@ from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements, elements_of
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import broken, ordered
-from design.toolpath.embedded.joints import Joined, Joiner
+from design.toolpath.embedded.joined import Joined
+from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
-from design.toolpath.embedded.rules import entered, find_rules
+from design.toolpath.embedded.rules import Rules, entered, find_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares, squares_of
 from design.toolpath.embedded.write import FilamentWriter
@@ -63,9 +64,13 @@ class Scene:
         collisions = touches(elements, squares, nodes, needle)
         return Scene(elements, squares, with_touches(nodes, collisions), collisions, needle)
 
-    def met(self, first: IntArray, second: IntArray, network: VesselNetwork) -> Met:
-        """What the shaft meets where the ``first`` elements are written after the ``second``."""
+    def met(self, rules: Rules, passes: list[Pass], joined: Joined, network: VesselNetwork) -> Met:
+        """What the shaft meets: elements written out of turn, and overlaps."""
+        first, second = broken(rules, passes)
         bare = entered(first, second, self.elements, self.meetings, self.needle)
+        brushed = np.array(joined.brushed, dtype=np.int64).reshape(-1, 3)
+        first, second = np.append(first, brushed[:, 0]), np.append(second, brushed[:, 1])
+        bare = np.append(bare, brushed[:, 2] > 0)
         return Met(
             crossings=_by_vessels(self.elements, first[bare], second[bare]),
             grazes=_by_vessels(self.elements, first[~bare], second[~bare]),
@@ -104,8 +109,7 @@ def plan_embedded(network: VesselNetwork, options: EmbeddedOptions | EmbeddedHea
     _refuse_open(joined, heads)
     writer = FilamentWriter(scene.elements, passes[0], heads)
     writer.write_all(passes, joined)
-    first, second = broken(rules, passes)
-    met = scene.met(first, second, network)
+    met = scene.met(rules, passes, joined, network)
     toolpath = writer.builder.build()
     return EmbeddedPlan(toolpath, _report(toolpath, scene.elements, passes, joined, writer, met))
 
@@ -170,6 +174,7 @@ def _report(
         merged=met.merged,
         joints=joined.joints,
         overlapped=joined.overlapped,
+        shortened=joined.shortened,
         continued=joined.through,
         open=len(joined.open),
         design_ul=design_ul,

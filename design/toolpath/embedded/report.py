@@ -59,6 +59,8 @@ class EmbeddedReport:
     joints, overlapped, continued, open : int
         Ends and ways through nodes that meet something already written; of these, those overlapped
         by a tangent extension, those written without a stop, and those that can't be overlapped.
+    shortened : int
+        Of the overlaps, those shorter than asked, because no side had room for more.
     design_ul, overlap_ul, written_ul : float, µL
         Σ π r² L of the network, ink in the overlaps, and their sum as planned.
     written_mm, travel_mm : float, mm
@@ -75,6 +77,7 @@ class EmbeddedReport:
     merged: tuple[Merged, ...]
     joints: int
     overlapped: int
+    shortened: int
     continued: int
     open: int
     design_ul: float

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.meetings import Meetings, outside_joints
 from design.toolpath.embedded.needle import Needle, joint_reach, radius_at
-from design.toolpath.embedded.squares import Squares
+from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -66,9 +66,7 @@ def entered(
     first: IntArray, after: IntArray, elements: Elements, meetings: Meetings, needle: Needle
 ) -> NDArray[np.bool_]:
     """Which of these pairs (k,) the needle itself enters, its clearance apart."""
-    bare = needle._replace(
-        tip_mm=needle.bare_mm, shaft_mm=needle.shaft_mm - needle.tip_mm + needle.bare_mm
-    )
+    bare = needle.bare()
     depth = (_pair_depth(i, j, elements, meetings, bare) for i, j in zip(first, after, strict=True))
     return np.fromiter(depth, dtype=np.float64, count=len(first)) > 0.0
 
@@ -100,16 +98,20 @@ def depth_at(
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
+    height = max(a[2], b[2]) + thick - tip[2]
+    wide = radius_at(needle, height) + thick
+    if height <= 0.0 or flat_gap(tip[0], tip[1], a, b, 0.0, 1.0) >= wide:
+        return 0.0
     reach = joint_reach(needle, max(thick, radius))
     low, high = outside_joints(vessel, at, j, reach, elements, meetings)
     if low >= high:
         return 0.0
-    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
-    height = top - tip[2]
-    if height <= 0.0:
-        return 0.0
-    if flat_gap(tip[0], tip[1], a, b, low, high) >= radius_at(needle, height) + thick:
-        return 0.0
+    if low > 0.0 or high < 1.0:
+        top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
+        height = top - tip[2]
+        wide = radius_at(needle, height) + thick
+        if height <= 0.0 or flat_gap(tip[0], tip[1], a, b, low, high) >= wide:
+            return 0.0
     return float(min(height, 2.0 * thick))
 
 
@@ -140,31 +142,28 @@ def _all_pairs(
     for i in range(count):
         p, q = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
         middle = 0.5 * (p + q)
-        lowest = min(p[2], q[2])
-        column = int((middle[0] - squares.origin[0]) / squares.pitch)
-        row = int((middle[1] - squares.origin[1]) / squares.pitch)
-        for x in range(max(0, column - 1), min(squares.shape[0], column + 2)):
-            for y in range(max(0, row - 1), min(squares.shape[1], row + 2)):
-                square = x * squares.shape[1] + y
-                for m in range(squares.begin[square], squares.begin[square + 1]):
-                    j = squares.member[m]
-                    a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
-                    thick = max(elements.radius[j, 0], elements.radius[j, 1])
-                    if j == i or max(a[2], b[2]) + thick <= lowest:
-                        continue
-                    far = needle.shaft_mm + thick + 0.5 * (elements.length[i] + elements.length[j])
-                    dx, dy = 0.5 * (a[0] + b[0]) - middle[0], 0.5 * (a[1] + b[1]) - middle[1]
-                    if dx * dx + dy * dy >= far * far:
-                        continue
-                    harm = _pair_depth(i, j, elements, meetings, needle)
-                    if harm > 0.0:
-                        if total == size:
-                            size *= 2
-                            longer, deeper = np.empty(size, dtype=np.int64), np.empty(size)
-                            longer[:total], deeper[:total] = after, depth
-                            after, depth = longer, deeper
-                        after[total], depth[total] = j, harm
-                        total += 1
+        lowest, room = min(p[2], q[2]), needle.shaft_mm + 0.5 * elements.length[i]
+        for k in range(3):
+            low, high = near(squares, middle, k)
+            for m in range(low, high):
+                x, y, top, reach = squares.around[m]
+                if (
+                    top <= lowest
+                    or (x - middle[0]) ** 2 + (y - middle[1]) ** 2 >= (room + reach) ** 2
+                ):
+                    continue
+                j = squares.member[m]
+                if j == i:
+                    continue
+                harm = _pair_depth(i, j, elements, meetings, needle)
+                if harm > 0.0:
+                    if total == size:
+                        size *= 2
+                        longer, deeper = np.empty(size, dtype=np.int64), np.empty(size)
+                        longer[:total], deeper[:total] = after, depth
+                        after, depth = longer, deeper
+                    after[total], depth[total] = j, harm
+                    total += 1
         order = np.argsort(after[begin[i] : total])
         after[begin[i] : total] = after[begin[i] : total][order]
         depth[begin[i] : total] = depth[begin[i] : total][order]

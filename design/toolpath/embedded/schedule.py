@@ -212,15 +212,14 @@ class Scheduler:
     def _parts(self) -> list[_Start]:
         """Starts from which at least one element can be written."""
         free = ~self.progress.written & (self.progress.waiting <= 0)
-        found = []
-        for element in np.flatnonzero(free).tolist():
-            vessel = self.elements.vessel[element]
-            for step in (1, -1):
-                before = element - step
-                inside = self.elements.first[vessel] <= before < self.elements.first[vessel + 1]
-                if not inside or not free[before]:
-                    found.append(_Start(element, step))
-        return found
+        vessel = self.elements.vessel
+        goes_on = free[:-1] & free[1:] & (vessel[:-1] == vessel[1:])
+        onward = np.flatnonzero(free & ~np.append(False, goes_on))
+        backward = np.flatnonzero(free & ~np.append(goes_on, False))
+        starts = [(e, 1) for e in onward.tolist()] + [(e, -1) for e in backward.tolist()]
+        return [
+            _Start(element, step) for element, step in sorted(starts, key=lambda s: (s[0], -s[1]))
+        ]
 
     def _gain(self, part: _Start) -> tuple[int, int]:
         """How many stretches could be written whole after a part; less what the part leaves."""

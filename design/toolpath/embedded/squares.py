@@ -8,6 +8,7 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.toolpath import FloatArray, IntArray
+from kernels import jit
 
 MAX_CELLS = 4_000_000
 
@@ -16,6 +17,12 @@ class Squares(NamedTuple):
     """Elements by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 
     What lies within the pitch of a place is found in the nine squares about it.
+
+    Attributes
+    ----------
+    around : (n, 4) float64, mm
+        Of each member: x and y of its middle, its top, and how far its ink reaches from the middle.
+        In the members' order, so that a search runs along memory.
     """
 
     origin: FloatArray
@@ -23,6 +30,7 @@ class Squares(NamedTuple):
     shape: IntArray
     begin: IntArray
     member: IntArray
+    around: FloatArray
 
 
 def squares_of(elements: Elements, shaft_mm: float) -> Squares:
@@ -36,4 +44,19 @@ def squares_of(elements: Elements, shaft_mm: float) -> Squares:
     shape = place.max(axis=0) + 1
     square = place[:, 0] * shape[1] + place[:, 1]
     begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
-    return Squares(origin, pitch, shape, begin, np.argsort(square, kind="stable"))
+    member = np.argsort(square, kind="stable")
+    thick = elements.radius.max(axis=1)
+    top = elements.point[elements.end, 2].max(axis=1) + thick
+    around = np.column_stack([middle, top, thick + elements.length / 2])
+    return Squares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
+
+
+@jit
+def near(squares: Squares, place: FloatArray, k: int) -> tuple[int, int]:
+    """Range of `Squares.member` in the ``k``-th (0..2) of three rows of squares about a place."""
+    x = int(np.floor((place[0] - squares.origin[0]) / squares.pitch)) - 1 + k
+    y = int(np.floor((place[1] - squares.origin[1]) / squares.pitch))
+    low, high = max(0, y - 1), min(squares.shape[1], y + 2)
+    if x < 0 or x >= squares.shape[0] or low >= high:
+        return 0, 0
+    return squares.begin[x * squares.shape[1] + low], squares.begin[x * squares.shape[1] + high]

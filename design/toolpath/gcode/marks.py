@@ -91,9 +91,11 @@ def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
     if context.before is not None:
         writes, source = np.append(-1, writes), np.append(context.before, source)
     layers = toolpath.source_kind == "layer"
-    breaks = np.diff(writes) > 1
     if layers:
-        breaks &= np.diff(source) != 0
+        breaks = (np.diff(writes) > 1) & (np.diff(source) != 0)
+    else:  # where the tip leaves the ink; the plunger alone may move within a pass
+        travels = np.append(0, np.cumsum(toolpath.kind == MoveKind.TRAVEL))
+        breaks = np.diff(travels[writes + 1]) > 0
     name = "LAYER_END" if layers else "PASS_END"
     found: list[tuple[int, str]] = []
     for at in np.flatnonzero(breaks).tolist():

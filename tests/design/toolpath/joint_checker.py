@@ -36,10 +36,14 @@ def bodies(toolpath: Toolpath) -> int:
 
 
 def passes_of(toolpath: Toolpath) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Corners (k, 3) and radii of the moves (k - 1,) of each pass, mm."""
+    """Corners (k, 3) and radii of the moves (k - 1,) of each pass, mm.
+
+    It lasts until the tip leaves the ink; the plunger may stand, and relieve, meanwhile.
+    """
     write = np.flatnonzero(toolpath.kind == MoveKind.WRITE)
+    left = np.cumsum(toolpath.kind == MoveKind.TRAVEL)[write]
     found = []
-    for moves in np.split(write, np.flatnonzero(np.diff(write) > 1) + 1):
+    for moves in np.split(write, np.flatnonzero(np.diff(left)) + 1):
         line = np.vstack([toolpath.start[moves[:1]], toolpath.end[moves]])
         area = toolpath.volume_ul[moves] / toolpath.lengths[moves]
         found.append((line, np.sqrt(area / np.pi)))

@@ -67,15 +67,45 @@ def test_the_earlier_side_goes_on_where_the_later_is_blocked():
     assert found.beyond == pytest.approx([REACH, 0, 0, 0])
 
 
-def test_a_joint_is_open_where_both_sides_are_blocked():
+def test_a_joint_is_open_where_both_sides_are_blocked(monkeypatch):
+    monkeypatch.setattr("design.toolpath.embedded.joints.PARTS", (1.0,))
     found = joined(HEAD_ON, [OVER_RIGHT, LEFT, OVER_LEFT, RIGHT])
     assert counts(found) == (1, 0, 0, 1)
     assert not found.beyond.any()
     (left,) = found.open
     assert (left.vessel, left.other, left.place_mm.tolist()) == (RIGHT, LEFT, [0, 0, 0])
     parts = parts_of(HEAD_ON, OPTIONS)
-    assert set(parts.elements.vessel[left.barred_by].tolist()) == {OVER_LEFT}
-    assert parts.elements.end[left.element, 1] == 1
+    first, after = np.array(found.wishes).T
+    assert set(parts.elements.vessel[after].tolist()) == {OVER_LEFT}
+    assert set(parts.elements.end[first, 1].tolist()) == {1}
+
+
+def test_where_both_sides_are_blocked_a_shorter_overlap_closes():
+    found = joined(HEAD_ON, [OVER_RIGHT, LEFT, OVER_LEFT, RIGHT])
+    assert counts(found) == (1, 1, 0, 0)
+    assert found.shortened == 1
+    assert found.beyond == pytest.approx([0, 0, 0, REACH / 2])
+    assert found.wishes  # of the next round: another order would leave room for all of it
+
+
+def test_an_overlap_keeps_clear_of_what_comes_later():
+    """A vessel below, written last, would take the shaft through the right one's overlap."""
+    under = network([*NODES[:3], (-0.5, -2, -1), (-0.5, 2, -1)], [(0, 1), (2, 1), (3, 4)], 0.15)
+    found = joined(under, [LEFT, RIGHT, 2])
+    assert not found.brushed
+    assert found.beyond == pytest.approx([REACH, 0, 0])
+    assert joined(under, [2, LEFT, RIGHT]).beyond == pytest.approx([0, 0, REACH])
+
+
+def test_what_brushes_every_overlap_is_named(monkeypatch):
+    monkeypatch.setattr("design.toolpath.embedded.joints.PARTS", (1.0,))
+    bars = [(-0.5, -2, -1), (-0.5, 2, -1), (0.5, -2, -1), (0.5, 2, -1)]
+    found = joined(
+        network([*NODES[:3], *bars], [(0, 1), (2, 1), (3, 4), (5, 6)], 0.15), [0, 1, 2, 3]
+    )
+    assert counts(found) == (1, 1, 0, 0)
+    assert found.brushed
+    assert any(one.entered for one in found.brushed)
 
 
 def test_what_ended_at_a_node_goes_on_when_a_pass_goes_through_it():

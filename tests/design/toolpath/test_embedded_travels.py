@@ -16,7 +16,7 @@ from design.toolpath.embedded import (
     plan_embedded,
 )
 from design.toolpath.embedded.ground import ground_under, highest_along, lay
-from tests.design.toolpath.shapes import cage, random_tree
+from tests.design.toolpath.shapes import cage, polylines, random_tree
 
 OPTIONS = EmbeddedOptions()
 WIDE = replace(OPTIONS, needle_outer_mm=0.7, lift_mm=0.5)
@@ -142,3 +142,23 @@ def test_a_head_is_changed_above_everything_written():
     for row in changes.tolist():
         ink, radius, _ = written_before(toolpath, row + 1)
         assert toolpath.end[row, 2] >= (ink[:, 2] + radius).max() + OPTIONS.lift_mm - 1e-9
+
+
+def kinds_between(toolpath, vessel, after):
+    """Kinds of the moves between the last one that writes a vessel and the first of the next."""
+    write = toolpath.kind == MoveKind.WRITE
+    last = np.flatnonzero(write & (toolpath.source == vessel))[-1]
+    first = np.flatnonzero(write & (toolpath.source == after))[0]
+    return toolpath.kind[last + 1 : first].tolist()
+
+
+def test_the_plunger_is_relieved_in_place_where_a_pass_goes_on_much_thinner():
+    line = np.array([[0.0, 0, 0], [5, 0, 0], [10, 0, 0]])
+    net = polylines([line[:2], line[1:]], 0.15)
+    stepped = replace(net, radius=np.repeat([0.4, 0.15], 2))
+    assert kinds_between(embedded_toolpath(stepped, OPTIONS), 0, 1) == [
+        MoveKind.RETRACT,
+        MoveKind.PRIME,
+    ]
+    alike = replace(net, radius=np.repeat([0.2, 0.15], 2))
+    assert kinds_between(embedded_toolpath(alike, OPTIONS), 0, 1) == []

@@ -1,0 +1,115 @@
+"""Ends of passes carried on beyond their last point: what bars them, and what they bar."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.meetings import Meetings, of_one_joint
+from design.toolpath.embedded.needle import Needle, joint_reach, radius_at
+from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
+from design.toolpath.embedded.squares import Squares, near
+from design.toolpath.toolpath import FloatArray, IntArray
+from kernels import jit
+
+
+class Extension(NamedTuple):
+    """A short straight way beyond the end of a pass, as thick as the vessel there.
+
+    Attributes
+    ----------
+    start, tip : (3,) float64, mm
+    radius : float, mm
+    vessel : int
+    at : float, mm
+        Way along the vessel to where it begins.
+    """
+
+    start: FloatArray
+    tip: FloatArray
+    radius: float
+    vessel: int
+    at: float
+
+
+@jit
+def barring(
+    extension: Extension,
+    before: int,
+    when: IntArray,
+    elements: Elements,
+    squares: Squares,
+    meetings: Meetings,
+    needle: Needle,
+) -> IntArray:
+    """Elements of passes before the one numbered `before` that its shaft meets; ``when`` (n,)."""
+    met = [0][:0]
+    for place in _places(extension, 0.5 * needle.tip_mm):
+        for k in range(3):
+            low, high = near(squares, place, k)
+            for j in squares.member[low:high]:
+                if when[j] < before and (
+                    depth_at(place, extension.radius, extension.vessel, extension.at, j,
+                             elements, meetings, needle) > 0.0
+                ):  # fmt: skip
+                    met.append(j)
+    return np.unique(np.array(met, np.int64))
+
+
+@jit
+def barred(
+    extension: Extension,
+    since: int,
+    when: IntArray,
+    elements: Elements,
+    squares: Squares,
+    meetings: Meetings,
+    needle: Needle,
+) -> IntArray:
+    """Elements of the pass numbered `since` and later, which take the shaft through its ink."""
+    met = [0][:0]
+    for place in _places(extension, squares.pitch):
+        for k in range(3):
+            low, high = near(squares, place, k)
+            for j in squares.member[low:high]:
+                if when[j] >= since and meets(j, extension, elements, meetings, needle):
+                    met.append(j)
+    return np.unique(np.array(met, np.int64))
+
+
+@jit
+def _places(extension: Extension, spacing: float) -> FloatArray:
+    """Places along it, its tip last, no further apart than the spacing."""
+    way = extension.tip - extension.start
+    count = int(np.ceil(np.sqrt((way * way).sum()) / spacing))
+    found = np.empty((count, 3))
+    for k in range(count):
+        found[k] = extension.start + way * ((k + 1.0) / count)
+    return found
+
+
+@jit
+def meets(
+    i: int, extension: Extension, elements: Elements, meetings: Meetings, needle: Needle
+) -> bool:
+    """Whether the shaft passes through an extension's ink while element i is written."""
+    tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
+    thick = max(elements.radius[i, 0], elements.radius[i, 1])
+    reach = joint_reach(needle, max(thick, extension.radius))
+    top = max(extension.start[2], extension.tip[2]) + extension.radius
+    for k in range(TIPS):
+        share = k / (TIPS - 1.0)
+        tip = tail + share * (head - tail)
+        height = top - tip[2]
+        if height <= 0.0:
+            continue
+        gap = flat_gap(tip[0], tip[1], extension.start, extension.tip, 0.0, 1.0)
+        if gap >= radius_at(needle, height) + extension.radius:
+            continue
+        at = elements.arc[i] + share * elements.length[i]
+        vessel = elements.vessel[i]
+        if not of_one_joint(vessel, at, extension.vessel, extension.at, reach, meetings):
+            return True
+    return False

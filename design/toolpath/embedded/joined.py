@@ -1,0 +1,73 @@
+"""How ordered passes join: their overlaps, and what stands in the way of some."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from design.toolpath.toolpath import FloatArray
+
+
+@dataclass(frozen=True)
+class OpenJoint:
+    """Two stretches that meet and can't be made to overlap.
+
+    Attributes
+    ----------
+    vessel, other : int
+        The later and the earlier one.
+    place_mm : (3,) float64, mm
+    """
+
+    vessel: int
+    other: int
+    place_mm: FloatArray
+
+
+class Brushed(NamedTuple):
+    """An overlap that the shaft meets while a later element is written.
+
+    Attributes
+    ----------
+    element : int
+        The later one.
+    end : int
+        The element that the overlap goes on from.
+    entered : bool
+        Whether the needle itself meets it, or its clearance only.
+    """
+
+    element: int
+    end: int
+    entered: bool
+
+
+@dataclass
+class Joined:
+    """Passes with their overlaps.
+
+    Attributes
+    ----------
+    before, beyond : (p,) float64, mm
+        How far each pass begins before its first point, and goes on beyond its last.
+    joints, overlapped : int
+        Ends that come to ink; of these, those closed by an overlap.
+    shortened : int
+        Of the overlaps, those shorter than asked, because no side had room for more.
+    through : int
+        Stretches that go on from the last one through a node without a stop.
+    open : list of OpenJoint
+    brushed : list of Brushed
+    wishes : list of (int, int)
+        Elements of which the first, written before the second, would leave room for an overlap.
+    """
+
+    before: FloatArray
+    beyond: FloatArray
+    joints: int = 0
+    overlapped: int = 0
+    shortened: int = 0
+    through: int = 0
+    open: list[OpenJoint] = field(default_factory=list)
+    brushed: list[Brushed] = field(default_factory=list)
+    wishes: list[tuple[int, int]] = field(default_factory=list)
