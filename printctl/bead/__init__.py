@@ -1,5 +1,6 @@
 """What a job will leave in the bath, in tables, pictures and voxels: `sim.bead` on files."""
 
+from printctl.bead.filaments import written_filaments
 from printctl.bead.files import Wanted, write_prediction
 from printctl.bead.lag import LagSaid, lag_of
 from printctl.bead.predict import Mounting, Predicted, predict_job
@@ -20,4 +21,5 @@ __all__ = [
     "prediction_lines",
     "vessel_diameters",
     "write_prediction",
+    "written_filaments",
 ]

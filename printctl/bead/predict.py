@@ -63,6 +63,9 @@ class Predicted:
     prompt_source : (m,) int64
     of_vessels : bool or None
         What `source` counts; None where no map says it.
+    ahead_s : float, s
+        Lag that the file itself drives the plunger ahead of; 0 for none. The prompt bead is then
+        none that anybody asks for.
     """
 
     head: int
@@ -74,6 +77,7 @@ class Predicted:
     source: IntArray
     prompt_source: IntArray
     of_vessels: bool | None
+    ahead_s: float = 0.0
 
 
 def predict_job(
@@ -166,7 +170,9 @@ def _of_head(
     late, late_of = (prompt, prompt_of) if lag.seconds == 0 else laid(lag.seconds, ahead)
     of_vessels = None if line_map is None else line_map.of_vessels
     most = 0.0 if advance is None else advance.most_s
-    return Predicted(number, mounted, late, prompt, lag, most, late_of, prompt_of, of_vessels)
+    ahead_s = 0.0 if line_map is None else line_map.lag_s
+    both = (late, prompt, lag, most, late_of, prompt_of)
+    return Predicted(number, mounted, *both, of_vessels, ahead_s)
 
 
 def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:

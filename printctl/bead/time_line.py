@@ -73,7 +73,7 @@ def _draw(axes: list[Axes], found: Predicted, window: tuple[float, float] | None
     axes[1].stairs(out, edges, baseline=None, color=LATE, lw=1.1, label="out of the needle")
     axes[1].set_ylabel("flow, µL/s")
     _scaled(axes[1], push, out)
-    axes[1].legend(loc="upper right", ncols=2)
+    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
     axes[2].set_ylabel("pressure, kPa")
     if np.isnan(pressure).all():
         axes[2].text(

@@ -75,8 +75,9 @@ def vessel_diameters(
 ) -> VesselDiameters:
     """Hold a predicted bead against its vessels.
 
-    Each written piece counts where its middle stands square to its own vessel's axis; overlaps
-    beyond a vessel's ends don't.
+    Each written piece counts where its middle stands square to its own vessel's axis. Overlaps
+    beyond a vessel's ends don't, nor does what lies within a joint: nearer to a node where vessels
+    meet than the widest of them is thick there.
 
     Parameters
     ----------
@@ -96,11 +97,11 @@ def vessel_diameters(
     middle = (bead.pieces.start[rows] + bead.pieces.end[rows]) / 2 - place_mm
     length = bead.pieces.length[rows]
     vessels, first = np.unique(source[rows], return_index=True)
-    found = []
+    found, reach = [], _joint_radius(network)
     for vessel, own in zip(
         vessels.tolist(), np.split(np.arange(len(rows)), first[1:]), strict=True
     ):
-        along, designed = _on_axis(middle[own], *network.polyline(vessel))
+        along, designed = _on_axis(middle[own], *network.polyline(vessel), *reach[vessel])
         inside = np.isfinite(along)
         if not inside.any():
             continue
@@ -122,9 +123,9 @@ _COLUMNS: Final = tuple(field.name for field in fields(VesselDiameters))
 
 
 def _on_axis(
-    middle: FloatArray, points: FloatArray, radius: FloatArray
+    middle: FloatArray, points: FloatArray, radius: FloatArray, begins: float, ends: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Way along the polyline to the nearest place (NaN beyond its ends), and the diameter there."""
+    """Way along the polyline to the nearest place, and the diameter there; NaN in joints."""
     step = np.diff(points, axis=0)
     size = np.maximum(np.linalg.norm(step, axis=1), 1e-12)
     before = np.concatenate([[0.0], np.cumsum(size)])
@@ -134,10 +135,23 @@ def _on_axis(
         away = np.linalg.norm(points[:-1] + share[:, None] * step - one, axis=1)
         near = int(away.argmin())
         at = float(before[near] + share[near] * size[near])
-        if END_MM < at < before[-1] - END_MM or away[near] < END_MM:
+        inside = END_MM < at < before[-1] - END_MM or away[near] < END_MM
+        if inside and begins <= at <= before[-1] - ends:
             along[k] = at
             designed[k] = 2 * float(np.interp(at, before, radius))
     return along, designed
+
+
+def _joint_radius(network: VesselNetwork) -> FloatArray:
+    """Widest radius at each vessel's first and last node, (v, 2), mm; 0 where it ends alone."""
+    ends = np.column_stack(
+        [network.radius[network.offset[:-1]], network.radius[network.offset[1:] - 1]]
+    )
+    widest = np.zeros(len(network.nodes))
+    np.maximum.at(widest, network.vessel_nodes, ends)
+    met = np.bincount(network.vessel_nodes.ravel(), minlength=len(network.nodes)) > 1
+    found: FloatArray = np.where(met, widest, 0.0)[network.vessel_nodes]
+    return found
 
 
 def _held(

@@ -15,6 +15,8 @@ from sim.bead import Bead, crevice, drag, settling, swell
 THIN: Final = 0.8
 THICK: Final = 1.25
 """Of the width that the plunger's motion asks for: a fifth less, a quarter more."""
+LEAST: Final = 0.2
+"""Of the usual width; a line that is to be thinner is a plunger's step that came late."""
 TOLD_UL: Final = 1e-3
 """Less ink on travels or in drops than a nanolitre isn't told."""
 
@@ -85,6 +87,14 @@ def _of_lag(found: Predicted) -> Iterator[BeadWarning]:
             "cancels it",
             lag.how == "measured",
         )
+    if found.ahead_s > 0 and abs(found.ahead_s / max(lag.seconds, 1e-9) - 1) > 0.1:
+        yield BeadWarning(
+            "advance",
+            0,
+            f"the file drives the plunger ahead of a lag of {found.ahead_s:g} s, and "
+            f"{lag.seconds:g} s are taken here",
+            lag.how == "measured",
+        )
     nozzle = found.bead.nozzle
     if nozzle.held_ul > 0 and ink.retract_ul < nozzle.held_ul:
         yield BeadWarning(
@@ -117,7 +127,7 @@ def _of_flow(found: Predicted) -> Iterator[BeadWarning]:
 def _of_widths(found: Predicted) -> Iterator[BeadWarning]:
     """Where what comes out is far from what the plunger pushes there; none without a lag."""
     bead, prompt = found.bead, found.prompt
-    if bead is prompt:
+    if bead is prompt or found.ahead_s > 0:
         return
     asked = _asked_mm(bead, prompt)
     ratio = np.divide(bead.width_mm, asked, out=np.ones(len(bead)), where=asked > 0)
@@ -140,12 +150,13 @@ def _of_widths(found: Predicted) -> Iterator[BeadWarning]:
 
 
 def _asked_mm(bead: Bead, prompt: Bead) -> np.ndarray:
-    """Width that the same moment has without a lag, (n,), mm; 0 where nothing is asked."""
+    """Width that the same moment has without a lag, (n,), mm; 0 where next to nothing is asked."""
     rows = np.flatnonzero(prompt.writes)
     middle = (prompt.pieces.time[rows] + prompt.pieces.time[rows + 1]) / 2
     own = (bead.pieces.time[:-1] + bead.pieces.time[1:]) / 2
     asked = np.interp(own, middle, prompt.width_mm[rows]) if len(rows) else np.zeros(len(bead))
-    return np.where(bead.writes, asked, 0.0)
+    usual = float(np.median(prompt.width_mm[rows])) if len(rows) else 0.0
+    return np.where(bead.writes & (asked > LEAST * usual), asked, 0.0)
 
 
 def _of_pressure(found: Predicted) -> Iterator[BeadWarning]:

@@ -21,14 +21,14 @@ from printctl.bead import (
     prediction_lines,
     vessel_diameters,
     write_prediction,
+    written_filaments,
 )
 from printctl.cli.lumens_read import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
-from printctl.lumens import Filaments
 from printctl.preflight import SetUp
-from sim.bead import Bead, swell
+from sim.bead import swell
 from sim.dryrun import DryRun
 
 
@@ -117,7 +117,9 @@ def _against_design(
             "which isn't there or counts layers; printctl toolpath writes it"
         )
     network = read_designed(said.network, said.unit)
-    place = place_of_filaments(said.place, _written(heads), network)
+    place = place_of_filaments(
+        said.place, written_filaments([one.prompt for one in heads]), network
+    )
     return [(one.head, *_both(one, network, place)) for one in heads]
 
 
@@ -126,25 +128,9 @@ def _both(
 ) -> tuple[VesselDiameters, VesselDiameters | None]:
     factor = swell(one.mounting.ink)[0]
     late = vessel_diameters(one.bead, one.source, network, place, factor)
-    if one.bead is one.prompt:
+    if one.bead is one.prompt or one.ahead_s > 0:
         return late, None
     return late, vessel_diameters(one.prompt, one.prompt_source, network, place, factor)
-
-
-def _written(heads: tuple[Predicted, ...]) -> Filaments:
-    """What the heads write, for finding the part's place."""
-
-    def rows(bead: Bead) -> np.ndarray:
-        return np.flatnonzero(bead.writes)
-
-    parts = [(one.prompt, rows(one.prompt)) for one in heads]
-    return Filaments(
-        np.concatenate([bead.pieces.start[own] for bead, own in parts]),
-        np.concatenate([bead.pieces.end[own] for bead, own in parts]),
-        np.concatenate([bead.width_mm[own] / 2 for bead, own in parts]),
-        np.concatenate([bead.stroke[own] for bead, own in parts]),
-        np.concatenate([bead.line[own] for bead, own in parts]),
-    )
 
 
 def tell(facts: list[dict[str, Any]]) -> None:

@@ -96,9 +96,11 @@ def _passes(
     of = np.repeat(np.arange(len(rows)), count)
     mover, other = rows[of], ink[met]
     away = tip[of] - place[met]
-    # Earlier ink of another stroke, at the tip's height or above it, that isn't being joined.
+    # Earlier ink of another stroke, at the tip's height or above it, that this one never touches.
     counts = (other < mover) & (bead.stroke[other] != bead.stroke[mover]) & (away[:, 2] <= radius)
-    touching = (bead.width_mm[mover] + bead.width_mm[other]) / 2
-    counts &= (np.linalg.norm(away, axis=1) > touching) | ~bead.writes[mover]
+    reach = (bead.width_mm[mover] + bead.width_mm[other]) / 2
+    touches = (np.linalg.norm(away, axis=1) <= reach) & bead.writes[mover]
+    pair = bead.stroke[mover] * len(bead) + other
+    counts &= ~np.isin(pair, pair[touches])
     across = np.linalg.norm(away[:, :2], axis=1)[counts]
     return mover[counts], met[counts], np.maximum(across - radius, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from design.files import replacing
 from design.toolpath.gcode.job import Gcode
 
 
-def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
+def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode], lag_s: float = 0.0) -> int:
     """Write the parts of a job to ``path`` one by one, then their map; return the command count.
 
     The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`, and
-    ``source_kind``. Neither file takes its name before all parts are written.
+    ``source_kind``; where the plunger is driven ahead of a lag (`design.toolpath.lag`), ``lag_s``
+    too. Neither file takes its name before all parts are written.
 
     Raises
     ------
@@ -24,6 +26,7 @@ def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
     """
     lines = 0
     source, move, kind, counts = [], [], [], "layer"
+    ahead: dict[str, Any] = {"lag_s": np.array(lag_s)} if lag_s > 0 else {}
     with replacing(path) as draft, replacing(map_path) as map_draft:
         with draft.open("wb") as handle:
             for part in parts:
@@ -40,5 +43,6 @@ def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
                 move=np.concatenate(move),
                 kind=np.concatenate(kind),
                 source_kind=np.array(counts),
+                **ahead,
             )
     return lines
