@@ -23,17 +23,17 @@ def ordered(
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
     of the shaft's says the opposite.
     """
-    asked = one_way(rules)
+    asked = one_way(rules, elements.vessel)
     best: tuple[tuple[int, ...], list[Pass], Joined] | None = None
     for _ in range(ROUNDS):
         passes = Scheduler(elements, asked, head).run()
         joined = joiner.join(passes)
         harm = len(broken(rules, passes)[0]), len(joined.open), len(joined.brushed)
-        score = *harm, joined.shortened, len(passes)
+        score = *harm, len(joined.shortened), len(passes)
         if best is None or score < best[0]:
             best = score, passes, joined
         first, after = np.array(joined.wishes, dtype=np.int64).reshape(-1, 2).T
-        known, asked = asked, one_way(with_more(asked, first, after))
+        known, asked = asked, with_more(asked, first, after)
         if len(asked.after) == len(known.after):
             break
     assert best is not None

@@ -14,7 +14,7 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.extensions import Extension, barred, barring, meets
-from design.toolpath.embedded.joined import Brushed, Joined, OpenJoint
+from design.toolpath.embedded.joined import Brushed, Joined, WeakJoint
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.schedule import Pass
@@ -42,6 +42,11 @@ class _Extended:
     extension: Extension
     barred_by: IntArray
     brushed: list[Brushed]
+
+    @property
+    def length(self) -> float:
+        """How far it goes on, mm."""
+        return float(np.linalg.norm(self.extension.tip - self.extension.start))
 
     @property
     def free(self) -> bool:
@@ -131,11 +136,18 @@ class _Round:
         if chosen is None:
             self._wish(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach) or self._least_brushed(whole)
+        part = 0.0 if chosen is None else chosen.length / reach
+        if part < PARTS[-1] / 2:
+            out.open.append(self._weak(later, earlier, point, 0.0))
+        elif part < 1.0 - PARTS[-1] / 2:
+            out.shortened.append(self._weak(later, earlier, point, part))
         if chosen is not None:
             self._keep(chosen)
-            return
-        vessel, place = self._elements.vessel, self._elements.point[point]
-        out.open.append(OpenJoint(int(vessel[later]), int(vessel[earlier]), place))
+
+    def _weak(self, later: int, earlier: int, point: int, part: float) -> WeakJoint:
+        vessel = self._elements.vessel
+        x, y, z = self._elements.point[point].tolist()
+        return WeakJoint(int(vessel[later]), int(vessel[earlier]), (x, y, z), part)
 
     def _radius(self, element: int) -> float:
         return float(self._elements.radius[element].max())
@@ -175,7 +187,6 @@ class _Round:
             for side in sides:
                 one = self._extended(side, point, part * reach)
                 if one.harmless:
-                    self._out.shortened += 1
                     return one
         return None
 
@@ -192,7 +203,6 @@ class _Round:
     def _keep(self, one: _Extended) -> None:
         out, end = self._out, one.end
         far = out.beyond if end.last else out.before
-        reach = float(np.linalg.norm(one.extension.tip - one.extension.start))
-        far[end.number] = max(far[end.number], reach)
+        far[end.number] = max(far[end.number], one.length)
         out.overlapped += 1
         out.brushed += one.brushed

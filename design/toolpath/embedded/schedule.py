@@ -241,7 +241,7 @@ class Scheduler:
         owner = np.repeat(np.arange(len(left)), np.diff(self.rules.begin))
         live = left[owner] & left[self.rules.after]
         harm = np.bincount(
-            self.rules.after[live], weights=self.rules.depth[live], minlength=len(left)
+            self.rules.after[live], weights=self.rules.harm[live], minlength=len(left)
         )
         element = int(np.flatnonzero(left)[np.argmin(harm[left])])
         self.progress.waiting[element] = -(1 << 40)
