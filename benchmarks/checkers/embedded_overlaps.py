@@ -1,8 +1,8 @@
 """Where a network overlaps itself: filaments that are one body whatever order they're written in.
 
 Shares no code with the product. Two vessels overlap where their axes come nearer than the sum of
-their radii, both further than J (see `embedded_shaft`) from every node that they share; a vessel
-overlaps itself where that happens further apart along it than J.
+their radii, one of the two places further than J (see `embedded_shaft`) from every node that they
+share; a vessel overlaps itself where that happens further apart along it than J.
 """
 
 from __future__ import annotations
@@ -26,16 +26,15 @@ def overlaps_near(
     thick = max(a[:, 3].max(), b[:, 3].max())
     reach = np.sqrt(2.0) * (needle_outer_mm / 2 + thick) + thick / 2
     a, b = _near(a, places, reach), _near(b, places, reach)
-    for node in set(axes.ends[one].tolist()) & set(axes.ends[other].tolist()):
-        a, b = (
-            part[np.linalg.norm(part[:, :3] - axes.node[node], axis=1) > reach] for part in (a, b)
-        )
     if not len(a) or not len(b):
         return False
     gap = np.linalg.norm(a[:, None, :3] - b[None, :, :3], axis=2)
     touch = gap < a[:, None, 3] + b[None, :, 3]
     if one == other:
-        touch &= np.abs(a[:, None, 4] - b[None, :, 4]) > reach
+        return bool((touch & (np.abs(a[:, None, 4] - b[None, :, 4]) > reach)).any())
+    for node in set(axes.ends[one].tolist()) & set(axes.ends[other].tolist()):
+        far = [np.linalg.norm(part[:, :3] - axes.node[node], axis=1) > reach for part in (a, b)]
+        touch &= far[0][:, None] | far[1][None, :]
     return bool(touch.any())
 
 

@@ -131,9 +131,13 @@ class _Round:
         reach = self._scene.needle.overlap_radii * min(self._radius(later), self._radius(earlier))
         if reach == 0.0:
             return
-        whole = [self._extended(side, point, reach) for side in sides]
-        chosen = next((one for one in whole if one.free), None)
-        if chosen is None:
+        whole: list[_Extended] = []
+        for side in sides:
+            whole.append(self._extended(side, point, reach))
+            if whole[-1].free:
+                break
+        chosen: _Extended | None = whole[-1]
+        if not whole[-1].free:
             self._wish(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach) or self._least_brushed(whole)
         part = 0.0 if chosen is None else chosen.length / reach
@@ -167,7 +171,8 @@ class _Round:
         )
         about = self._when, elements, scene.squares, scene.meetings, scene.needle
         now = end.number + end.last
-        bars, brushes = barring(extension, now, *about), barred(extension, now, *about)
+        bars = barring(extension, now, *about)
+        brushes = barred(extension, now, *about).tolist() if not len(bars) else []
         return _Extended(end, extension, bars, [self._brushed(k, end, extension) for k in brushes])
 
     def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
