@@ -14,8 +14,9 @@ from printctl.preflight import (
     SetUp,
     accepted_text,
     read_written,
-    shaft_check,
+    shaft_checks,
     shaft_clearance,
+    shaft_lines,
     unmapped_check,
 )
 from sim.clearance import Clearance
@@ -31,7 +32,7 @@ class FileShaft:
     Attributes
     ----------
     checks : list of Check
-        One, or none for a file of layers.
+        None for a file of layers.
     found : Clearance or None
         None where it wasn't looked at.
     accepted : tuple of str
@@ -45,6 +46,10 @@ class FileShaft:
     def facts(self) -> dict[str, Any]:
         """JSON-ready."""
         return {} if self.found is None else {"clearance": self.found.as_dict()}
+
+    def lines(self) -> list[str]:
+        """For people."""
+        return [] if self.found is None else shaft_lines(self.found.as_dict())
 
 
 def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = False) -> FileShaft:
@@ -74,7 +79,7 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
     found = shaft_clearance(run, mounted.printer, loads, written)
     text = accepted_text(found)
     return FileShaft(
-        [shaft_check(found, 0, accepted=accepted)], found, (text,) if accepted and text else ()
+        shaft_checks(found, 0, accepted=accepted), found, (text,) if accepted and text else ()
     )
 
 

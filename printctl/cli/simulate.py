@@ -74,6 +74,7 @@ def simulate(
         print_lines(
             f"{run.duration_s:.2f} s on {profile.name}, {len(run.executed)} blocks, "
             f"{run.merged_moves} moves merged by the firmware",
+            *shaft.lines(),
             *(check.row() for check in checks),
         )
         for text in warnings(checks):

@@ -21,12 +21,12 @@ from printctl.preflight.setup_checks import (
 )
 from printctl.preflight.shaft_checks import (
     accepted_text,
-    read_written,
-    shaft_check,
+    shaft_checks,
     shaft_clearance,
+    shaft_lines,
     unmapped_check,
-    written_arrays,
 )
+from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import (
     Budget,
@@ -62,8 +62,9 @@ __all__ = [
     "of_each_head",
     "read_written",
     "refuse_failed",
-    "shaft_check",
+    "shaft_checks",
     "shaft_clearance",
+    "shaft_lines",
     "step_checks",
     "syringe_check",
     "syringe_checks",

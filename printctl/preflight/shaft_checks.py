@@ -2,120 +2,21 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import VesselNetwork
-from design.toolpath import MoveKind
 from firmware_profiles import Needle, Printer, steady_flow
-from printctl.errors import UsageError
 from printctl.preflight.check import Check
 from printctl.preflight.head_checks import Loaded
-from sim.clearance import (
-    Clearance,
-    LineSources,
-    NeedleBody,
-    WrittenNetwork,
-    check_clearance,
-    motion_of,
-)
+from printctl.preflight.shaft_map import Written
+from sim.clearance import Clearance, NeedleBody, ShaftContact, check_clearance, motion_of
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 
 FloatArray = NDArray[np.float64]
-_NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
-
-
-@dataclass(frozen=True)
-class Written:
-    """What an embedded job's map says besides its lines.
-
-    Attributes
-    ----------
-    sources : LineSources
-    network : WrittenNetwork
-        In the printer's frame.
-    overlap_radii : float
-        Of joints.
-    clearance_mm : float, mm
-        That the plan keeps.
-    needle_outer_mm : (heads,) float64, mm
-        Outer diameters for which it was planned.
-    """
-
-    sources: LineSources
-    network: WrittenNetwork
-    overlap_radii: float
-    clearance_mm: float
-    needle_outer_mm: FloatArray
-
-
-def written_arrays(
-    network: VesselNetwork,
-    place_mm: FloatArray,
-    overlap_radii: float,
-    clearance_mm: float,
-    needle_outer_mm: Sequence[float],
-) -> dict[str, NDArray[Any]]:
-    """What the map of an embedded job is to hold, so that its file can be checked by itself.
-
-    Parameters
-    ----------
-    network : VesselNetwork
-        As it is written, in the part's frame.
-    place_mm : (3,) float64, mm
-        From there to the printer's.
-    overlap_radii, clearance_mm, needle_outer_mm
-        As in `Written`.
-    """
-    return {
-        **{f"network_{name}": getattr(network, name) for name in _NETWORK},
-        "place_mm": np.asarray(place_mm, dtype=np.float64),
-        "overlap_radii": np.array(overlap_radii),
-        "clearance_mm": np.array(clearance_mm),
-        "needle_outer_mm": np.asarray(needle_outer_mm, dtype=np.float64),
-    }
-
-
-def read_written(path: Path) -> Written | None:
-    """Read the map of an embedded job; None where it is of layers, or there is none.
-
-    Raises
-    ------
-    UsageError
-        When the file can't be read, or is of vessels and doesn't say which network they are of.
-    """
-    if not path.is_file():
-        return None
-    try:
-        with np.load(path, allow_pickle=False) as found:
-            data = {name: found[name] for name in found.files}
-        if str(data["source_kind"]) != "vessel":
-            return None
-        return _written(data)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
-        raise UsageError(
-            f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
-            "checked; write the G-code and its map anew with `printctl toolpath`"
-        ) from exc
-
-
-def _written(data: Mapping[str, NDArray[Any]]) -> Written:
-    network = WrittenNetwork(*(data[f"network_{name}"] for name in _NETWORK))
-    writes = data["kind"] == MoveKind.WRITE
-    return Written(
-        LineSources(data["source"].astype(np.int64), writes),
-        network.moved(data["place_mm"]),
-        float(data["overlap_radii"]),
-        float(data["clearance_mm"]),
-        data["needle_outer_mm"].astype(np.float64),
-    )
 
 
 def shaft_clearance(
@@ -161,30 +62,66 @@ def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArra
     return np.where(run.doses & (program.kind == MOVE), flow * lasts, 0.0)
 
 
-def shaft_check(found: Clearance, allowed: int, *, accepted: bool = False) -> Check:
-    """Whether the shaft passes through nothing but joints, or no more than is allowed.
+def shaft_checks(found: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:
+    """Whether the shaft passes through nothing but joints, and keeps its clearance.
 
     Parameters
     ----------
     found : Clearance
     allowed : int
-        Pairs of vessels, one being written and one crossed.
+        Pairs of vessels, one being written and one crossed. So many are told, more refuse.
     accepted : bool
-        Whether the user takes all of them: they warn.
+        Whether the user takes all of them: they are told.
     """
-    more = f"; {len(found.crossings)} moves cross in all" if len(found.crossings) > 1 else ""
-    worst = found.crossings[0].sentence() + more + "; " if found.crossings else ""
-    return Check(
+    taken = accepted or found.pairs <= allowed
+    crossing = Check(
         "vessels that the needle's shaft passes through",
         found.pairs,
         allowed,
         "",
-        found.pairs <= allowed,
-        f"line {found.crossings[0].line}" if found.crossings else "toolpath.allowed_crossings",
-        f"{worst}use a thinner needle or a sparser network, or accept them: --accept-crossings of "
+        not found.crossings,
+        f"line {found.crossings[0].line}" if found.crossings else "",
+        _worst(found.crossings, "cross")
+        + "use a thinner needle or a sparser network, or accept them: --accept-crossings of "
         "`printctl print`, toolpath.allowed_crossings in a recipe",
-        "warns" if accepted else "refuses",
+        "warns" if taken else "refuses",
     )
+    graze = Check(
+        f"vessels that the shaft passes by nearer than {found.clearance_mm:g} mm",
+        found.grazed_pairs,
+        0,
+        "",
+        not found.grazes,
+        f"line {found.grazes[0].line}" if found.grazes else "",
+        _worst(found.grazes, "come so near") + "the needle must be straight and well calibrated",
+        "warns",
+    )
+    return [crossing, graze]
+
+
+def _worst(found: Sequence[ShaftContact], do: str) -> str:
+    if not found:
+        return ""
+    more = f"; {len(found)} moves {do} in all" if len(found) > 1 else ""
+    return f"{found[0].sentence()}{more}; "
+
+
+def shaft_lines(facts: Mapping[str, Any]) -> list[str]:
+    """For people, from `Clearance.as_dict`."""
+    near = facts["nearest_apart_mm"]
+    told = "nothing within 1 mm" if near is None else f"{near:.3f} mm at the nearest"
+    lines = [
+        f"needle's shaft: {facts['moves']} moves looked at, {facts['crossed_pairs']} vessels "
+        f"crossed; to vessels without a joint {told}"
+    ]
+    if facts["own_overlaps"]:
+        worst = facts["overlap"][0]
+        lines.append(
+            f"the network overlaps itself: {facts['own_overlaps']} pairs of vessels, the deepest "
+            f"{worst['overlap_mm']:.3f} mm (vessels {worst['vessel']} and {worst['other']}); they "
+            "become one body there, and the shaft passes as through a joint"
+        )
+    return lines
 
 
 def unmapped_check() -> Check:

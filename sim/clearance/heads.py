@@ -43,8 +43,7 @@ def heads_of(motion: Motion, network: WrittenNetwork) -> list[Head]:
         writes = motion.writes & (motion.tool == k)
         along = np.zeros((len(tips), 2))
         rows = np.flatnonzero(writes)
-        ends = network.project(np.repeat(motion.vessel[rows], 2), tips[rows].reshape(-1, 3))[0]
-        along[rows] = ends.reshape(-1, 2)
+        along[rows] = network.spans(motion.vessel[rows], tips[rows, 0], tips[rows, 1])[0]
         found.append(Head(tips, passes_of(tips, writes), along))
     return found
 

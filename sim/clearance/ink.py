@@ -34,8 +34,7 @@ def ink_of(
     part = pieces.of_rows(chosen)
     start, end, run, arc = _written(motion, heads, part)
     vessel = motion.vessel[row]
-    both = network.project(np.concatenate([vessel, vessel]), np.concatenate([start, end]))
-    along, design = (np.column_stack(np.split(one, 2)) for one in both)
+    along, design = network.spans(vessel, start, end)
     share = _share(motion, part, run, vessel, design)
     radius = design * np.sqrt(share)[:, None]
     of_row = np.zeros(len(motion.line))

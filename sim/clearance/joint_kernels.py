@@ -41,12 +41,15 @@ def _between(v: int, w: int, joints: Joints) -> tuple[int, int]:
 
 @jit
 def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: Joints) -> float:
-    """How far inside a joint tip and ink are, mm; below 0 they aren't."""
+    """How far inside a joint, or not yet written, the ink is, mm; below 0 it isn't."""
     best, w = -np.inf, ink.vessel[j]
-    if w < 0:
-        if tips.run[i] >= 0 and tips.run[i] == ink.run[j]:
-            behind = _mixed(tips.arc[i], s) - _mixed(ink.arc[j], t)
+    if tips.run[i] >= 0 and tips.run[i] == ink.run[j]:
+        behind = _mixed(tips.arc[i], s) - _mixed(ink.arc[j], t)
+        if ink.when[j] == tips.when[i]:  # what the tip hasn't come to yet isn't written
+            best = -behind
+        if w < 0:
             best = _reach(i, j, LEFT, tips, ink, joints) - behind
+    if w < 0:
         return float(best)
     place = _mixed(ink.along[j], t)
     for role in range(2):
@@ -73,6 +76,8 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
 def related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
     """Whether any rule of joints may concern this motion and this ink."""
     w = ink.vessel[j]
+    if ink.when[j] == tips.when[i]:
+        return True
     for role in range(2):
         v, since = tips.vessel[i, role], min(tips.since[i, role, 0], tips.since[i, role, 1])
         if since > _reach(i, j, role, tips, ink, joints):

@@ -15,7 +15,7 @@ from sim.clearance.overlaps import Overlaps, overlaps_of
 
 FloatArray = NDArray[np.float64]
 
-_GRAIN_MM: Final = 0.1
+_GRAIN_MM: Final = 0.05
 """Overlapping places that lie so near to each other along both vessels are kept once."""
 
 

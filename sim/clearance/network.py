@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from sim.errors import ClearanceError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+_AT_END_MM: Final = 0.01
+"""So near to its end a place on a closed vessel may as well lie at the other one."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,28 @@ class WrittenNetwork:
     def lengths(self) -> FloatArray:
         """Of each vessel, (v,), mm."""
         return self.arc[self.offset[1:] - 1]
+
+    def spans(
+        self, vessel: IntArray, start: FloatArray, end: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Way along their vessels, and radius there, (n, 2) mm, of straight rows' two ends.
+
+        Where a vessel comes back to its first point a row has the side on which it lies.
+        """
+        both = self.project(np.concatenate([vessel, vessel]), np.concatenate([start, end]))
+        along, radius = (np.column_stack(np.split(one, 2)) for one in both)
+        whole = np.where(vessel >= 0, self.lengths[vessel], 0.0) if len(self.lengths) else 0.0
+        for k in (0, 1):
+            closing = (whole > 0) & (np.minimum(along[:, k], whole - along[:, k]) < _AT_END_MM)
+            other, at = np.where(along[:, k] < whole / 2, whole, 0.0), along[:, 1 - k]
+            turned = closing & self._closed[vessel] & (np.abs(along[:, k] - at) > whole / 2)
+            along[:, k] = np.where(turned & (at != other), other, along[:, k])
+        return along, radius
+
+    @cached_property
+    def _closed(self) -> NDArray[np.bool_]:
+        """Vessels that end where they begin, (v,); one more for none."""
+        return np.append(self.vessel_nodes[:, 0] == self.vessel_nodes[:, 1], False)
 
     def project(self, vessel: IntArray, place: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Nearest place along a vessel's axis, and the radius there.

@@ -21,7 +21,10 @@ TURN: Final = 0.7
 """Of the way along the vessels, the gap between two places: below it the way has turned by more
 than a right angle, or forks at less. A thick vessel's own way ahead is near, too."""
 FINEST_MM: Final = 0.05
-COARSEST_MM: Final = 0.2
+COARSEST_MM: Final = 0.1
+BORDER_MM: Final = 0.1
+"""An overlap that ends so little inside a joint goes on beyond it: filaments that part just there
+are no place for a needle either, and a spot more or less mustn't decide."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class _Spots:
 
 
 def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float) -> Overlaps:
-    """Find where filaments overlap further from their common nodes than a joint reaches.
+    """Find where filaments overlap as far from their common nodes as a joint reaches, or further.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
     thick = np.maximum(spots.radius[one], spots.radius[other])
     deep = thin + thick - gap
     reach = np.sqrt(2.0) * (radius_mm + thick) + overlap_radii * thick
-    way, joined = _through_nodes(network, spots, one, other, reach)
+    way, joined = _through_nodes(network, spots, one, other, reach - BORDER_MM)
     found = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
     pair = np.column_stack([one, other])[found]
     order = np.argsort(spots.vessel[pair], axis=1, kind="stable")

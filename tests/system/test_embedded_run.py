@@ -32,9 +32,5 @@ def test_shipped_phantom(tmp_path: Path) -> None:
 def test_real_gyrus(tmp_path: Path) -> None:
     """Its slab is thinner than the phantom's: the smallest lumen is 0.25 mm, not 0.3."""
     tissue = {"=": "replace", "mesh": str(GYRUS), "unit": "mm"}
-    changes = {
-        "tissue": tissue,
-        "vasculature": {"smallest_diameter_mm": 0.25},
-        "toolpath": {"allowed_crossings": 24},
-    }
+    changes = {"tissue": tissue, "vasculature": {"smallest_diameter_mm": 0.25}}
     _run(recipe_file(tmp_path, "cortex_embedded", name="gyrus_embedded", **changes), tmp_path)

@@ -37,7 +37,7 @@ from printctl.preflight import (
     of_each_head,
     read_written,
     refuse_failed,
-    shaft_check,
+    shaft_checks,
     shaft_clearance,
     step_checks,
     syringe_checks,
@@ -136,12 +136,12 @@ def shaft(context: RunContext, run: DryRun) -> Clearance | None:
     return shaft_clearance(run, context.printer, loads, written)
 
 
-def shaft_checks(context: RunContext, found: Clearance | None) -> list[Check]:
+def allowed_shaft(context: RunContext, found: Clearance | None) -> list[Check]:
     """What the recipe allows of it."""
     part = context.recipe.toolpath
     if found is None or isinstance(part, Fresh):
         return []
-    return [shaft_check(found, part.allowed_crossings)]
+    return shaft_checks(found, part.allowed_crossings)
 
 
 def shaft_facts(found: Clearance | None) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     time = PrintTime(run.duration_s, len(reload_at), care.reload_min)
     budget = shortest_budget(context)
     clearance = shaft(context, run)
-    checks += [*viability_checks(time, budget), *shaft_checks(context, clearance)]
+    checks += [*viability_checks(time, budget), *allowed_shaft(context, clearance)]
     summary = {
         "duration_s": run.duration_s,
         **viability_facts(time, budget),

@@ -32,33 +32,64 @@ def samples(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linspace(a, b, count)
 
 
-def nearest(moves: list[dict], needle: NeedleBody, overlap: float) -> list[float]:
-    """Nearest approach of each move: dicts of start, end, radius (0: a travel), vessel, nodes."""
+def overlapping(one: dict, other: dict, needle: NeedleBody, overlap: float, radius: float):
+    """Arcs along two straight vessels, and which pairs of places are one body in the design."""
+    if one["vessel"] == other["vessel"]:
+        return None
+    (a, p), (b, q) = (
+        (places, np.linalg.norm(places - places[0], axis=1))
+        for places in (samples(*one["axis"]), samples(*other["axis"]))
+    )
+    gap = np.linalg.norm(a[:, None] - b[None], axis=2)
+    reach = np.sqrt(2) * (needle.radius_mm + radius) + overlap * radius
+    found = gap <= 2 * radius - radius / 4
+    for node in one["nodes"] & other["nodes"]:
+        ways = [np.linalg.norm(places - node, axis=1) for places in (a, b)]
+        found &= np.maximum(ways[0][:, None], ways[1][None]) > reach - 0.1
+        found &= gap < 0.7 * (ways[0][:, None] + ways[1][None])
+    return p, q, found
+
+
+def spared_by(move: dict, one: dict, tips: np.ndarray, reach: float, overlaps) -> np.ndarray:
+    """Which ink of a straight vessel (columns) belongs to the joint of which tip (rows)."""
+    arc = np.linalg.norm(tips - move["axis"][0], axis=1) if move["radius"] else np.zeros(len(tips))
+    spared = np.zeros((len(tips), len(one["at"])), bool)
+    if one["vessel"] == move["vessel"]:
+        behind = arc[:, None] - one["arc"][None]
+        spared |= behind <= reach  # what lies ahead isn't there yet
+    for node in move["nodes"] & one["nodes"]:
+        own = np.abs(arc - np.linalg.norm(move["axis"][0] - node)) <= reach
+        spared |= own[:, None] & (np.linalg.norm(one["at"] - node, axis=1)[None] <= reach)
+    if overlaps is not None:
+        p, q, found = overlaps
+        near = (np.abs(arc[:, None] - p[None]) <= reach) @ found
+        spared |= near @ (np.abs(one["arc"][None] - q[:, None]) <= reach)
+    return spared
+
+
+def nearest(moves: list[dict], needle: NeedleBody, overlap: float, design: float) -> list[float]:
+    """Nearest approach of each move.
+
+    Dicts of start, end, radius (0: a travel), beside (radius that is gone to), vessel, its axis and
+    its nodes (none for a travel that goes to no vessel).
+    """
     ink: list[dict] = []
     found = []
-    for k, move in enumerate(moves):
-        tips = samples(move["start"], move["end"])
-        best = np.inf
-        pending = []
+    for move in moves:
+        tips, best = samples(move["start"], move["end"]), np.inf
         if move["radius"]:
             arc = np.linalg.norm(tips - move["start"], axis=1)
-            pending = [{**move, "at": tips, "arc": arc, "pass": k}]
-        for one in ink + pending:
-            spots, radius = one["at"], max(one["radius"], move["radius"], move["beside"])
-            reach = np.sqrt(2) * (needle.room_mm + radius) + overlap * radius
-            flat = tips[:, None, :] - spots[None]
+            ink.append({**move, "at": tips, "arc": arc})
+        for one in ink:
+            radius = max(one["radius"], move["radius"], move["beside"])
+            reach = np.sqrt(2) * (needle.radius_mm + radius) + overlap * radius
+            flat = tips[:, None, :] - one["at"][None]
             rho, z = np.hypot(flat[..., 0], flat[..., 1]), -flat[..., 2]
-            spared = np.zeros(rho.shape, bool)
-            if move["radius"] and one["pass"] == k:
-                spared |= pending[0]["arc"][:, None] - one["arc"][None] <= reach
-            for node in move["nodes"] & one["nodes"]:
-                down = tips - node
-                down[:, 2] = np.minimum(down[:, 2], 0)
-                close = np.linalg.norm(down, axis=1)[:, None] <= reach
-                spared |= close & (np.linalg.norm(spots - node, axis=1)[None] <= reach)
-            near = (rho < needle.radius_mm + radius + 1.2) & (z > -1.5) & ~spared
+            near = (rho < needle.radius_mm + radius + 1.2) & (z > -1.5)
+            if near.any() and move["nodes"]:
+                overlaps = overlapping(move, one, needle, overlap, design)
+                near &= ~spared_by(move, one, tips, reach, overlaps)
             if near.any():
                 best = min(best, (signed(rho[near], z[near], needle) - one["radius"]).min())
-        ink += pending
         found.append(float(best))
     return found

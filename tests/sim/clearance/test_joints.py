@@ -50,8 +50,8 @@ def test_a_vessel_cut_at_its_top_is_closed_from_both_sides():
 
 def test_a_vessel_cut_too_low_is_flagged():
     job = Job()
-    job.along(ARCH[:41], 0)
-    last = job.along(ARCH[:39:-1], 0)[-1]
+    job.along(ARCH[:38], 0)
+    last = job.along(ARCH[:36:-1], 0)[-1]
     found = job.check(network(ARCH)).crossings
     assert found == ()  # both tips meet; nothing lies above the lower one but the joint
     job = Job()
@@ -86,15 +86,46 @@ def test_a_stem_under_branches_that_are_there_is_flagged():
 
 
 def test_the_same_lines_without_a_shared_node_cross():
-    left, right = [(99.9, 100, 7), (96, 98, 8)], [(100.1, 100, 7), (104, 98, 8)]
+    left, right = [(99.865, 100, 7), (96, 98, 8)], [(100.135, 100, 7), (104, 98, 8)]
     job = Job()
     job.along(left, 0)
     job.along(right, 1)
-    assert {(one.vessel, one.crossed) for one in job.check(network(left, right)).crossings} == {
-        (1, 0)
-    }
-    near = [(99.9, 100, 7), (100.1, 100, 7)]  # a short vessel joins their ends
-    assert job.check(network(left, right, near)).crossings == ()
+    found = job.check(network(left, right))
+    assert {(one.vessel, one.crossed) for one in found.crossings} == {(1, 0)}
+    assert found.crossings[0].depth_mm == pytest.approx(0.155 + RADIUS - 0.27, abs=0.003)
+    near = [(99.865, 100, 7), (100.135, 100, 7)]  # a short vessel between them is no node of both
+    assert job.check(network(left, right, near)).pairs == 1
+
+
+def test_where_the_network_overlaps_itself_the_shaft_passes_and_it_is_told():
+    high, low = [(95, 100, 7), (105, 100, 7)], [(100, 95, 6.8), (100, 105, 6.8)]
+    apart = [(100, 95, 6.7), (100, 105, 6.7)]  # they touch, and are two all the same
+    for under, overlaps in ((low, 1), (apart, 0)):
+        job = Job()
+        job.along(high, 0)
+        job.along(under, 1)
+        found = job.check(network(high, under))
+        assert (found.pairs, len(found.overlaps)) == (1 - overlaps, overlaps)
+    job = Job()
+    job.along(high, 0)
+    job.along(low, 1)
+    (told,) = job.check(network(high, low)).overlaps
+    assert (told.vessel, told.other) == (0, 1)
+    assert told.overlap_mm == pytest.approx(2 * RADIUS - 0.2, abs=0.01)
+    assert told.place_mm == pytest.approx((100, 100, 7), abs=0.1)
+    job.over(101, 97, 6)
+    line = job.write(101, 103, 6, 1)  # a millimetre beside the place
+    assert [one.line for one in job.check(network(high, low)).crossings] == [line]
+
+
+def test_an_overlap_of_a_helix_with_itself_is_one_body():
+    turn = np.linspace(0, 3 * np.pi, 90)
+    tight = np.column_stack([100 + np.cos(turn), 100 + np.sin(turn), 5 + 0.2 / 6.28 * turn])
+    job = Job()
+    job.along(tight[::-1], 0)  # from above, each turn below what is written
+    found = job.check(network(tight))
+    assert found.crossings == ()
+    assert [(one.vessel, one.other) for one in found.overlaps] == [(0, 0)]
 
 
 def test_a_lift_at_a_passes_end_is_judged_like_the_write_there():
