@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
 from design.toolpath.fresh import FreshOptions
@@ -61,8 +62,8 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     return Printability(lumen, min(held, filled), filament.smallest_wall_mm(lumen / 2), says)
 
 
-def needle_options(needle: Needle) -> dict[str, float]:
-    """A needle's measures as `EmbeddedOptions` calls them."""
+def needle_options(needle: Needle) -> dict[str, Any]:
+    """A needle's measures as `EmbeddedOptions` calls them, mm."""
     return {
         "needle_inner_mm": needle.inner_mm,
         "needle_outer_mm": needle.outer_mm,
