@@ -99,7 +99,9 @@ def _crossings(
     # A travel belongs to the pass that it leads to, a lift to the one that it follows.
     rises = ~writes & (moves.end[bad.move, 2] > moves.start[bad.move, 2])
     at = np.clip(first - rises, 0, len(ink.stroke) - 1)
-    ways = np.stack([moves.start[bad.move], moves.end[bad.move]], axis=1)
+    share = np.linspace(0.0, 1.0, 33)[:, None, None]
+    start, end = moves.start[bad.move], moves.end[bad.move]
+    ways = (start + share * (end - start)).transpose(1, 0, 2)
     own = [
         overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
         for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)

@@ -28,14 +28,14 @@ class WeakJoint:
 
 
 class Brushed(NamedTuple):
-    """An overlap that the shaft meets while a later element is written.
+    """An overlap that the shaft meets while a later element is written, or ink met from one.
 
     Attributes
     ----------
     element : int
-        The later one.
+        The later one, or that which the overlap goes on from.
     end : int
-        The element that the overlap goes on from.
+        The earlier one: that which the overlap goes on from, or ink.
     entered : bool
         Whether the needle itself meets it, or its clearance only.
     """

@@ -19,7 +19,6 @@ from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares
-from design.toolpath.toolpath import IntArray
 
 PARTS = (1.0, 0.5, 0.25)
 """Of an overlap that are tried, the longest first."""
@@ -36,11 +35,11 @@ class _End:
 
 @dataclass(frozen=True)
 class _Extended:
-    """An end carried on: elements written before that bar it, and later ones that brush it."""
+    """An end carried on: the ink that its shaft meets, and later elements whose shaft meets it."""
 
     end: _End
     extension: Extension
-    barred_by: IntArray
+    barred: list[Brushed]
     brushed: list[Brushed]
 
     @property
@@ -50,12 +49,12 @@ class _Extended:
 
     @property
     def free(self) -> bool:
-        return not len(self.barred_by) and not self.brushed
+        return not self.barred and not self.brushed
 
     @property
     def harmless(self) -> bool:
-        """Whether later passes come no nearer than the needle itself needs."""
-        return not len(self.barred_by) and not any(one.entered for one in self.brushed)
+        """Whether needle and ink come no nearer than the needle itself needs."""
+        return not any(one.entered for one in self.barred + self.brushed)
 
 
 class Joiner:
@@ -168,12 +167,20 @@ class _Round:
             self._radius(element),
             int(elements.vessel[element]),
             float(elements.arc[element] + (elements.length[element] if head == point else 0.0)),
+            1 if head == point else -1,
         )
         about = self._when, elements, scene.squares, scene.meetings, scene.needle
         now = end.number + end.last
         bars = barring(extension, now, *about)
-        brushes = barred(extension, now, *about).tolist() if not len(bars) else []
-        return _Extended(end, extension, bars, [self._brushed(k, end, extension) for k in brushes])
+        bare = (*about[:-1], scene.needle.bare())
+        entered = set(barring(extension, now, *bare).tolist()) if len(bars) else set()
+        brushes = barred(extension, now, *about).tolist() if not entered else []
+        return _Extended(
+            end,
+            extension,
+            [Brushed(element, k, k in entered) for k in bars.tolist()],
+            [self._brushed(k, end, extension) for k in brushes],
+        )
 
     def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
         scene = self._scene
@@ -197,12 +204,12 @@ class _Round:
 
     def _least_brushed(self, whole: list[_Extended]) -> _Extended | None:
         """The one that fewest later elements brush, of those that nothing bars."""
-        open_to = [one for one in whole if not len(one.barred_by)]
+        open_to = [one for one in whole if not any(bar.entered for bar in one.barred)]
         return min(open_to, key=lambda one: len(one.brushed), default=None)
 
     def _wish(self, one: _Extended, later: int) -> None:
         """What would have to be written in another order."""
-        self._out.wishes += [(later, int(k)) for k in one.barred_by]
+        self._out.wishes += [(later, bar.end) for bar in one.barred]
         self._out.wishes += [(brush.element, brush.end) for brush in one.brushed]
 
     def _keep(self, one: _Extended) -> None:
@@ -210,4 +217,4 @@ class _Round:
         far = out.beyond if end.last else out.before
         far[end.number] = max(far[end.number], one.length)
         out.overlapped += 1
-        out.brushed += one.brushed
+        out.brushed += one.barred + one.brushed

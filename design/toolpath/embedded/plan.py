@@ -55,7 +55,7 @@ class Scene:
     def of(network: VesselNetwork, heads: EmbeddedHeads) -> Scene:
         """Cut the vessels, and find where they meet."""
         needle = Needle(
-            heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
+            *heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
         )
         # Half the radius that is kept free: then three places along an element tell of all of it.
         elements = elements_of(network, heads.tip_mm / 2)

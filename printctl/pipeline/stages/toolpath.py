@@ -42,6 +42,7 @@ from printctl.pipeline.compensated import (
 from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
@@ -157,8 +158,7 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
 def embedded_options(part: Embedded, filled: Filled) -> EmbeddedOptions:
     """The planner's choices for a head, by its needle and ink."""
     return EmbeddedOptions(
-        needle_inner_mm=filled.needle.inner_mm,
-        needle_outer_mm=filled.needle.outer_mm,
+        **needle_options(filled.needle),
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,

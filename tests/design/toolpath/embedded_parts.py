@@ -25,8 +25,10 @@ class Parts(NamedTuple):
 
 
 def parts_of(net: VesselNetwork, options: EmbeddedOptions, longest_mm: float = 0.1) -> Parts:
+    bare = options.tip_mm - options.clearance_mm
     needle = Needle(
-        options.tip_mm - options.clearance_mm,
+        bare,
+        bare,
         options.tip_mm,
         options.shaft_mm,
         options.cone_mm,
