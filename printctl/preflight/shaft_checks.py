@@ -29,19 +29,27 @@ def shaft_clearance(
     ClearanceError
         When map and G-code aren't of one job.
     """
-    planned = written.needle_outer_mm
+    planned = written.needles_mm
     bodies = [
-        _body(load.needle, float(planned[min(k, len(planned) - 1)]), written.clearance_mm)
+        _body(load.needle, planned[min(k, len(planned) - 1)], written.clearance_mm)
         for k, load in enumerate(loads)
     ]
     motion = motion_of(run, written.sources, volumes(run, printer, loads))
     return check_clearance(motion, written.network, bodies, written.overlap_radii)
 
 
-def _body(needle: Needle | None, planned_mm: float, clearance_mm: float) -> NeedleBody:
+def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) -> NeedleBody:
+    """The mounted needle, or the planned one: its outer diameter, its tip's, its cone's height."""
     if needle is None:
-        return NeedleBody(planned_mm / 2, clearance_mm=clearance_mm)
-    return NeedleBody(needle.outer_mm / 2, length_mm=needle.length_mm, clearance_mm=clearance_mm)
+        outer, tip, cone = planned_mm.tolist()
+        return NeedleBody(outer / 2, tip / 2, cone, clearance_mm=clearance_mm)
+    return NeedleBody(
+        needle.outer_mm / 2,
+        (needle.tip_outer_mm or needle.outer_mm) / 2,
+        needle.cone_mm or 0.0,
+        needle.length_mm,
+        clearance_mm=clearance_mm,
+    )
 
 
 def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArray:

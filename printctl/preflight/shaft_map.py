@@ -33,15 +33,16 @@ class Written:
         Of joints.
     clearance_mm : float, mm
         That the plan keeps.
-    needle_outer_mm : (heads,) float64, mm
-        Outer diameters for which it was planned.
+    needles_mm : (heads, 3) float64, mm
+        For which it was planned: outer diameter of the shaft and of the tip, height of the cone
+        between them.
     """
 
     sources: LineSources
     network: WrittenNetwork
     overlap_radii: float
     clearance_mm: float
-    needle_outer_mm: FloatArray
+    needles_mm: FloatArray
 
 
 def written_arrays(
@@ -49,7 +50,7 @@ def written_arrays(
     place_mm: FloatArray,
     overlap_radii: float,
     clearance_mm: float,
-    needle_outer_mm: Sequence[float],
+    needles_mm: Sequence[tuple[float, float, float]],
 ) -> dict[str, NDArray[Any]]:
     """What the map of an embedded job is to hold, so that its file can be checked by itself.
 
@@ -59,7 +60,7 @@ def written_arrays(
         As it is written, in the part's frame.
     place_mm : (3,) float64, mm
         From there to the printer's.
-    overlap_radii, clearance_mm, needle_outer_mm
+    overlap_radii, clearance_mm, needles_mm
         As in `Written`.
     """
     return {
@@ -67,7 +68,7 @@ def written_arrays(
         "place_mm": np.asarray(place_mm, dtype=np.float64),
         "overlap_radii": np.array(overlap_radii),
         "clearance_mm": np.array(clearance_mm),
-        "needle_outer_mm": np.asarray(needle_outer_mm, dtype=np.float64),
+        "needles_mm": np.asarray(needles_mm, dtype=np.float64),
     }
 
 
@@ -102,5 +103,5 @@ def _written(data: Mapping[str, NDArray[Any]]) -> Written:
         network.moved(data["place_mm"]),
         float(data["overlap_radii"]),
         float(data["clearance_mm"]),
-        data["needle_outer_mm"].astype(np.float64),
+        data["needles_mm"].astype(np.float64),
     )

@@ -5,8 +5,8 @@ the length on which it does. For every move of every needle (writes, travels, li
 head, needles that only ride along) the bare shaft's nearest approach to all ink written before is
 found, exact to `ERROR_MM` (the proof is in `sim.clearance.pair_kernels`).
 
-Left out is only the joint meant, of the reach J = sqrt(2) (R + r) + overlap: R the bare shaft's
-radius (the widest needle's), r the larger filament's. Ink is a joint's
+Left out is only the joint meant, of the reach J = sqrt(2) (R + r) + overlap: R the bare radius of
+the thinnest needle's tip, r the larger filament's. Ink is a joint's
 
 - of the vessel being written, within J along it of the tip's place;
 - within J of a node along its vessel, the tip within J of it along its own: vessels that end there;
@@ -76,9 +76,9 @@ def check_clearance(
     pieces, heads = Pieces.of(motion.length_mm), heads_of(motion, network)
     ink, radius = ink_of(motion, network, heads, pieces)
     tips, row, head = tips_of(motion, heads, pieces, radius)
-    bare = max(needle.radius_mm for needle in needles)
+    tip = min(needle.tip_mm for needle in needles)
     clearance = max(needle.clearance_mm for needle in needles)
-    joints, overlaps = joints_of(network, bare, overlap_radii)
+    joints, overlaps = joints_of(network, tip, overlap_radii)
     found = _searched(tips, ink, joints, needles, look_mm, clearance, len(row))
     return Looked(motion, heads, pieces, tips, ink, row, head).clearance(
         *found, overlaps, clearance

@@ -1,7 +1,7 @@
 """Kernels: whether ink belongs to the joint at which a needle writes, or that it comes from or to.
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
-vessels meet (`sim.clearance.joints`): R the bare shaft's radius, r the larger filament's.
+vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's.
 """
 
 from __future__ import annotations

@@ -69,6 +69,11 @@ class NeedleBody:
         return self.radius_mm + self.clearance_mm
 
     @property
+    def tip_mm(self) -> float:
+        """Outer radius at the tip, mm."""
+        return self.radius_mm if self.tip_radius_mm is None else self.tip_radius_mm
+
+    @property
     def widest_mm(self) -> float:
         """Largest radius anywhere, mm."""
         return self.radius_mm if self.hub_radius_mm is None else self.hub_radius_mm

@@ -255,7 +255,10 @@ def written_beside(context: RunContext) -> dict[str, NDArray[Any]]:
         context.place_mm,
         max(one.overlap_radii for one in heads),
         max(one.clearance_mm for one in heads),
-        [one.needle_outer_mm for one in heads],
+        [
+            (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
+            for one in heads
+        ],
     )
 
 

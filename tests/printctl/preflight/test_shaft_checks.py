@@ -62,7 +62,7 @@ def job(folder: Path, *order: int, needle_mm: float = 0.31) -> Path:
         PLACE,
         GcodeOptions(start_mm=START),
     )
-    beside = written_arrays(NETWORK, np.array(PLACE), 0.5, 0.05, [needle_mm])
+    beside = written_arrays(NETWORK, np.array(PLACE), 0.5, 0.05, [(needle_mm, needle_mm, 0.0)])
     save_gcode(path, path.with_suffix(".map.npz"), [made], beside)
     return path
 

@@ -41,7 +41,7 @@ def overlapping(one: dict, other: dict, needle: NeedleBody, overlap: float, radi
         for places in (samples(*one["axis"]), samples(*other["axis"]))
     )
     gap = np.linalg.norm(a[:, None] - b[None], axis=2)
-    reach = np.sqrt(2) * (needle.radius_mm + radius) + overlap * radius
+    reach = np.sqrt(2) * (needle.tip_mm + radius) + overlap * radius
     found = gap <= 2 * radius - radius / 4
     for node in one["nodes"] & other["nodes"]:
         ways = [np.linalg.norm(places - node, axis=1) for places in (a, b)]
@@ -82,7 +82,7 @@ def nearest(moves: list[dict], needle: NeedleBody, overlap: float, design: float
             ink.append({**move, "at": tips, "arc": arc})
         for one in ink:
             radius = max(one["radius"], move["radius"], move["beside"])
-            reach = np.sqrt(2) * (needle.radius_mm + radius) + overlap * radius
+            reach = np.sqrt(2) * (needle.tip_mm + radius) + overlap * radius
             flat = tips[:, None, :] - one["at"][None]
             rho, z = np.hypot(flat[..., 0], flat[..., 1]), -flat[..., 2]
             near = (rho < needle.radius_mm + radius + 1.2) & (z > -1.5)
