@@ -28,6 +28,7 @@ from printctl.cli.set_up_options import (
     NeedleOption,
     set_up,
 )
+from printctl.cli.shaft_file import file_shaft
 from printctl.preflight import file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
 
@@ -54,7 +55,8 @@ def simulate(
     given = Mounted(needle, bath, dish, dish_centre, bath_depth)
     mounted = set_up(profile, syringe, ink, tip, given)
     run = dry_run(read_gcode_file(file), profile, tip)
-    checks = file_checks(run, mounted)
+    shaft = file_shaft(file, run, mounted)
+    checks = [*file_checks(run, mounted), *shaft.checks]
     if as_json:
         print_json(
             {
@@ -65,12 +67,14 @@ def simulate(
                 "merged_moves": run.merged_moves,
                 "passed": not any(check.refuses for check in checks),
                 "checks": [check.as_dict() for check in checks],
+                **shaft.facts(),
             }
         )
     else:
         print_lines(
             f"{run.duration_s:.2f} s on {profile.name}, {len(run.executed)} blocks, "
             f"{run.merged_moves} moves merged by the firmware",
+            *shaft.lines(),
             *(check.row() for check in checks),
         )
         for text in warnings(checks):

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.files import replacing
 from design.toolpath.gcode.job import Gcode
 
 
-def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
+def save_gcode(
+    path: Path,
+    map_path: Path,
+    parts: Iterable[Gcode],
+    beside: Mapping[str, NDArray[Any]] | None = None,
+) -> int:
     """Write the parts of a job to ``path`` one by one, then their map; return the command count.
 
-    The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`, and
-    ``source_kind``. Neither file takes its name before all parts are written.
+    The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`,
+    ``source_kind``, and what is given as ``beside``. Neither file takes its name before all parts
+    are written.
 
     Raises
     ------
@@ -34,11 +42,12 @@ def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode]) -> int:
                 kind.append(part.line_kind.astype(np.int8))
                 counts = part.source_kind
         with map_draft.open("wb") as handle:
-            np.savez(
-                handle,
-                source=np.concatenate(source),
-                move=np.concatenate(move),
-                kind=np.concatenate(kind),
-                source_kind=np.array(counts),
-            )
+            arrays: dict[str, Any] = {
+                "source": np.concatenate(source),
+                "move": np.concatenate(move),
+                "kind": np.concatenate(kind),
+                "source_kind": np.array(counts),
+                **(beside or {}),
+            }
+            np.savez(handle, **arrays)
     return lines

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
+from numpy.typing import NDArray
+
 from design.toolpath import Toolpath
 from design.toolpath.embedded import (
     EmbeddedHeads,
@@ -44,6 +46,7 @@ from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
+from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 
@@ -228,6 +231,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         context.folder / GCODE,
         context.folder / LINE_MAP,
         stream_gcode(count.along(planned.parts), *machine, planned.top_mm),
+        written_beside(context),
     )
     facts, kept = compensation_facts(context)
     summary = {
@@ -238,6 +242,24 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "plan": plan_facts(planned.report()),
     }
     return summary, [GCODE, LINE_MAP, *kept]
+
+
+def written_beside(context: RunContext) -> dict[str, NDArray[Any]]:
+    """What the map of an embedded job holds besides its lines, for the check of the shaft."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        return {}
+    heads = [embedded_options(part, one) for one in context.loads]
+    return written_arrays(
+        context.written_network,
+        context.place_mm,
+        max(one.overlap_radii for one in heads),
+        max(one.clearance_mm for one in heads),
+        [
+            (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
+            for one in heads
+        ],
+    )
 
 
 def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
