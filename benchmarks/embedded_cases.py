@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ SHARED = Path(
     os.environ.get("PRINTCTL_SHARED_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
 )
 PRINTER, SYRINGE, INK = "generic_marlin", "hamilton_1ml", "gelatin_sacrificial"
+Z_MM_S = float(load(Printer, PRINTER).max_speed_mm_s.z)
 PLACE_MM = (60.0, 60.0, 20.0)
 """Of the network's lowest corner in the printer's frame."""
 
@@ -45,6 +46,8 @@ class Case:
         At most.
     about : str
         How the network came about.
+    names : bool
+        Whether joints may stay open that the plan names.
     slow : bool
         Left out by ``--quick``.
     peer : dict or None
@@ -56,6 +59,7 @@ class Case:
     passes: int | None
     planning_s: float | None
     about: str
+    names: bool = False
     slow: bool = False
     peer: dict[str, Any] | None = None
 
@@ -132,9 +136,14 @@ def lowered(network: VesselNetwork) -> VesselNetwork:
     return network.moved(-(network.points - network.radius[:, None]).min(axis=0))
 
 
-def write(network: VesselNetwork, needle: str, folder: Path, repeats: int) -> Written:
-    """Plan and write; the planning time is the least of ``repeats`` after one to warm up on."""
-    options, took = options_of(needle), []
+def write(
+    network: VesselNetwork, needle: str, folder: Path, repeats: int, z_mm_s: float = Z_MM_S
+) -> Written:
+    """Plan and write; the planning time is the least of ``repeats`` after one to warm up on.
+
+    The printer's z goes at ``z_mm_s``, and lifts near ink, too.
+    """
+    options, took = replace(options_of(needle), lift_speed_mm_s=z_mm_s), []
     if repeats > 1:
         plan_embedded(network, options)
     for _ in range(repeats):
@@ -142,13 +151,15 @@ def write(network: VesselNetwork, needle: str, folder: Path, repeats: int) -> Wr
         plan = plan_embedded(network, options)
         took.append(time.perf_counter() - begun)
     path = folder / "embedded.gcode"
-    path.write_bytes(_gcode(plan.toolpath))
+    path.write_bytes(_gcode(plan.toolpath, z_mm_s))
     syringe, ink = load(Syringe, SYRINGE), load(Ink, INK)
     return Written(path, plan.report, min(took), options, syringe.inner_mm, ink.flow_factor)
 
 
-def _gcode(toolpath: Toolpath) -> bytes:
-    ink = load(Ink, INK)
+def _gcode(toolpath: Toolpath, z_mm_s: float = Z_MM_S) -> bytes:
+    ink, printer = load(Ink, INK), load(Printer, PRINTER)
+    speeds = printer.max_speed_mm_s.model_copy(update={"z": z_mm_s})
+    printer = printer.model_copy(update={"max_speed_mm_s": speeds})
     writer = GcodeOptions(
         start_mm=(100.0, 100.0, 120.0),
         travel_speed_mm_s=20.0,
@@ -156,9 +167,7 @@ def _gcode(toolpath: Toolpath) -> bytes:
         plunger_ul_s=ink.plunger_ul_s,
         flow_factor=ink.flow_factor,
     )
-    return write_gcode(
-        toolpath, load(Printer, PRINTER), load(Syringe, SYRINGE), PLACE_MM, writer
-    ).data
+    return write_gcode(toolpath, printer, load(Syringe, SYRINGE), PLACE_MM, writer).data
 
 
 def warm() -> None:

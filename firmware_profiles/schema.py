@@ -254,16 +254,29 @@ class Printer(Facts):
 
 
 class Needle(Facts):
-    """A blunt needle."""
+    """A blunt needle, or a tapered tip."""
 
-    inner_mm: Annotated[float, Field(gt=0, le=3)]
-    outer_mm: Annotated[float, Field(gt=0, le=5)]
+    inner_mm: Annotated[float, Field(gt=0, le=3)] = Field(description="Bore at the opening.")
+    outer_mm: Annotated[float, Field(gt=0, le=5)] = Field(description="Of the shaft.")
     length_mm: Annotated[float, Field(gt=0, le=200)]
+    tip_outer_mm: Annotated[float, Field(gt=0, le=5)] | None = Field(
+        default=None, description="Of a tapered tip: outside at the opening; with cone_mm."
+    )
+    cone_mm: Annotated[float, Field(gt=0, le=200)] | None = Field(
+        default=None, description="Of a tapered tip: height over which it widens to outer_mm."
+    )
 
     @model_validator(mode="after")
     def _has_a_wall(self) -> Needle:
-        if not self.inner_mm < self.outer_mm:
-            raise ValueError(f"inner {self.inner_mm:g} mm isn't below outer {self.outer_mm:g} mm")
+        if (self.tip_outer_mm is None) != (self.cone_mm is None):
+            raise ValueError("tip_outer_mm and cone_mm describe a tapered tip together: give both")
+        if self.tip_outer_mm is not None and not self.tip_outer_mm <= self.outer_mm:
+            raise ValueError(
+                f"tip_outer_mm {self.tip_outer_mm:g} is above outer_mm {self.outer_mm:g}"
+            )
+        tip = self.tip_outer_mm or self.outer_mm
+        if not self.inner_mm < tip:
+            raise ValueError(f"inner {self.inner_mm:g} mm isn't below outer {tip:g} mm")
         return self
 
 

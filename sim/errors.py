@@ -6,7 +6,8 @@
     ├── GcodeError              G-code that can't be read at all
     ├── ServeError              a port, link or record that can't be served
     ├── DepositError            motion that can't be turned into a deposit
-    └── ScannerError            a scan that can't be simulated as asked
+    ├── ScannerError            a scan that can't be simulated as asked
+    └── ClearanceError          a job whose shaft can't be checked as asked
 
 What is wrong with G-code that *can* be read comes as data (`sim.dryrun.Finding`), because the
 caller decides which finding refuses a print.
@@ -33,3 +34,7 @@ class DepositError(SimError):
 
 class ScannerError(SimError):
     """A scan that can't be simulated as asked."""
+
+
+class ClearanceError(SimError):
+    """A job whose needle's shaft can't be checked against what is written."""

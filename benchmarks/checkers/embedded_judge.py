@@ -17,6 +17,7 @@ from benchmarks.checkers.embedded_axes import Axes, read_axes
 from benchmarks.checkers.embedded_ink import BIN_MM, Ink, overlap_ul, written_ink
 from benchmarks.checkers.embedded_joints import cuts_of, joints_of, open_joints, pass_ends
 from benchmarks.checkers.embedded_moves import Moves, read_embedded
+from benchmarks.checkers.embedded_overlaps import overlaps_near
 from benchmarks.checkers.embedded_shaft import Bad, bad_moves
 
 FloatArray = NDArray[np.float64]
@@ -57,8 +58,9 @@ def judge(
     Returns
     -------
     dict
-        ``bad_moves``, ``bad_passes``, ``joints``, ``joints_open``, ``cuts``, ``cuts_open``,
-        ``passes``, speeds, volumes, times; ``bad`` and ``open`` name them (line, vessels, place
+        ``bad_moves``, ``bad_moves_elsewhere`` than where the network overlaps itself,
+        ``bad_passes``, ``joints``, ``joints_open``, ``cuts``, ``cuts_open``, ``passes``, speeds,
+        volumes, times; ``bad`` and ``open`` name them (line, vessels, place
         in the network's frame).
     """
     axes = read_axes(Path(network_csv_path), scale)
@@ -72,7 +74,7 @@ def judge(
     unclosed, joints = open_joints(joints_of(axes), axes, moves, ink)
     uncut, cut = open_joints(cuts, axes, moves, ink)
     return {
-        **_crossings(bad, moves, ink, named),
+        **_crossings(bad, moves, ink, axes, needle_outer_mm, named),
         "joints": joints,
         "joints_open": len(unclosed),
         "cuts": cut,
@@ -89,15 +91,25 @@ def _moved(moves: Moves, place: FloatArray) -> Moves:
     )
 
 
-def _crossings(bad: Bad, moves: Moves, ink: Ink, named: int) -> dict[str, Any]:
+def _crossings(
+    bad: Bad, moves: Moves, ink: Ink, axes: Axes, needle_outer_mm: float, named: int
+) -> dict[str, Any]:
     first = np.searchsorted(ink.move, bad.move)
     writes = moves.writes[bad.move]
     # A travel belongs to the pass that it leads to, a lift to the one that it follows.
     rises = ~writes & (moves.end[bad.move, 2] > moves.start[bad.move, 2])
     at = np.clip(first - rises, 0, len(ink.stroke) - 1)
-    deepest = np.argsort(-bad.depth_mm, kind="stable")[:named]
+    share = np.linspace(0.0, 1.0, 33)[:, None, None]
+    start, end = moves.start[bad.move], moves.end[bad.move]
+    ways = (start + share * (end - start)).transpose(1, 0, 2)
+    own = [
+        overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
+        for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)
+    ]
+    deepest = np.lexsort((-bad.depth_mm, own))[:named]
     return {
         "bad_moves": len(bad.move),
+        "bad_moves_elsewhere": len(own) - sum(own),
         "bad_writing": int(writes.sum()),
         "bad_travels": int((~writes).sum()),
         "bad_passes": len(np.unique(ink.stroke[at])),
@@ -108,6 +120,7 @@ def _crossings(bad: Bad, moves: Moves, ink: Ink, named: int) -> dict[str, Any]:
                 "vessel": int(ink.vessel[at[k]]),
                 "through": int(bad.through[k]),
                 "depth_mm": round(float(bad.depth_mm[k]), 4),
+                "at_own_overlap": own[k],
                 "at_mm": np.round(moves.end[bad.move[k]], 3).tolist(),
             }
             for k in sorted(deepest)

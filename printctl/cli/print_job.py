@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +31,7 @@ from printctl.cli.options import (
     three_numbers,
 )
 from printctl.cli.set_up_options import (
+    AcceptCrossingsFlag,
     BathDepthOption,
     BathOption,
     DishCentreOption,
@@ -41,6 +42,8 @@ from printctl.cli.set_up_options import (
     of_each,
     set_up,
 )
+from printctl.cli.shaft_file import file_shaft
+from printctl.link.care import Care
 from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
@@ -98,6 +101,7 @@ def print_job(
     deadman_stops: DeadmanStopsFlag = False,
     prime_ul: PrimeOption = 0.0,
     reload: ReloadFlag = False,
+    accept_crossings: AcceptCrossingsFlag = False,
     yes: YesFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -120,26 +124,44 @@ def print_job(
     if running(order) is None:
         mounted = Mounted(needle, bath, dish, dish_centre, bath_depth)
         set_for = set_up(profile, syringe, ink, tip, mounted)
-        at, heads = _check(file, set_for, tip, usable, reload)
-        order = replace(order, care=replace(care, reload_at=at, reload_heads=heads))
+        care = _check(file, set_for, tip, Chosen(care, usable, reload, accept_crossings))
+        order = replace(order, care=care)
     _tell(_print(order, profile, tip, yes), place, as_json)
 
 
-def _check(
-    file: Path,
-    mounted: SetUp,
-    tip: tuple[float, float, float],
-    usable: Sequence[float],
-    reload: bool,
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Check the file before the first byte; where a syringe must be changed, and whose."""
+@dataclass(frozen=True)
+class Chosen:
+    """What the user chose of what the checks may refuse.
+
+    Attributes
+    ----------
+    care : Care
+    usable : sequence of float, mm
+        Plunger travel of each head's syringe.
+    reload, accept_crossings : bool
+    """
+
+    care: Care
+    usable: Sequence[float]
+    reload: bool
+    accept_crossings: bool
+
+
+def _check(file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: Chosen) -> Care:
+    """Check the file before the first byte; the care with what follows from it.
+
+    That is: where a syringe must be changed and whose, and what failed and was accepted.
+    """
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
     job = load_job(file, mounted.printer.max_line_bytes)
-    checks, at, heads = with_reloads_of(file_checks(run, mounted), job, usable, wanted=reload)
+    shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)
+    checks, at, heads = with_reloads_of(
+        [*file_checks(run, mounted), *shaft.checks], job, chosen.usable, wanted=chosen.reload
+    )
     refuse_failed(checks)
     for text in warnings(checks):
         messages().print(f"note: {text}", markup=False)
-    return at, heads
+    return replace(chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted)
 
 
 def _print(

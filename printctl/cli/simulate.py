@@ -29,6 +29,7 @@ from printctl.cli.set_up_options import (
     NeedleOption,
     set_up,
 )
+from printctl.cli.shaft_file import file_shaft
 from printctl.cli.simulate_bead import BeadSaid, predicted, tell
 from printctl.preflight import file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
@@ -65,7 +66,8 @@ def simulate(
     mounted = set_up(profile, syringe, ink, tip, given)
     gcode = read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
-    checks = file_checks(run, mounted)
+    shaft = file_shaft(file, run, mounted)
+    checks = [*file_checks(run, mounted), *shaft.checks]
     said = BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
     bead = predicted(file, gcode, run, mounted, said) if said.asks else None
     if as_json:
@@ -79,12 +81,14 @@ def simulate(
                 "passed": not any(check.refuses for check in checks),
                 "checks": [check.as_dict() for check in checks],
                 **({} if bead is None else {"predicted": bead}),
+                **shaft.facts(),
             }
         )
     else:
         print_lines(
             f"{run.duration_s:.2f} s on {profile.name}, {len(run.executed)} blocks, "
             f"{run.merged_moves} moves merged by the firmware",
+            *shaft.lines(),
             *(check.row() for check in checks),
         )
         for text in warnings(checks):

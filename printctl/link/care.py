@@ -35,6 +35,8 @@ class Care:
         As `syringe`, of each of several heads.
     head_capacity_mm : tuple of float, mm
         As `capacity_mm`, of each of several heads.
+    accepted : tuple of str
+        Checks that failed, and that the user told to print with all the same; for the journal.
     """
 
     checkpoint_s: float | None = 30.0
@@ -46,6 +48,7 @@ class Care:
     reload_heads: tuple[int, ...] = ()
     head_syringes: tuple[str, ...] = ()
     head_capacity_mm: tuple[float, ...] = ()
+    accepted: tuple[str, ...] = ()
 
     def of_head(self, number: int | None) -> tuple[str, float]:
         """Syringe and capacity of a head; of the only one for None."""
@@ -60,7 +63,7 @@ class Care:
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
-        lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm")
+        lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
         return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}})
 
 

@@ -6,7 +6,7 @@ reader drops and reports. Record sorts (key ``t``):
 
 ========== =====================================================================================
 job        file name, sha256, lines, profile, port, pid, who, host, wall-clock start: first; again
-           on going on
+           on going on; ``accepted``: failed checks that the user told to print with all the same
 state      state, message
 ack        ``done``: command lines known to be taken; never more than is true
 back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledged are taken back, to

@@ -158,6 +158,7 @@ def _print(order: Order, record: LinkRecord) -> Status:
             port=order.port,
             pid=os.getpid(),
             started=time.time(),
+            **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
             **this_user(),
         )
         remember_meanwhile(order.folder)

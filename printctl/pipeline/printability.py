@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
 from design.toolpath.fresh import FreshOptions
+from firmware_profiles import Needle
 from printctl.pipeline.context import RunContext
 from printctl.recipe.making import Fresh
 
@@ -48,7 +50,7 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
         says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm"
         return Printability(lumen, None, lines.smallest_wall_mm, says)
     needle = context.needle
-    filament = EmbeddedOptions(needle_inner_mm=needle.inner_mm, needle_outer_mm=needle.outer_mm)
+    filament = EmbeddedOptions(**needle_options(needle))
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
     held = held_diameter_mm(context.bath, context.ink)
     filled = filament.largest_lumen_mm
@@ -58,3 +60,13 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
         f"{min(held, filled):.3g} mm, which {by}"
     )
     return Printability(lumen, min(held, filled), filament.smallest_wall_mm(lumen / 2), says)
+
+
+def needle_options(needle: Needle) -> dict[str, Any]:
+    """A needle's measures as `EmbeddedOptions` calls them, mm."""
+    return {
+        "needle_inner_mm": needle.inner_mm,
+        "needle_outer_mm": needle.outer_mm,
+        "tip_outer_mm": needle.tip_outer_mm or 0.0,
+        "cone_mm": needle.cone_mm or 0.0,
+    }

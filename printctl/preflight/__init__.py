@@ -15,11 +15,18 @@ from printctl.preflight.material_checks import (
 )
 from printctl.preflight.set_up import SetUp, file_checks
 from printctl.preflight.setup_checks import (
-    crossings_check,
     needle_check,
     syringe_check,
     syringe_checks,
 )
+from printctl.preflight.shaft_checks import (
+    accepted_text,
+    shaft_checks,
+    shaft_clearance,
+    shaft_lines,
+    unmapped_check,
+)
+from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import (
     Budget,
@@ -37,10 +44,10 @@ __all__ = [
     "PrintTime",
     "SetUp",
     "Standing",
+    "accepted_text",
     "bath_checks",
     "budget_of",
     "chemistry_check",
-    "crossings_check",
     "dish_checks",
     "file_checks",
     "firmware_checks",
@@ -53,13 +60,19 @@ __all__ = [
     "ink_use",
     "needle_check",
     "of_each_head",
+    "read_written",
     "refuse_failed",
+    "shaft_checks",
+    "shaft_clearance",
+    "shaft_lines",
     "step_checks",
     "syringe_check",
     "syringe_checks",
     "temperature_checks",
     "unknown_dish",
+    "unmapped_check",
     "viability_checks",
     "viability_facts",
     "warnings",
+    "written_arrays",
 ]

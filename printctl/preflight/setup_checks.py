@@ -55,17 +55,3 @@ def needle_check(part_height_mm: float, needle: Needle) -> Check:
         "needle: length_mm",
         f"the hub of {needle.name} would dip in; use a longer needle or a flatter part",
     )
-
-
-def crossings_check(crossings: int, allowed: int) -> Check:
-    """How often the plan drives the needle's shaft through what is already written."""
-    return Check(
-        "passes of the needle's shaft through written ink",
-        crossings,
-        allowed,
-        "",
-        crossings <= allowed,
-        "toolpath.allowed_crossings",
-        "use a thinner needle or a sparser network, or allow them in the recipe and look at the "
-        "report for where they are",
-    )

@@ -54,6 +54,9 @@ def test_own_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"inner_m": 1}, "inner_m"),
         ({"inner_mm": -1}, r"inner_mm.*-1"),
         ({"inner_mm": 0.3}, "isn't below outer"),
+        ({"tip_outer_mm": 0.2}, "give both"),
+        ({"tip_outer_mm": 0.9, "cone_mm": 5}, "above outer_mm"),
+        ({"inner_mm": 0.2, "tip_outer_mm": 0.2, "cone_mm": 5}, "isn't below outer"),
         ({"inner_mm": ".nan"}, "inner_mm"),
     ],
 )

@@ -25,6 +25,8 @@ class Extension(NamedTuple):
     vessel : int
     at : float, mm
         Way along the vessel to where it begins.
+    step : int
+        1 where it leads on along the vessel's order, -1 where against it.
     """
 
     start: FloatArray
@@ -32,6 +34,7 @@ class Extension(NamedTuple):
     radius: float
     vessel: int
     at: float
+    step: int
 
 
 @jit
@@ -47,11 +50,13 @@ def barring(
     """Elements of passes before the one numbered `before` that its shaft meets; ``when`` (n,)."""
     met = [0][:0]
     for place in _places(extension, 0.5 * needle.tip_mm):
+        way = place - extension.start
+        at = extension.at + extension.step * np.sqrt((way * way).sum())
         for k in range(3):
             low, high = near(squares, place, k)
             for j in squares.member[low:high]:
                 if when[j] < before and (
-                    depth_at(place, extension.radius, extension.vessel, extension.at, j,
+                    depth_at(place, extension.radius, extension.vessel, at, j,
                              elements, meetings, needle) > 0.0
                 ):  # fmt: skip
                     met.append(j)

@@ -56,9 +56,10 @@ class EmbeddedHeads:
         return max(one.shaft_mm for one in self.options)
 
     @property
-    def bare_mm(self) -> float:
-        """Radius of the thinnest head's tip, mm."""
-        return min(one.tip_mm - one.clearance_mm for one in self.options)
+    def bare_mm(self) -> tuple[float, float]:
+        """Radius of the thinnest and of the widest head's tip, mm."""
+        radii = [one.tip_mm - one.clearance_mm for one in self.options]
+        return min(radii), max(radii)
 
     @property
     def tip_mm(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
@@ -9,35 +11,64 @@ from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
+from design.toolpath.embedded.travel import with_shorter_ways
 from design.toolpath.toolpath import IntArray
 
 ROUNDS = 8
 
 
+@dataclass(frozen=True)
+class _Order:
+    """Passes in an order, how they join, and what is wrong with it, the worst first."""
+
+    passes: list[Pass]
+    joined: Joined
+    harm: tuple[int, int, int, int]
+
+
 def ordered(
     elements: Elements, rules: Rules, head: IntArray, joiner: Joiner
 ) -> tuple[list[Pass], Joined]:
-    """Passes in their order and how they join; the best of all rounds.
+    """Passes in their order and how they join; the best of all rounds, its ways made short.
 
     A joint stays open when ink written meanwhile stands in the way of its overlap. The next round
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
     of the shaft's says the opposite.
     """
-    asked = one_way(rules)
-    best: tuple[tuple[int, ...], list[Pass], Joined] | None = None
+    asked = one_way(rules, elements.vessel)
+    best = _best_round(elements, rules, asked, head, joiner, shorten=True)
+    if best.joined.open:
+        plain = _best_round(elements, rules, asked, head, joiner, shorten=False)
+        best = min(best, plain, key=_score)
+    return best.passes, best.joined
+
+
+def _best_round(
+    elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, *, shorten: bool
+) -> _Order:
+    best: _Order | None = None
     for _ in range(ROUNDS):
         passes = Scheduler(elements, asked, head).run()
-        joined = joiner.join(passes)
-        harm = len(broken(rules, passes)[0]), len(joined.open), len(joined.brushed)
-        score = *harm, joined.shortened, len(passes)
-        if best is None or score < best[0]:
-            best = score, passes, joined
-        first, after = np.array(joined.wishes, dtype=np.int64).reshape(-1, 2).T
-        known, asked = asked, one_way(with_more(asked, first, after))
+        if shorten:
+            passes = with_shorter_ways(passes, elements, asked, head)
+        one = _judged(passes, rules, joiner)
+        best = one if best is None else min(best, one, key=_score)
+        first, after = np.array(one.joined.wishes, dtype=np.int64).reshape(-1, 2).T
+        known, asked = asked, with_more(asked, first, after)
         if len(asked.after) == len(known.after):
             break
     assert best is not None
-    return best[1], best[2]
+    return best
+
+
+def _score(one: _Order) -> tuple[tuple[int, ...], int]:
+    return one.harm, len(one.passes)
+
+
+def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
+    joined = joiner.join(passes)
+    weak = len(joined.open), len(joined.brushed), len(joined.shortened)
+    return _Order(passes, joined, (len(broken(rules, passes)[0]), *weak))
 
 
 def broken(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:

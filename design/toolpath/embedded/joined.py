@@ -9,30 +9,33 @@ from design.toolpath.toolpath import FloatArray
 
 
 @dataclass(frozen=True)
-class OpenJoint:
-    """Two stretches that meet and can't be made to overlap.
+class WeakJoint:
+    """Two stretches that meet and can't be made to overlap as asked.
 
     Attributes
     ----------
     vessel, other : int
         The later and the earlier one.
-    place_mm : (3,) float64, mm
+    place_mm : (x, y, z), mm
+    part : float
+        Of the overlap that there is room for; 0 where the joint stays open.
     """
 
     vessel: int
     other: int
-    place_mm: FloatArray
+    place_mm: tuple[float, float, float]
+    part: float
 
 
 class Brushed(NamedTuple):
-    """An overlap that the shaft meets while a later element is written.
+    """An overlap that the shaft meets while a later element is written, or ink met from one.
 
     Attributes
     ----------
     element : int
-        The later one.
+        The later one, or that which the overlap goes on from.
     end : int
-        The element that the overlap goes on from.
+        The earlier one: that which the overlap goes on from, or ink.
     entered : bool
         Whether the needle itself meets it, or its clearance only.
     """
@@ -52,11 +55,12 @@ class Joined:
         How far each pass begins before its first point, and goes on beyond its last.
     joints, overlapped : int
         Ends that come to ink; of these, those closed by an overlap.
-    shortened : int
-        Of the overlaps, those shorter than asked, because no side had room for more.
     through : int
         Stretches that go on from the last one through a node without a stop.
-    open : list of OpenJoint
+    open : list of WeakJoint
+        Those without an overlap.
+    shortened : list of WeakJoint
+        Of the overlapped, those with less than asked.
     brushed : list of Brushed
     wishes : list of (int, int)
         Elements of which the first, written before the second, would leave room for an overlap.
@@ -66,8 +70,8 @@ class Joined:
     beyond: FloatArray
     joints: int = 0
     overlapped: int = 0
-    shortened: int = 0
     through: int = 0
-    open: list[OpenJoint] = field(default_factory=list)
+    open: list[WeakJoint] = field(default_factory=list)
+    shortened: list[WeakJoint] = field(default_factory=list)
     brushed: list[Brushed] = field(default_factory=list)
     wishes: list[tuple[int, int]] = field(default_factory=list)

@@ -14,12 +14,11 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.extensions import Extension, barred, barring, meets
-from design.toolpath.embedded.joined import Brushed, Joined, OpenJoint
+from design.toolpath.embedded.joined import Brushed, Joined, WeakJoint
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares
-from design.toolpath.toolpath import IntArray
 
 PARTS = (1.0, 0.5, 0.25)
 """Of an overlap that are tried, the longest first."""
@@ -36,21 +35,26 @@ class _End:
 
 @dataclass(frozen=True)
 class _Extended:
-    """An end carried on: elements written before that bar it, and later ones that brush it."""
+    """An end carried on: the ink that its shaft meets, and later elements whose shaft meets it."""
 
     end: _End
     extension: Extension
-    barred_by: IntArray
+    barred: list[Brushed]
     brushed: list[Brushed]
 
     @property
+    def length(self) -> float:
+        """How far it goes on, mm."""
+        return float(np.linalg.norm(self.extension.tip - self.extension.start))
+
+    @property
     def free(self) -> bool:
-        return not len(self.barred_by) and not self.brushed
+        return not self.barred and not self.brushed
 
     @property
     def harmless(self) -> bool:
-        """Whether later passes come no nearer than the needle itself needs."""
-        return not len(self.barred_by) and not any(one.entered for one in self.brushed)
+        """Whether needle and ink come no nearer than the needle itself needs."""
+        return not any(one.entered for one in self.barred + self.brushed)
 
 
 class Joiner:
@@ -126,16 +130,27 @@ class _Round:
         reach = self._scene.needle.overlap_radii * min(self._radius(later), self._radius(earlier))
         if reach == 0.0:
             return
-        whole = [self._extended(side, point, reach) for side in sides]
-        chosen = next((one for one in whole if one.free), None)
-        if chosen is None:
+        whole: list[_Extended] = []
+        for side in sides:
+            whole.append(self._extended(side, point, reach))
+            if whole[-1].free:
+                break
+        chosen: _Extended | None = whole[-1]
+        if not whole[-1].free:
             self._wish(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach) or self._least_brushed(whole)
+        part = 0.0 if chosen is None else chosen.length / reach
+        if part < PARTS[-1] / 2:
+            out.open.append(self._weak(later, earlier, point, 0.0))
+        elif part < 1.0 - PARTS[-1] / 2:
+            out.shortened.append(self._weak(later, earlier, point, part))
         if chosen is not None:
             self._keep(chosen)
-            return
-        vessel, place = self._elements.vessel, self._elements.point[point]
-        out.open.append(OpenJoint(int(vessel[later]), int(vessel[earlier]), place))
+
+    def _weak(self, later: int, earlier: int, point: int, part: float) -> WeakJoint:
+        vessel = self._elements.vessel
+        x, y, z = self._elements.point[point].tolist()
+        return WeakJoint(int(vessel[later]), int(vessel[earlier]), (x, y, z), part)
 
     def _radius(self, element: int) -> float:
         return float(self._elements.radius[element].max())
@@ -152,11 +167,20 @@ class _Round:
             self._radius(element),
             int(elements.vessel[element]),
             float(elements.arc[element] + (elements.length[element] if head == point else 0.0)),
+            1 if head == point else -1,
         )
         about = self._when, elements, scene.squares, scene.meetings, scene.needle
         now = end.number + end.last
-        bars, brushes = barring(extension, now, *about), barred(extension, now, *about)
-        return _Extended(end, extension, bars, [self._brushed(k, end, extension) for k in brushes])
+        bars = barring(extension, now, *about)
+        bare = (*about[:-1], scene.needle.bare())
+        entered = set(barring(extension, now, *bare).tolist()) if len(bars) else set()
+        brushes = barred(extension, now, *about).tolist() if not entered else []
+        return _Extended(
+            end,
+            extension,
+            [Brushed(element, k, k in entered) for k in bars.tolist()],
+            [self._brushed(k, end, extension) for k in brushes],
+        )
 
     def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
         scene = self._scene
@@ -175,24 +199,22 @@ class _Round:
             for side in sides:
                 one = self._extended(side, point, part * reach)
                 if one.harmless:
-                    self._out.shortened += 1
                     return one
         return None
 
     def _least_brushed(self, whole: list[_Extended]) -> _Extended | None:
         """The one that fewest later elements brush, of those that nothing bars."""
-        open_to = [one for one in whole if not len(one.barred_by)]
+        open_to = [one for one in whole if not any(bar.entered for bar in one.barred)]
         return min(open_to, key=lambda one: len(one.brushed), default=None)
 
     def _wish(self, one: _Extended, later: int) -> None:
         """What would have to be written in another order."""
-        self._out.wishes += [(later, int(k)) for k in one.barred_by]
+        self._out.wishes += [(later, bar.end) for bar in one.barred]
         self._out.wishes += [(brush.element, brush.end) for brush in one.brushed]
 
     def _keep(self, one: _Extended) -> None:
         out, end = self._out, one.end
         far = out.beyond if end.last else out.before
-        reach = float(np.linalg.norm(one.extension.tip - one.extension.start))
-        far[end.number] = max(far[end.number], reach)
+        far[end.number] = max(far[end.number], one.length)
         out.overlapped += 1
-        out.brushed += one.brushed
+        out.brushed += one.barred + one.brushed

@@ -18,6 +18,10 @@ BESIDE = 0.7
 """Filaments touch where they are nearer than this part of the way along vessels: what lies ahead
 on a thick vessel is near, too, but no collision."""
 
+DEEP = 0.25
+"""Filaments are one body where they reach so far into each other, in radii of the thinner one.
+Where they only brush each other the order still matters."""
+
 
 class Meetings(NamedTuple):
     """Places of each vessel where it meets one, those of ``v`` in ``begin[v]:begin[v + 1]``.
@@ -206,7 +210,7 @@ def _overlapping(
                 thick = max(elements.radius[j, 0], elements.radius[j, 1])
                 span = 0.5 * (elements.length[i] + elements.length[j])
                 away = _apart(a, b, c, d, radius + thick + span)
-                if away >= radius + thick:
+                if away >= radius + thick - DEEP * min(radius, thick):
                     continue
                 reach = joint_reach(needle, max(radius, thick))
                 low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)

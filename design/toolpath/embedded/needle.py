@@ -17,8 +17,10 @@ class Needle(NamedTuple):
 
     Attributes
     ----------
+    joint_mm : float, mm
+        Radius of the thinnest head's tip, by which joints reach.
     bare_mm : float, mm
-        Radius of its tip.
+        Radius of the widest head's tip.
     tip_mm, shaft_mm : float, mm
         Radius to be kept free at the tip, and around the shaft above the cone: with clearance.
     cone_mm : float, mm
@@ -27,6 +29,7 @@ class Needle(NamedTuple):
         Overlap of joints, in radii.
     """
 
+    joint_mm: float
     bare_mm: float
     tip_mm: float
     shaft_mm: float
@@ -51,4 +54,4 @@ def radius_at(needle: Needle, height: float) -> float:
 @jit
 def joint_reach(needle: Needle, radius: float) -> float:
     """How far along the network ink belongs to the place that is written, mm."""
-    return JOINT * (needle.bare_mm + radius) + needle.overlap_radii * radius
+    return JOINT * (needle.joint_mm + radius) + needle.overlap_radii * radius

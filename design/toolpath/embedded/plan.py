@@ -55,7 +55,7 @@ class Scene:
     def of(network: VesselNetwork, heads: EmbeddedHeads) -> Scene:
         """Cut the vessels, and find where they meet."""
         needle = Needle(
-            heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
+            *heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
         )
         # Half the radius that is kept free: then three places along an element tell of all of it.
         elements = elements_of(network, heads.tip_mm / 2)
@@ -174,9 +174,9 @@ def _report(
         merged=met.merged,
         joints=joined.joints,
         overlapped=joined.overlapped,
-        shortened=joined.shortened,
+        shortened=tuple(joined.shortened),
         continued=joined.through,
-        open=len(joined.open),
+        open=tuple(joined.open),
         design_ul=design_ul,
         overlap_ul=writer.overlap_ul,
         written_ul=toolpath.written_ul,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from design.toolpath.embedded.joined import WeakJoint
+
 
 @dataclass(frozen=True)
 class Crossing:
@@ -56,11 +58,12 @@ class EmbeddedReport:
         Where it comes nearer than the clearance.
     merged : tuple of Merged
         The network's own collisions, the deepest first.
-    joints, overlapped, continued, open : int
+    joints, overlapped, continued : int
         Ends and ways through nodes that meet something already written; of these, those overlapped
-        by a tangent extension, those written without a stop, and those that can't be overlapped.
-    shortened : int
-        Of the overlaps, those shorter than asked, because no side had room for more.
+        by a tangent extension, and those written without a stop.
+    shortened, open : tuple of WeakJoint
+        Of the overlaps, those shorter than asked because no side had room for more; joints that
+        can't be overlapped.
     design_ul, overlap_ul, written_ul : float, µL
         Σ π r² L of the network, ink in the overlaps, and their sum as planned.
     written_mm, travel_mm : float, mm
@@ -77,9 +80,9 @@ class EmbeddedReport:
     merged: tuple[Merged, ...]
     joints: int
     overlapped: int
-    shortened: int
     continued: int
-    open: int
+    shortened: tuple[WeakJoint, ...]
+    open: tuple[WeakJoint, ...]
     design_ul: float
     overlap_ul: float
     written_ul: float

@@ -23,6 +23,10 @@ TIPS = 3
 """Places of the tip along an element. Elements are no longer than half the shaft's radius R, so
 that a touch between two places is missed by at most R/128, which the clearance covers."""
 
+GRAZE = 0.01
+"""Harm where the needle itself passes by, against that of a crossing: where two elements bar each
+other, the one that the needle would enter is written later."""
+
 
 class Rules(NamedTuple):
     """Element ``i`` goes before ``after[begin[i] : begin[i + 1]]``.
@@ -32,13 +36,14 @@ class Rules(NamedTuple):
     begin : (n + 1,) int64
     after : (m,) int64
         Ascending for each element.
-    depth : (m,) float64, mm
-        How much of the later one's height the shaft would fill, were it written first.
+    harm : (m,) float64, mm
+        Harm, were the later one written first: how much of its height the shaft would fill, and
+        a hundredth of that where only the clearance reaches into it.
     """
 
     begin: IntArray
     after: IntArray
-    depth: FloatArray
+    harm: FloatArray
 
 
 def find_rules(elements: Elements, squares: Squares, meetings: Meetings, needle: Needle) -> Rules:
@@ -46,20 +51,70 @@ def find_rules(elements: Elements, squares: Squares, meetings: Meetings, needle:
     return Rules(*_all_pairs(elements, squares, meetings, needle))
 
 
-def one_way(rules: Rules) -> Rules:
-    """Without the lesser of two rules that say the opposite."""
-    return Rules(*_one_way(*rules))
+def one_way(rules: Rules, vessel: IntArray) -> Rules:
+    """Without the lesser of two rules that say the opposite; ``vessel`` (n,) of each element.
+
+    Between two vessels that bar each other the sum over all such pairs decides: were it each pair
+    by itself, the two would have to be written in turns, cut at every change.
+    """
+    first, vessels = _owners(rules), int(vessel.max()) + 1
+    back = _places(_keys(rules.after, first, vessel), _keys(first, rules.after, vessel))
+    mutual = back >= 0
+    one, other = vessel[first[mutual]], vessel[rules.after[mutual]]
+    pairs, pair = np.unique(one * vessels + other, return_inverse=True)
+    total = np.bincount(pair, weights=rules.harm[mutual])
+    own, opposite = total[pair], total[_places(other * vessels + one, pairs)]
+    alone = one == other
+    own = np.where(alone, rules.harm[mutual], own)
+    opposite = np.where(alone, rules.harm[back[mutual]], opposite)
+    kept = ~mutual
+    kept[mutual] = (own > opposite) | ((own == opposite) & (first < rules.after)[mutual])
+    return _rules(first[kept], rules.after[kept], rules.harm[kept], len(vessel))
 
 
 def with_more(rules: Rules, first: IntArray, after: IntArray) -> Rules:
-    """The rules, and that each element of `first` (k,) goes before that of `after` (k,)."""
-    count = len(rules.begin) - 1
-    one = np.concatenate([np.repeat(np.arange(count), np.diff(rules.begin)), first])
-    other = np.concatenate([rules.after, after])
-    depth = np.concatenate([rules.depth, np.zeros(len(first))])
-    _, kept = np.unique(one * count + other, return_index=True)
-    begin = np.concatenate([[0], np.cumsum(np.bincount(one[kept], minlength=count))])
-    return Rules(begin, other[kept], depth[kept])
+    """The rules, and that each element of `first` (k,) goes before that of `after` (k,).
+
+    Of those that say the opposite of a rule, or of each other, the rule or the first is kept.
+    """
+    owner, count = _owners(rules), rules.begin[:-1]
+    known = _keys(owner, rules.after, count)
+    old = _places(_keys(first, after, count), known) >= 0
+    old |= _places(_keys(after, first, count), known) >= 0
+    kept: dict[tuple[int, int], None] = {}
+    for one, other in zip(first[~old].tolist(), after[~old].tolist(), strict=True):
+        if (other, one) not in kept:
+            kept[one, other] = None
+    more = np.array(list(kept), dtype=np.int64).reshape(-1, 2)
+    return _rules(
+        np.append(owner, more[:, 0]),
+        np.append(rules.after, more[:, 1]),
+        np.append(rules.harm, np.zeros(len(more))),
+        len(count),
+    )
+
+
+def _owners(rules: Rules) -> IntArray:
+    return np.repeat(np.arange(len(rules.begin) - 1), np.diff(rules.begin))
+
+
+def _rules(first: IntArray, after: IntArray, harm: FloatArray, count: int) -> Rules:
+    order = np.argsort(first * count + after, kind="stable")
+    begin = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=count))])
+    return Rules(begin, after[order], harm[order])
+
+
+def _keys(first: IntArray, after: IntArray, each: IntArray) -> IntArray:
+    """One number for each pair of elements, of which `each` has an entry."""
+    return first * len(each) + after
+
+
+def _places(keys: IntArray, known: IntArray) -> IntArray:
+    """Where keys are among ascending ones; -1 for those that aren't."""
+    if not len(known):
+        return np.full(len(keys), -1)
+    at = np.searchsorted(known, keys).clip(max=len(known) - 1)
+    return np.where(known[at] == keys, at, -1)
 
 
 def entered(
@@ -92,32 +147,41 @@ def depth_at(
     meetings: Meetings,
     needle: Needle,
 ) -> float:
-    """How much of element j's height the shaft fills above a tip, joints spared, mm; 0 for none.
+    """Harm that the shaft above a tip does to element j, joints spared, mm; 0 for none.
 
     The tip writes a filament of `radius`, ``at`` mm along a vessel.
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    height = max(a[2], b[2]) + thick - tip[2]
-    wide = radius_at(needle, height) + thick
-    if height <= 0.0 or flat_gap(tip[0], tip[1], a, b, 0.0, 1.0) >= wide:
+    if _harm(tip, a, b, thick, 0.0, 1.0, needle) == 0.0:
         return 0.0
     reach = joint_reach(needle, max(thick, radius))
     low, high = outside_joints(vessel, at, j, reach, elements, meetings)
     if low >= high:
         return 0.0
-    if low > 0.0 or high < 1.0:
-        top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
-        height = top - tip[2]
-        wide = radius_at(needle, height) + thick
-        if height <= 0.0 or flat_gap(tip[0], tip[1], a, b, low, high) >= wide:
-            return 0.0
-    return float(min(height, 2.0 * thick))
+    return _harm(tip, a, b, thick, low, high, needle)
+
+
+@jit
+def _harm(
+    tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float, high: float,
+    needle: Needle,
+) -> float:  # fmt: skip
+    """How much of the height of a part of a filament the shaft fills, grazes made light, mm."""
+    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
+    height = top - tip[2]
+    if height <= 0.0:
+        return 0.0
+    room = radius_at(needle, height) + thick - flat_gap(tip[0], tip[1], a, b, low, high)
+    if room <= 0.0:
+        return 0.0
+    filled = min(height, 2.0 * thick)
+    return filled if room > needle.tip_mm - needle.bare_mm else GRAZE * filled
 
 
 @jit
 def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """Most of element j's height that the shaft fills while i is written, mm."""
+    """Most harm that the shaft does to element j while i is written, mm."""
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     radius = max(elements.radius[i, 0], elements.radius[i, 1])
     most = 0.0
@@ -169,22 +233,3 @@ def _all_pairs(
         depth[begin[i] : total] = depth[begin[i] : total][order]
         begin[i + 1] = total
     return begin, after[:total].copy(), depth[:total].copy()
-
-
-@jit
-def _one_way(
-    begin: IntArray, after: IntArray, depth: FloatArray
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Without the lesser of two rules that say the opposite; of equal ones the later goes."""
-    count = len(begin) - 1
-    kept = np.ones(len(after), dtype=np.bool_)
-    for i in range(count):
-        for k in range(begin[i], begin[i + 1]):
-            j = after[k]
-            back = begin[j] + np.searchsorted(after[begin[j] : begin[j + 1]], i)
-            if back < begin[j + 1] and after[back] == i:
-                kept[k] = depth[k] > depth[back] or (depth[k] == depth[back] and i < j)
-    fewer = np.zeros(count + 1, dtype=np.int64)
-    for i in range(count):
-        fewer[i + 1] = fewer[i] + kept[begin[i] : begin[i + 1]].sum()
-    return fewer, after[kept], depth[kept]

@@ -201,7 +201,10 @@ class Scheduler:
         if len(parts) > TRIED:
             low = np.array([self._point(p.element, p.step, outer=True)[2] for p in parts])
             parts = [parts[k] for k in np.argsort(low, kind="stable")[:TRIED]]
-        gain = [self._gain(part) for part in parts]
+        waiting = [start for start in self._starts.values() if start.stop >= 0]
+        stop = np.array([start.stop for start in waiting], dtype=np.int64)
+        until = np.array([start.until for start in waiting], dtype=np.int64)
+        gain = [self._gain(part, waiting, stop, until) for part in parts]
         best = max(gain)
         chosen = self._nearest(
             [p for p, g in zip(parts, gain, strict=True) if g == best], tip, tool
@@ -221,16 +224,19 @@ class Scheduler:
             _Start(element, step) for element, step in sorted(starts, key=lambda s: (s[0], -s[1]))
         ]
 
-    def _gain(self, part: _Start) -> tuple[int, int]:
-        """How many stretches could be written whole after a part; less what the part leaves."""
+    def _gain(
+        self, part: _Start, waiting: list[_Start], stops: IntArray, until: IntArray
+    ) -> tuple[int, int]:
+        """How many stretches could be written whole after a part; less what the part leaves.
+
+        ``waiting`` are those that wait, at their `stops` (k,), until so few are waited for.
+        """
         count, stop = walk(part.element, part.step, self.elements, self.rules, self.progress)
-        freed = sum(
-            self._is_whole(_Start(s.element, s.step))
-            for s in self._starts.values()
-            if not self.progress.written[s.element]
-            and s.stop >= 0
-            and self.progress.waiting[s.stop] <= s.until
-        )
+        freed = 0
+        for k in np.flatnonzero(self.progress.waiting[stops] <= until).tolist():
+            other = waiting[k]
+            if not self.progress.written[other.element]:
+                freed += self._is_whole(_Start(other.element, other.step))
         unwalk(part.element, part.step, count, self.rules, self.progress)
         left = (stop >= 0) + ((part.element, part.step) not in self._starts)
         return freed - left, count
@@ -241,7 +247,7 @@ class Scheduler:
         owner = np.repeat(np.arange(len(left)), np.diff(self.rules.begin))
         live = left[owner] & left[self.rules.after]
         harm = np.bincount(
-            self.rules.after[live], weights=self.rules.depth[live], minlength=len(left)
+            self.rules.after[live], weights=self.rules.harm[live], minlength=len(left)
         )
         element = int(np.flatnonzero(left)[np.argmin(harm[left])])
         self.progress.waiting[element] = -(1 << 40)

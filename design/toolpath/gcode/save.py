@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.files import replacing
 from design.toolpath.gcode.job import Gcode
 
 
-def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode], lag_s: float = 0.0) -> int:
+def save_gcode(
+    path: Path,
+    map_path: Path,
+    parts: Iterable[Gcode],
+    beside: Mapping[str, NDArray[Any]] | None = None,
+) -> int:
     """Write the parts of a job to ``path`` one by one, then their map; return the command count.
 
-    The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`, and
-    ``source_kind``; where the plunger is driven ahead of a lag (`design.toolpath.lag`), ``lag_s``
-    too. Neither file takes its name before all parts are written.
+    The map (NPZ) has ``source``, ``move`` and ``kind`` of each line, as in `Gcode`,
+    ``source_kind``, and what is given as ``beside``. Neither file takes its name before all parts
+    are written.
 
     Raises
     ------
@@ -26,7 +32,6 @@ def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode], lag_s: float 
     """
     lines = 0
     source, move, kind, counts = [], [], [], "layer"
-    ahead: dict[str, Any] = {"lag_s": np.array(lag_s)} if lag_s > 0 else {}
     with replacing(path) as draft, replacing(map_path) as map_draft:
         with draft.open("wb") as handle:
             for part in parts:
@@ -37,12 +42,12 @@ def save_gcode(path: Path, map_path: Path, parts: Iterable[Gcode], lag_s: float 
                 kind.append(part.line_kind.astype(np.int8))
                 counts = part.source_kind
         with map_draft.open("wb") as handle:
-            np.savez(
-                handle,
-                source=np.concatenate(source),
-                move=np.concatenate(move),
-                kind=np.concatenate(kind),
-                source_kind=np.array(counts),
-                **ahead,
-            )
+            arrays: dict[str, Any] = {
+                "source": np.concatenate(source),
+                "move": np.concatenate(move),
+                "kind": np.concatenate(kind),
+                "source_kind": np.array(counts),
+                **(beside or {}),
+            }
+            np.savez(handle, **arrays)
     return lines

@@ -20,12 +20,13 @@ from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, of_heads
 from printctl.preflight import (
     Budget,
     Check,
+    Loaded,
     PrintTime,
     Standing,
+    accepted_text,
     bath_checks,
     budget_of,
     chemistry_check,
-    crossings_check,
     dish_checks,
     floor_check,
     force_checks,
@@ -35,7 +36,10 @@ from printctl.preflight import (
     ink_use,
     needle_check,
     of_each_head,
+    read_written,
     refuse_failed,
+    shaft_checks,
+    shaft_clearance,
     step_checks,
     syringe_checks,
     temperature_checks,
@@ -47,6 +51,7 @@ from printctl.preflight import (
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
+from sim.clearance import Clearance
 from sim.dryrun import DryRun, dry_run
 
 CHECKS = "dry_run.json"
@@ -75,7 +80,6 @@ def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     common = [
         *bath_checks(context.bath),
         *([] if dish else [unknown_dish()]),
-        *crossings(context),
     ]
     if not printer.heads:
         return [*gcode_checks(run, printer), *of_head(context, run, printer, 0), *common]
@@ -125,13 +129,28 @@ def standing(context: RunContext) -> Standing | None:
     return Standing(context.dish, centre, context.printer.z_mm.low, part.bath_depth_mm)
 
 
-def crossings(context: RunContext) -> list[Check]:
-    """Passes of the needle through what is written; layers are written from below, without any."""
+def shaft(context: RunContext, run: DryRun) -> Clearance | None:
+    """The needle's shaft against what is written; layers are written from below, without any."""
+    written = read_written(context.folder / LINE_MAP)
+    if written is None or isinstance(context.recipe.toolpath, Fresh):
+        return None
+    loads = [Loaded(one.syringe, one.ink, one.needle) for one in context.loads]
+    return shaft_clearance(run, context.printer, loads, written)
+
+
+def allowed_shaft(context: RunContext, found: Clearance | None) -> list[Check]:
+    """What the recipe allows of it."""
     part = context.recipe.toolpath
-    if isinstance(part, Fresh):
+    if found is None or isinstance(part, Fresh):
         return []
-    planned = context.manifest.stages["toolpath"].summary["plan"]
-    return [crossings_check(len(planned["crossings"]), part.allowed_crossings)]
+    return shaft_checks(found, part.allowed_crossings)
+
+
+def shaft_facts(found: Clearance | None) -> dict[str, Any]:
+    """The checker's result, JSON-ready; nothing for layers."""
+    if found is None:
+        return {}
+    return {"clearance": found.as_dict(), "accepted_crossings": accepted_text(found)}
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -150,11 +169,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     care = context.recipe.printer.care
     time = PrintTime(run.duration_s, len(reload_at), care.reload_min)
     budget = shortest_budget(context)
-    checks += viability_checks(time, budget)
+    clearance = shaft(context, run)
+    checks += [*viability_checks(time, budget), *allowed_shaft(context, clearance)]
     summary = {
         "duration_s": run.duration_s,
         **viability_facts(time, budget),
         **ink_facts(context, run, reload_at, reload_heads),
+        **shaft_facts(clearance),
         "merged_moves": run.merged_moves,
         "reload_at": list(reload_at),
         "reload_heads": list(reload_heads),

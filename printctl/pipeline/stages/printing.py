@@ -55,6 +55,12 @@ def planned_heads(context: RunContext) -> list[int]:
     return found
 
 
+def accepted(context: RunContext) -> tuple[str, ...]:
+    """What failed a check and the recipe allows, for the journal."""
+    text = context.manifest.stages["dry run"].summary.get("accepted_crossings", "")
+    return (text,) if text else ()
+
+
 def care_of(context: RunContext) -> Care:
     """How the recipe wants the print to be watched over."""
     part = context.recipe.printer
@@ -65,6 +71,7 @@ def care_of(context: RunContext) -> Care:
         syringe=part.heads[0].syringe if part.heads else part.syringe,
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
+        accepted=accepted(context),
         **heads_care(context),
     )
 

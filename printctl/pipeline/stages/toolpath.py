@@ -45,9 +45,11 @@ from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
+from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
+from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 
@@ -171,8 +173,7 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
 def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> EmbeddedOptions:
     """The planner's choices for a head, by its needle and ink; ``ahead`` of its lag or not."""
     return EmbeddedOptions(
-        needle_inner_mm=filled.needle.inner_mm,
-        needle_outer_mm=filled.needle.outer_mm,
+        **needle_options(filled.needle),
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,
@@ -255,7 +256,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         context.folder / GCODE,
         context.folder / LINE_MAP,
         stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm),
-        measured_lag_s(context.loads[0]) if ahead else 0.0,
+        written_beside(context, ahead=ahead),
     )
     facts, kept = compensation_facts(context)
     summary = {
@@ -266,6 +267,25 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "plan": plan_facts(planned.report()),
     }
     return summary, [GCODE, LINE_MAP, *kept]
+
+
+def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
+    """What the map of an embedded job holds besides its lines, for the checks that read it."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        return {}
+    heads = [embedded_options(part, one, ahead=ahead) for one in context.loads]
+    found = written_arrays(
+        context.written_network,
+        context.place_mm,
+        max(one.overlap_radii for one in heads),
+        max(one.clearance_mm for one in heads),
+        [
+            (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
+            for one in heads
+        ],
+    )
+    return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 
 
 def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:

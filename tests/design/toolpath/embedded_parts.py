@@ -25,8 +25,10 @@ class Parts(NamedTuple):
 
 
 def parts_of(net: VesselNetwork, options: EmbeddedOptions, longest_mm: float = 0.1) -> Parts:
+    bare = options.tip_mm - options.clearance_mm
     needle = Needle(
-        options.tip_mm - options.clearance_mm,
+        bare,
+        bare,
         options.tip_mm,
         options.shaft_mm,
         options.cone_mm,
@@ -50,7 +52,7 @@ def rules_of(pairs: dict[tuple[int, int], float], count: int) -> Rules:
 def pairs_of(rules: Rules) -> dict[tuple[int, int], float]:
     """(first, after) and depth of every rule."""
     first = np.repeat(np.arange(len(rules.begin) - 1), np.diff(rules.begin))
-    rows = zip(first.tolist(), rules.after.tolist(), rules.depth.tolist(), strict=True)
+    rows = zip(first.tolist(), rules.after.tolist(), rules.harm.tolist(), strict=True)
     return {(i, j): depth for i, j, depth in rows}
 
 

@@ -73,7 +73,7 @@ def test_a_joint_is_open_where_both_sides_are_blocked(monkeypatch):
     assert counts(found) == (1, 0, 0, 1)
     assert not found.beyond.any()
     (left,) = found.open
-    assert (left.vessel, left.other, left.place_mm.tolist()) == (RIGHT, LEFT, [0, 0, 0])
+    assert (left.vessel, left.other, left.place_mm, left.part) == (RIGHT, LEFT, (0, 0, 0), 0)
     parts = parts_of(HEAD_ON, OPTIONS)
     first, after = np.array(found.wishes).T
     assert set(parts.elements.vessel[after].tolist()) == {OVER_LEFT}
@@ -83,7 +83,8 @@ def test_a_joint_is_open_where_both_sides_are_blocked(monkeypatch):
 def test_where_both_sides_are_blocked_a_shorter_overlap_closes():
     found = joined(HEAD_ON, [OVER_RIGHT, LEFT, OVER_LEFT, RIGHT])
     assert counts(found) == (1, 1, 0, 0)
-    assert found.shortened == 1
+    (weak,) = found.shortened
+    assert (weak.vessel, weak.other, weak.part) == (RIGHT, LEFT, pytest.approx(0.5))
     assert found.beyond == pytest.approx([0, 0, 0, REACH / 2])
     assert found.wishes  # of the next round: another order would leave room for all of it
 

@@ -111,13 +111,20 @@ def test_rules_are_those_of_all_tips_and_all_ink(net, options):
     assert naive_rules(net, parts, -0.01) <= found <= naive_rules(net, parts, 0.01)
 
 
-def test_a_rule_says_how_deep_the_shaft_would_reach():
-    net = network([(-1, 0, 0), (1, 0, 0), (0, -1, 2), (0, 1, 2)], [(0, 1), (2, 3)], 0.15)
-    parts = parts_of(net, OPTIONS)
+@pytest.mark.parametrize(
+    ("nodes", "harm"),
+    [
+        ([(-1, 0, 0), (1, 0, 0), (0, -1, 2), (0, 1, 2)], 0.3),  # all of the upper one's height
+        # side by side: the shaft's 0.155 mm and the filament's 0.15 pass each other
+        ([(-1, 0, 0), (1, 0, 0), (-1, 0.33, 2), (1, 0.33, 2)], 0.003),
+    ],
+)
+def test_a_rule_says_what_harm_the_shaft_would_do(nodes, harm):
+    parts = parts_of(network(nodes, [(0, 1), (2, 3)], 0.15), OPTIONS)
     pairs = pairs_of(find_rules(parts.elements, parts.squares, parts.meetings, parts.needle))
     vessel = parts.elements.vessel
     assert {(int(vessel[i]), int(vessel[j])) for i, j in pairs} == {(0, 1)}
-    assert max(pairs.values()) == pytest.approx(0.3)  # all of the upper one's height
+    assert max(pairs.values()) == pytest.approx(harm)
 
 
 def test_a_fold_of_a_vessel_harms_itself_beyond_the_reach_of_a_joint():
@@ -181,7 +188,20 @@ def test_of_two_opposite_rules_the_deeper_stays(seed, count, density):
         for (a, b), depth in pairs.items()
         if (depth, -a) > (pairs.get((b, a), -1.0), -b)
     }
-    assert pairs_of(one_way(rules)) == expected
+    assert pairs_of(one_way(rules, np.arange(count))) == expected
+
+
+def test_of_two_vessels_that_bar_each_other_one_goes_first_altogether():
+    """By themselves (0, 2) and (3, 1) would stay: the two would be written in turns."""
+    pairs = {(0, 2): 3.0, (2, 0): 1.0, (1, 3): 1.0, (3, 1): 2.0, (3, 0): 9.0}
+    kept = one_way(rules_of(pairs, 4), np.array([0, 0, 1, 1]))
+    assert pairs_of(kept) == {(0, 2): 3.0, (1, 3): 1.0, (3, 0): 9.0}
+
+
+def test_of_two_elements_of_one_vessel_each_pair_decides_for_itself():
+    pairs = {(0, 2): 3.0, (2, 0): 1.0, (1, 3): 1.0, (3, 1): 2.0}
+    kept = one_way(rules_of(pairs, 4), np.zeros(4, dtype=np.int64))
+    assert pairs_of(kept) == {(0, 2): 3.0, (3, 1): 2.0}
 
 
 @settings(max_examples=30, deadline=None)
@@ -190,5 +210,8 @@ def test_more_rules_are_added_once(seed, count, density):
     rules, pairs = random_rules(seed, count, density, ranked=False)
     rng = np.random.default_rng(seed)
     first, after = rng.integers(0, count, (2, 9))
-    new = dict.fromkeys(zip(first.tolist(), after.tolist(), strict=True), 0.0)
-    assert pairs_of(with_more(rules, first, after)) == new | pairs
+    expected = dict(pairs)
+    for pair in zip(first.tolist(), after.tolist(), strict=True):
+        if pair[::-1] not in expected:
+            expected.setdefault(pair, 0.0)
+    assert pairs_of(with_more(rules, first, after)) == expected

@@ -100,7 +100,7 @@ def test_the_rules_of_real_networks_that_can_be_kept_are_kept():
     for net in (random_tree(10, 9, 4, 0.1), cage(6, 3.0, 4.0)):
         parts = parts_of(net, EmbeddedOptions())
         found = find_rules(parts.elements, parts.squares, parts.meetings, parts.needle)
-        rules = one_way(found)
+        rules = one_way(found, parts.elements.vessel)
         head = np.zeros(net.vessel_count, dtype=np.int64)
         passes = Scheduler(parts.elements, rules, head).run()
         assert naive_broken(pairs_of(rules), order_of(passes)) == set()

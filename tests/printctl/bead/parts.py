@@ -13,6 +13,7 @@ from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, stream_gcode
 from design.toolpath.lag import advanced
 from firmware_profiles import Printer, Syringe, load
+from printctl.preflight import written_arrays
 
 LAG_S = 0.3
 PLACE = (50.0, 50.0, 50.0)
@@ -38,5 +39,8 @@ def write_job(folder: Path, lag_s: float = 0.0, printer: str = "generic_marlin")
         path = advanced(path, lag_s, rate).toolpath
     options = GcodeOptions(start_mm=START, relieve_ul=0.0)
     job = stream_gcode([path], profile, syringe, PLACE, options, 1.0)
-    save_gcode(folder / "job.gcode", folder / "job.map.npz", job, lag_s)
+    beside = written_arrays(network, np.array(PLACE), 0.5, 0.05, [(0.31, 0.31, 0.0)])
+    if lag_s > 0:
+        beside["lag_s"] = np.array(lag_s)
+    save_gcode(folder / "job.gcode", folder / "job.map.npz", job, beside)
     return folder / "job.gcode"

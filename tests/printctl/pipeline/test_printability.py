@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from design.toolpath.embedded import EmbeddedOptions
 from firmware_profiles import Bath, Ink, Needle, load
-from printctl.pipeline.printability import printability
+from printctl.pipeline.printability import needle_options, printability
 from printctl.recipe.making import Embedded, Fresh
 
 
@@ -39,3 +40,12 @@ def test_a_weak_bath_limits_the_widest_vessel() -> None:
 
 def test_layers_have_no_widest_lumen() -> None:
     assert printability(context(Fresh(method="fresh"))).widest_mm is None
+
+
+def test_a_tapered_tip_is_planned_as_one() -> None:
+    plain = load(Needle, "30g")
+    tapered = Needle.model_validate(plain.model_dump() | {"tip_outer_mm": 0.25, "cone_mm": 4.0})
+    assert EmbeddedOptions(**needle_options(plain)).tip_mm == pytest.approx(0.31 / 2 + 0.05)
+    options = EmbeddedOptions(**needle_options(tapered))
+    assert (options.tip_mm, options.cone_mm) == pytest.approx((0.25 / 2 + 0.05, 4.0))
+    assert options.shaft_mm == pytest.approx(0.31 / 2 + 0.05)

@@ -1,0 +1,107 @@
+"""What the map of an embedded job says besides its lines: network, place, needles."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.toolpath import MoveKind
+from printctl.errors import UsageError
+from sim.clearance import LineSources, WrittenNetwork
+
+FloatArray = NDArray[np.float64]
+_NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
+
+
+@dataclass(frozen=True)
+class Written:
+    """What an embedded job's map says besides its lines.
+
+    Attributes
+    ----------
+    sources : LineSources
+    network : WrittenNetwork
+        In the printer's frame.
+    overlap_radii : float
+        Of joints.
+    clearance_mm : float, mm
+        That the plan keeps.
+    needles_mm : (heads, 3) float64, mm
+        For which it was planned: outer diameter of the shaft and of the tip, height of the cone
+        between them.
+    """
+
+    sources: LineSources
+    network: WrittenNetwork
+    overlap_radii: float
+    clearance_mm: float
+    needles_mm: FloatArray
+
+
+def written_arrays(
+    network: VesselNetwork,
+    place_mm: FloatArray,
+    overlap_radii: float,
+    clearance_mm: float,
+    needles_mm: Sequence[tuple[float, float, float]],
+) -> dict[str, NDArray[Any]]:
+    """What the map of an embedded job is to hold, so that its file can be checked by itself.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        As it is written, in the part's frame.
+    place_mm : (3,) float64, mm
+        From there to the printer's.
+    overlap_radii, clearance_mm, needles_mm
+        As in `Written`.
+    """
+    return {
+        **{f"network_{name}": getattr(network, name) for name in _NETWORK},
+        "place_mm": np.asarray(place_mm, dtype=np.float64),
+        "overlap_radii": np.array(overlap_radii),
+        "clearance_mm": np.array(clearance_mm),
+        "needles_mm": np.asarray(needles_mm, dtype=np.float64),
+    }
+
+
+def read_written(path: Path) -> Written | None:
+    """Read the map of an embedded job; None where it is of layers, or there is none.
+
+    Raises
+    ------
+    UsageError
+        When the file can't be read, or is of vessels and doesn't say which network they are of.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as found:
+            data = {name: found[name] for name in found.files}
+        if str(data["source_kind"]) != "vessel":
+            return None
+        return _written(data)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
+        raise UsageError(
+            f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
+            "checked; write the G-code and its map anew with `printctl toolpath`"
+        ) from exc
+
+
+def _written(data: Mapping[str, NDArray[Any]]) -> Written:
+    network = WrittenNetwork(*(data[f"network_{name}"] for name in _NETWORK))
+    writes = data["kind"] == MoveKind.WRITE
+    return Written(
+        LineSources(data["source"].astype(np.int64), writes),
+        network.moved(data["place_mm"]),
+        float(data["overlap_radii"]),
+        float(data["clearance_mm"]),
+        data["needles_mm"].astype(np.float64),
+    )

@@ -1,0 +1,25 @@
+"""The needle's shaft against what is written: an independent check of embedded jobs."""
+
+from sim.clearance.check import check_clearance
+from sim.clearance.contact import ShaftContact
+from sim.clearance.heads import KINDS
+from sim.clearance.joints import OwnOverlap
+from sim.clearance.motion import LineSources, Motion, motion_of
+from sim.clearance.needle import NeedleBody
+from sim.clearance.network import WrittenNetwork
+from sim.clearance.result import Clearance
+from sim.errors import ClearanceError
+
+__all__ = [
+    "KINDS",
+    "Clearance",
+    "ClearanceError",
+    "LineSources",
+    "Motion",
+    "NeedleBody",
+    "OwnOverlap",
+    "ShaftContact",
+    "WrittenNetwork",
+    "check_clearance",
+    "motion_of",
+]

@@ -1,0 +1,60 @@
+"""What each needle does in every row: its passes, and which kind of move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.clearance.motion import Motion
+from sim.clearance.network import WrittenNetwork
+from sim.clearance.passes import Passes, passes_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+WRITE, TRAVEL, LIFT, DESCENT, HEAD_CHANGE = range(5)
+KINDS: Final = ("write", "travel", "lift", "descent", "head change")
+
+
+@dataclass(frozen=True)
+class Head:
+    """One head's rows.
+
+    Attributes
+    ----------
+    tips : (n, 2, 3) float64, mm
+    passes : Passes
+    along : (n, 2) float64, mm
+        Of a written row's ends, along its vessel.
+    """
+
+    tips: FloatArray
+    passes: Passes
+    along: FloatArray
+
+
+def heads_of(motion: Motion, network: WrittenNetwork) -> list[Head]:
+    """Passes of every head, and where along its vessel each written row lies."""
+    found = []
+    for k, tips in enumerate(motion.tips):
+        writes = motion.writes & (motion.tool == k)
+        along = np.zeros((len(tips), 2))
+        rows = np.flatnonzero(writes)
+        along[rows] = network.spans(motion.vessel[rows], tips[rows, 0], tips[rows, 1])[0]
+        found.append(Head(tips, passes_of(tips, writes), along))
+    return found
+
+
+def kinds_of(tips: FloatArray, writes: NDArray[np.bool_]) -> IntArray:
+    """What one head's rows are, (n,): indices of `KINDS`."""
+    step = tips[:, 1] - tips[:, 0]
+    upright = np.hypot(step[:, 0], step[:, 1]) < 1e-6
+    kind = np.full(len(tips), TRAVEL)
+    kind[upright & (step[:, 2] > 0)] = LIFT
+    kind[upright & (step[:, 2] < 0)] = DESCENT
+    kind[(step == 0).all(axis=1)] = HEAD_CHANGE
+    kind[writes] = WRITE
+    return kind

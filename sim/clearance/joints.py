@@ -1,0 +1,86 @@
+"""Where vessels of a network meet: at nodes, and where the network overlaps itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.clearance.bodies import Joints
+from sim.clearance.network import WrittenNetwork
+from sim.clearance.overlaps import Overlaps, overlaps_of
+
+FloatArray = NDArray[np.float64]
+
+_GRAIN_MM: Final = 0.05
+"""Overlapping places that lie so near to each other along both vessels are kept once."""
+
+
+@dataclass(frozen=True)
+class OwnOverlap:
+    """Two vessels without a common node whose filaments are one body in the design.
+
+    Attributes
+    ----------
+    vessel, other : int
+        The same one where it meets itself.
+    overlap_mm : float, mm
+        Deepest.
+    place_mm : (x, y, z), mm
+        There, on the first one's axis.
+    """
+
+    vessel: int
+    other: int
+    overlap_mm: float
+    place_mm: tuple[float, float, float]
+
+
+def joints_of(
+    network: WrittenNetwork, radius_mm: float, overlap_radii: float
+) -> tuple[Joints, tuple[OwnOverlap, ...]]:
+    """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
+    found = overlaps_of(network, radius_mm, overlap_radii)
+    (u, v), (a, b) = found.vessel.T, found.along.T
+    grain = np.floor(found.along / _GRAIN_MM)
+    once = np.unique(np.column_stack([found.vessel, grain]), axis=0, return_index=True)[1]
+    forth, back = np.column_stack([u, v, a, b])[once], np.column_stack([v, u, b, a])[once]
+    rows = np.concatenate([_at_nodes(network), forth, back])
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
+    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    other, own, there = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
+    joints = Joints(begin, other.astype(np.int64), own, there, radius_mm, overlap_radii)
+    return joints, _told(network, found)
+
+
+def _at_nodes(network: WrittenNetwork) -> FloatArray:
+    """Each end of a vessel with all others at its node: vessel, other, way along both."""
+    ends: dict[int, list[tuple[int, float]]] = {}
+    for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
+        ends.setdefault(tail, []).append((vessel, 0.0))
+        ends.setdefault(head, []).append((vessel, float(network.lengths[vessel])))
+    rows = [(v, w, a, b) for meet in ends.values() for (v, a), (w, b) in permutations(meet, 2)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _told(network: WrittenNetwork, found: Overlaps) -> tuple[OwnOverlap, ...]:
+    """Once for each pair; vessels that leave a node side by side overlap for a while anyway."""
+    ends = network.vessel_nodes[found.vessel]
+    shared = (ends[:, 0, :, None] == ends[:, 1, None, :]).any(axis=(1, 2))
+    shared &= found.vessel[:, 0] != found.vessel[:, 1]
+    order = np.argsort(-found.overlap, kind="stable")
+    order = order[~shared[order]]
+    once = np.unique(found.vessel[order], axis=0, return_index=True)[1]
+    return tuple(
+        OwnOverlap(
+            int(found.vessel[k, 0]),
+            int(found.vessel[k, 1]),
+            round(float(found.overlap[k]), 4),
+            network.place(int(found.vessel[k, 0]), float(found.along[k, 0])),
+        )
+        for k in order[np.sort(once)].tolist()
+    )

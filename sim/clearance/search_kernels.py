@@ -1,0 +1,170 @@
+"""Kernel: every move against all ink before it, by squares of the plan."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernels import jit
+from sim.clearance.bodies import Ink, Joints, Tips
+from sim.clearance.joint_kernels import related
+from sim.clearance.pair_kernels import pair_approach
+from sim.clearance.shaft_kernels import shaft_distance
+from sim.planner_state import Record, Records
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_SQUARES: Final = 4_000_000
+FOUND: Final = np.dtype(
+    [
+        ("value", "f8"),
+        ("piece", "i8"),
+        ("ink", "i8"),
+        ("s", "f8"),
+        ("t", "f8"),
+        ("move", "i8"),
+        ("vessel", "i8"),
+    ],
+    align=True,
+)
+"""An approach: how near, which pieces, where on them, of which move, to which vessel's ink."""
+
+
+class Squares(NamedTuple):
+    """Ink by squares of the plan, those of square k ``member[begin[k] : begin[k + 1]]``, in time.
+
+    Attributes
+    ----------
+    origin : (2,) float64, mm
+    pitch : float, mm
+    shape : (2,) int64
+    begin, member : int64 arrays
+    """
+
+    origin: FloatArray
+    pitch: float
+    shape: IntArray
+    begin: IntArray
+    member: IntArray
+
+
+def squares_of(ink: Ink, pitch_mm: float) -> Squares:
+    """Sort ink by where its pieces' middles lie."""
+    middle = (ink.start[:, :2] + ink.end[:, :2]) / 2
+    origin = middle.min(axis=0)
+    size = np.ptp(middle, axis=0)
+    pitch = max(pitch_mm, float(np.sqrt(size.prod() / MOST_SQUARES)))
+    pitch = max(pitch, float(size.max()) / MOST_SQUARES)
+    place = np.floor((middle - origin) / pitch).astype(np.int64)
+    shape = place.max(axis=0) + 1
+    square = place[:, 0] * shape[1] + place[:, 1]
+    begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
+    return Squares(origin, pitch, shape, begin, np.argsort(square, kind="stable"))
+
+
+@jit
+def search(
+    tips: Tips,
+    ink: Ink,
+    joints: Joints,
+    bodies: FloatArray,
+    squares: Squares,
+    look: float,
+    told: float,
+    near: Records,
+    apart: Records,
+    hits: Records,
+) -> int:
+    """Find each move's nearest approach, and every vessel to which it comes too near.
+
+    Parameters
+    ----------
+    tips, ink, joints, squares
+    bodies : (needles, 5) float64
+        `NeedleBody.as_row` of each.
+    look : float, mm
+        Approaches above it aren't looked for.
+    told : float, mm
+        Nearer is a hit.
+    near, apart : (moves,) of `FOUND`
+        Filled: the nearest of all, and of ink with which no joint is meant; ``value`` must be
+        ``look``, and stays where there is none.
+    hits : (room,) of `FOUND`
+        Filled as far as it reaches: the nearest of each move and vessel.
+
+    Returns
+    -------
+    int
+        How many hits there are.
+    """
+    count = len(ink.when)
+    middle, half, thick = np.empty((count, 3)), np.empty(count), 0.0
+    for j in range(count):
+        middle[j] = 0.5 * (ink.start[j] + ink.end[j])
+        half[j] = 0.5 * np.sqrt(((ink.end[j] - ink.start[j]) ** 2).sum())
+        half[j] += max(ink.radius[j, 0], ink.radius[j, 1])
+        thick = max(thick, half[j])
+    stack = np.empty((64, 4))
+    used = first = 0
+    for i in range(len(tips.move)):
+        move, body, now = tips.move[i], bodies[tips.needle[i]], tips.when[i]
+        if i > 0 and tips.move[i - 1] != move:
+            first = used
+        x, y, z = 0.5 * (tips.start[i] + tips.end[i])
+        own = 0.5 * np.sqrt(((tips.end[i] - tips.start[i]) ** 2).sum())
+        reach = max(body[0], body[4]) + thick + own + look
+        x0 = max(0, int(np.floor((x - reach - squares.origin[0]) / squares.pitch)))
+        y0 = max(0, int(np.floor((y - reach - squares.origin[1]) / squares.pitch)))
+        x1 = min(squares.shape[0] - 1, int((x + reach - squares.origin[0]) / squares.pitch))
+        y1 = min(squares.shape[1] - 1, int((y + reach - squares.origin[1]) / squares.pitch))
+        for column in range(x0, x1 + 1):
+            row = column * squares.shape[1]
+            for m in range(squares.begin[row + y0], squares.begin[row + max(y0, y1 + 1)]):
+                j = squares.member[m]
+                if ink.when[j] > now:
+                    continue
+                if ink.when[j] == now and ink.run[j] != tips.run[i]:
+                    continue
+                # Nothing of the pair is nearer than this.
+                low = shaft_distance(middle[j, 0] - x, middle[j, 1] - y, middle[j, 2] - z, body)
+                low -= own + half[j]
+                if low >= look or low >= max(near[move].value, apart[move].value, told):
+                    continue
+                joined = related(i, j, tips, ink, joints)
+                w, hit = ink.vessel[j], -1
+                limit = near[move].value
+                if not joined:
+                    limit = max(limit, apart[move].value)
+                for k in range(first, min(used, len(hits))):
+                    if hits[k].vessel == w:
+                        hit = k
+                limit = max(limit, hits[hit].value if hit >= 0 else told)
+                if low >= limit:
+                    continue
+                value, s, t = pair_approach(i, j, limit, joined, tips, ink, joints, body, stack)
+                if s < 0.0:
+                    continue
+                if value < near[move].value:
+                    _keep(near[move], value, i, j, s, t, move, w)
+                if not joined and value < apart[move].value:
+                    _keep(apart[move], value, i, j, s, t, move, w)
+                if value >= told:
+                    continue
+                if hit < 0:
+                    hit, used = used, used + 1
+                    if hit < len(hits):
+                        _keep(hits[hit], value, i, j, s, t, move, w)
+                elif value < hits[hit].value:
+                    _keep(hits[hit], value, i, j, s, t, move, w)
+    return used
+
+
+@jit
+def _keep(
+    row: Record, value: float, piece: int, ink: int, s: float, t: float, move: int, vessel: int
+) -> None:
+    row.value, row.piece, row.ink, row.s, row.t = value, piece, ink, s, t
+    row.move, row.vessel = move, vessel

@@ -1,0 +1,90 @@
+"""Motion of every needle's tip, with what it writes, has left, or goes to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.clearance.bodies import Tips
+from sim.clearance.heads import Head
+from sim.clearance.motion import NONE, Motion
+from sim.clearance.pieces import Pieces
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def tips_of(
+    motion: Motion, heads: list[Head], pieces: Pieces, radius: FloatArray
+) -> tuple[Tips, IntArray, IntArray]:
+    """Every head's motion, with the rows and heads that its moves are of.
+
+    Returns
+    -------
+    Tips
+    row, head : (moves,) int64
+    """
+    parts, rows, numbers = [], [], []
+    runs = moves = 0
+    for k, head in enumerate(heads):
+        kept = _kept(head.tips)
+        chosen = np.flatnonzero(kept[pieces.row])
+        parts.append(_fields(motion, k, head, pieces.of_rows(chosen), radius))
+        move = np.cumsum(kept) - 1 + moves
+        parts[-1] |= {"move": move[pieces.row[chosen]], "when": chosen}
+        parts[-1]["run"][parts[-1]["run"] >= 0] += runs
+        rows.append(np.flatnonzero(kept))
+        numbers.append(np.full(len(rows[-1]), k))
+        runs += int(head.passes.run.max(initial=-1)) + 1
+        moves += len(rows[-1])
+    columns = ([part[name] for part in parts] for name in Tips._fields)
+    tips = Tips(*(np.ascontiguousarray(np.concatenate(column)) for column in columns))
+    return tips, np.concatenate(rows), np.concatenate(numbers)
+
+
+def _fields(
+    motion: Motion, k: int, head: Head, part: Pieces, radius: FloatArray
+) -> dict[str, NDArray[Any]]:
+    """Of `Tips`, what one head alone says."""
+    row, found = part.row, head.passes
+    start, end = part.places(head.tips)
+    vessel, thick, along = _roles(motion, head, radius)
+    along_of = np.repeat(along[row][:, :, None], 2, axis=2)
+    written = (motion.writes & (motion.tool == k))[row]
+    along_of[written, 0] = part.values(head.along)[written]
+    return {
+        "start": start,
+        "end": end,
+        "needle": np.full(len(row), k),
+        "run": found.run[row],
+        "arc": part.values(found.arc),
+        "vessel": vessel[row],
+        "radius": thick[row],
+        "along": along_of,
+        "since": np.stack([part.values(found.since), part.values(found.until)], axis=1),
+    }
+
+
+def _kept(tips: FloatArray) -> NDArray[np.bool_]:
+    """Rows in which a tip moves, or stands elsewhere than before: a head that was lowered."""
+    if not len(tips):
+        return np.zeros(0, np.bool_)
+    jumped = np.append(True, np.abs(tips[1:, 0] - tips[:-1, 1]).max(axis=1) > 0)
+    return np.asarray(jumped | (np.abs(tips[:, 1] - tips[:, 0]).max(axis=1) > 0))
+
+
+def _roles(
+    motion: Motion, head: Head, radius: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Vessel, filament's radius and place along it, (n, 2) each: left (or written), and gone to."""
+    last, following = head.passes.last, head.passes.next
+    written = (last >= 0) & (last == following)
+    following = np.where(written, NONE, following)
+    vessel = np.column_stack(
+        [np.where(rows >= 0, motion.vessel[rows], NONE) for rows in (last, following)]
+    )
+    thick = np.column_stack([radius[last], radius[following]])
+    along = np.column_stack([head.along[last, 1], head.along[following, 0]])
+    return vessel, thick, along

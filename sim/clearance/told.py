@@ -1,0 +1,109 @@
+"""From what the kernels have found to what people ask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.clearance.bodies import Ink, Tips
+from sim.clearance.contact import ShaftContact
+from sim.clearance.heads import KINDS, LIFT, Head, kinds_of
+from sim.clearance.joints import OwnOverlap
+from sim.clearance.motion import NONE, Motion
+from sim.clearance.pieces import Pieces
+from sim.clearance.result import Clearance
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Found = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What was looked at, and as which moves: ``row`` and ``head`` (moves,)."""
+
+    motion: Motion
+    heads: list[Head]
+    pieces: Pieces
+    tips: Tips
+    ink: Ink
+    row: IntArray
+    head: IntArray
+
+    def clearance(
+        self,
+        near: Found,
+        apart: Found,
+        hits: Found,
+        overlaps: tuple[OwnOverlap, ...],
+        clearance_mm: float,
+    ) -> Clearance:
+        """Of what the search found: (moves,) and (hits,) of `FOUND`."""
+        kind, vessel = self._moves()
+        known = near["ink"] >= 0
+        place, nearest = np.full((len(known), 3), np.nan), np.full(len(known), NONE)
+        place[known] = self._on_ink(near[known])
+        nearest[known] = near["vessel"][known]
+        contacts = self._contacts(hits, kind, vessel)
+        return Clearance(
+            self.motion.line[self.row],
+            self.head,
+            vessel,
+            kind,
+            np.where(known, near["value"], np.inf),
+            np.where(apart["ink"] >= 0, apart["value"], np.inf),
+            nearest,
+            place,
+            tuple(one for one in contacts if one.crosses),
+            tuple(one for one in contacts if not one.crosses),
+            overlaps,
+            len(self.ink.when),
+            clearance_mm,
+        )
+
+    def _contacts(self, hits: Found, kind: IntArray, vessel: IntArray) -> list[ShaftContact]:
+        hits = hits[np.lexsort((hits["move"], hits["value"]))]
+        move, line = hits["move"], self.motion.line
+        columns = zip(
+            line[self.row[move]].tolist(),
+            (KINDS[one] for one in kind[move].tolist()),
+            self.head[move].tolist(),
+            map(_or_none, vessel[move].tolist()),
+            map(_or_none, hits["vessel"].tolist()),
+            line[self.pieces.row[self.ink.when[hits["ink"]]]].tolist(),
+            np.round(-hits["value"], 4).tolist(),
+            map(tuple, np.round(self._on_ink(hits), 4).tolist()),
+            map(tuple, np.round(self._on_tip(hits), 4).tolist()),
+            strict=True,
+        )
+        return [ShaftContact(*one) for one in columns]
+
+    def _moves(self) -> tuple[IntArray, IntArray]:
+        """Kind and vessel of each move."""
+        motion = self.motion
+        kind, vessel = np.zeros(len(self.row), np.int64), np.full(len(self.row), NONE)
+        for k, one in enumerate(self.heads):
+            own = self.head == k
+            rows = self.row[own]
+            kinds = kinds_of(one.tips, motion.writes & (motion.tool == k))[rows]
+            last, following = one.passes.last[rows], one.passes.next[rows]
+            left = ((kinds == LIFT) & (last >= 0)) | (following < 0)
+            source = np.where(left, last, following)
+            kind[own] = kinds
+            vessel[own] = np.where(source >= 0, motion.vessel[source], NONE)
+        return kind, vessel
+
+    def _on_ink(self, found: Found) -> FloatArray:
+        j, t, ink = found["ink"], found["t"][:, None], self.ink
+        return np.asarray(ink.start[j] + t * (ink.end[j] - ink.start[j]))
+
+    def _on_tip(self, found: Found) -> FloatArray:
+        i, s, tips = found["piece"], found["s"][:, None], self.tips
+        return np.asarray(tips.start[i] + s * (tips.end[i] - tips.start[i]))
+
+
+def _or_none(vessel: int) -> int | None:
+    return vessel if vessel >= 0 else None
