@@ -8,7 +8,18 @@ from firmware_profiles.errors import ProfileError
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
-from firmware_profiles.schema import Axes, Bath, Dish, Facts, Ink, Needle, Printer, Span, Syringe
+from firmware_profiles.schema import (
+    Axes,
+    Bath,
+    Dish,
+    Facts,
+    Ink,
+    MeasuredLag,
+    Needle,
+    Printer,
+    Span,
+    Syringe,
+)
 from firmware_profiles.watching import Watched
 
 __all__ = [
@@ -22,6 +33,7 @@ __all__ = [
     "Head",
     "Ink",
     "MeasuredFlow",
+    "MeasuredLag",
     "Needle",
     "Offset",
     "Plunger",

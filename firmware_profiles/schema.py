@@ -150,6 +150,11 @@ class Printer(Facts):
     heads: tuple[Head, ...] = Field(
         default=(), description="Where there are several; the keys above then hold for each."
     )
+    advance_s: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = Field(
+        default=0.0,
+        description="Pressure advance that the firmware's own configuration holds (Marlin's K, "
+        "RepRapFirmware's M572 S, Klipper's pressure_advance); the dry run's prediction takes it.",
+    )
     idle_timeout_s: NonNegative = Field(
         default=600,
         description="Set at the start of a print where the firmware can be told (M85, "
@@ -291,6 +296,18 @@ class Syringe(Facts):
     )
 
 
+class MeasuredLag(BaseModel):
+    """How long the flow takes to follow the plunger; good for this needle and syringe alone."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    lag_s: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] = Field(
+        description="τ of τ dQ/dt = Q_in - Q."
+    )
+    needle: str = Field(min_length=1, description="The needle profile's `name`.")
+    syringe: str = Field(min_length=1, description="The syringe profile's `name`.")
+
+
 class Ink(Facts):
     """A bioink."""
 
@@ -311,6 +328,16 @@ class Ink(Facts):
     flow_factor: Annotated[float, Field(gt=0.2, le=5)] = Field(
         default=1.0,
         description="What comes out over what is pushed; the plunger is driven farther by it.",
+    )
+    lag: MeasuredLag | None = Field(
+        default=None,
+        description="Written by `printctl calibrate lag`; unknown without, and then the dry run "
+        "predicts what lies in the bath without a lag.",
+    )
+    swell_factor: Annotated[float, Field(gt=0.3, le=3, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="Diameter of a filament that has lain in the bath over the one that was "
+        "written; not measured without, and taken as 1.",
     )
     gelled_by: tuple[Trigger, ...] = Field(
         default=(), description="What the bath must provide for the ink to set."
@@ -347,6 +374,15 @@ class Bath(Facts):
     """A support bath, or the cell matrix that a network is written into."""
 
     yield_stress_pa: Positive
+    viscosity_pa_s: Positive | None = Field(
+        default=None,
+        description="Plastic viscosity above the yield stress (Bingham's); says how fast a "
+        "filament sinks that isn't held. Unknown without.",
+    )
+    recovery_s: Positive | None = Field(
+        default=None,
+        description="How long the bath takes to close behind the needle; unknown without.",
+    )
     density_g_cm3: Annotated[float, Field(gt=0.5, le=3)]
     max_printing_c: Celsius
     melt_out_c: Celsius | None = None

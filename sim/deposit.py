@@ -208,6 +208,39 @@ def united(deposits: Sequence[Deposit]) -> Deposit:
     )
 
 
+def deposit_of_areas(
+    start: FloatArray,
+    end: FloatArray,
+    area_mm2: FloatArray,
+    voxel_mm: float,
+    style: Style,
+    standing_ul: float = 0.0,
+) -> Deposit:
+    """Lay lines whose cross-section is known already (`sim.bead`).
+
+    Parameters
+    ----------
+    start, end : (n, 3) float64, mm
+    area_mm2 : (n,) float64, mm²
+    voxel_mm : float, mm
+    style : "layered" or "embedded"
+    standing_ul : float, µL
+        What isn't laid along a way; told on.
+
+    Raises
+    ------
+    DepositError
+        When there are no lines, or the grid would be too large.
+    """
+    _check_positive(voxel_mm=voxel_mm)
+    if not len(area_mm2):
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
+    written = float((np.linalg.norm(end - start, axis=1) * area_mm2).sum())
+    lines = _Lines(start, end, area_mm2, written)
+    volume, origin = _painted(lines, style, voxel_mm, _box(lines, style))
+    return Deposit(volume, origin, voxel_mm, style, written, standing_ul)
+
+
 def _joined(parts: Sequence[_Lines]) -> _Lines:
     return _Lines(
         np.concatenate([part.start for part in parts]),
@@ -286,17 +319,17 @@ def _smoothed_area(
 
 def _style(lines: _Lines) -> Style:
     flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
-    return "layered" if flat and len(_levels(lines.end[:, 2])) > 1 else "embedded"
+    return "layered" if flat and len(written_levels(lines.end[:, 2])) > 1 else "embedded"
 
 
-def _levels(heights: FloatArray) -> FloatArray:
+def written_levels(heights: FloatArray) -> FloatArray:
     """Distinct written heights, ascending, mm."""
     ordered = np.unique(np.round(heights, 4))
     new = np.concatenate([[True], np.diff(ordered) > LEVEL_TOLERANCE_MM])
     return ordered[new]
 
 
-def _level_heights(levels: FloatArray) -> FloatArray:
+def level_heights(levels: FloatArray) -> FloatArray:
     """Height of the lines of each level: down to the level below, (k,), mm.
 
     The lowest level, and one that hangs more than two usual spacings above the last, take the
@@ -316,8 +349,8 @@ def _level_heights(levels: FloatArray) -> FloatArray:
 
 def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Levels, their lines' heights, the level of each line, and its half width."""
-    levels = _levels(lines.end[:, 2])
-    height = _level_heights(levels)
+    levels = written_levels(lines.end[:, 2])
+    height = level_heights(levels)
     layer = np.clip(np.searchsorted(levels, lines.end[:, 2] + 1e-6, side="right") - 1, 0, None)
     return levels, height, layer, lines.area_mm2 / height[layer] / 2
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from firmware_profiles import Ink, Printer, Syringe, load
+from firmware_profiles import Ink, MeasuredLag, Needle, Printer, Syringe, load
 from printctl.calibration import Estimate, Lag, LagPattern, fit_lag, lag_path
 from printctl.cli.calibrate_files import Job, write_mended, write_test
 from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, tell
@@ -18,6 +19,10 @@ def lag(
     printer: PrinterOption = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
     ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    needle: Annotated[
+        str | None,
+        typer.Option("--needle", help="The one mounted: a lag is written for it alone."),
+    ] = None,
     slow: Annotated[float, typer.Option("--slow", help="mm/s", min=0.01)] = 4.0,
     fast: Annotated[float, typer.Option("--fast", help="mm/s", min=0.01)] = 16.0,
     length: Annotated[float, typer.Option("--length", help="Of each stretch, mm.", min=1)] = 40.0,
@@ -56,9 +61,30 @@ def lag(
         data.last_digit["width_mm"],
     )
     factor = found.flow_factor.times(material.flow_factor, "")
-    tell(_told(found, factor), _notes(found), as_json)
+    mounted = None if needle is None else load(Needle, needle)
+    tell(_told(found, factor), [*_notes(found), *_unwritten(found, mounted, write)], as_json)
     if write is not None:
-        write_mended(write, material, "flow_factor", factor)
+        lagging = _with_lag(material, found, mounted, load(Syringe, syringe))
+        write_mended(write, lagging, "flow_factor", factor)
+
+
+def _with_lag(ink: Ink, found: Lag, needle: Needle | None, syringe: Syringe) -> Ink:
+    """The ink with its lag, where one number says it and the needle is known."""
+    if needle is None or not found.linear:
+        return ink
+    lag = MeasuredLag(lag_s=found.rise_s.value, needle=needle.name, syringe=syringe.name)
+    said = f"{ink.source} lag measured by printctl calibrate: {found.rise_s.text()}, 95 %."
+    return ink.model_copy(update={"lag": lag, "source": said})
+
+
+def _unwritten(found: Lag, needle: Needle | None, write: Path | None) -> list[str]:
+    if write is None:
+        return []
+    if not found.linear:
+        return ["the lag isn't written: rise and fall differ, so no single number says it"]
+    if needle is None:
+        return ["the lag isn't written: it holds for one needle; name it (--needle)"]
+    return []
 
 
 def _pattern(said: dict[str, float]) -> LagPattern:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from firmware_profiles import Printer, load
+from printctl.cli import simulate_options as options
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -29,6 +30,7 @@ from printctl.cli.set_up_options import (
     set_up,
 )
 from printctl.cli.shaft_file import file_shaft
+from printctl.cli.simulate_bead import BeadSaid, predicted, tell
 from printctl.preflight import file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
 
@@ -44,19 +46,30 @@ def simulate(
     dish_centre: DishCentreOption = None,
     bath_depth: BathDepthOption = None,
     start: StartOption = "0,0,0",
+    out: options.OutOption = None,
+    lag_s: options.LagOption = None,
+    network: options.NetworkOption = None,
+    unit: options.UnitOption = None,
+    place: options.PlaceOption = None,
+    voxel_um: options.VoxelOption = None,
+    window_s: options.WindowOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Run a G-code file through the planner without a printer: time, limits, ink.
 
-    Ends with exit code 3 when a check fails; the line and the reason are named.
+    With --out, --lag-s or --network it predicts what will lie in the bath, too. Ends with exit
+    code 3 when a check fails; the line and the reason are named.
     """
     profile = load(Printer, printer)
     tip = three_numbers(start, "--start")
     given = Mounted(needle, bath, dish, dish_centre, bath_depth)
     mounted = set_up(profile, syringe, ink, tip, given)
-    run = dry_run(read_gcode_file(file), profile, tip)
+    gcode = read_gcode_file(file)
+    run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted), *shaft.checks]
+    said = BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
+    bead = predicted(file, gcode, run, mounted, said) if said.asks else None
     if as_json:
         print_json(
             {
@@ -67,6 +80,7 @@ def simulate(
                 "merged_moves": run.merged_moves,
                 "passed": not any(check.refuses for check in checks),
                 "checks": [check.as_dict() for check in checks],
+                **({} if bead is None else {"predicted": bead}),
                 **shaft.facts(),
             }
         )
@@ -79,4 +93,6 @@ def simulate(
         )
         for text in warnings(checks):
             messages().print(f"note: {text}", markup=False)
+        if bead is not None:
+            tell(bead)
     refuse_failed(checks)

@@ -27,11 +27,14 @@ class LineMap:
         Whether it counts vessels; else layers.
     kind : (n,) int64 or None
         Why each line is there, a `MoveKind`; -1 for none. None where the map doesn't say it.
+    lag_s : float, s
+        Lag of the ink's flow that the plunger is driven ahead of; 0 for none.
     """
 
     source: IntArray
     of_vessels: bool
     kind: IntArray | None = None
+    lag_s: float = 0.0
 
 
 KINDS: Final = tuple(kind.name.lower() for kind in MoveKind)
@@ -54,6 +57,7 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
         with np.load(path, allow_pickle=False) as found:
             source, counts = found["source"].astype(np.int64), str(found["source_kind"])
             kind = found["kind"].astype(np.int64) if "kind" in found else None
+            lag_s = float(found["lag_s"]) if "lag_s" in found else 0.0
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None, (f"{path.name} beside the file can't be read and is left out.",)
     if source.shape != (lines,):
@@ -63,4 +67,4 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
         )
     if kind is not None and (kind.shape != source.shape or kind.max(initial=-1) >= len(KINDS)):
         kind = None
-    return LineMap(source, counts == "vessel", kind), ()
+    return LineMap(source, counts == "vessel", kind, lag_s), ()

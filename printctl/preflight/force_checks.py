@@ -42,9 +42,17 @@ class Push:
 
 
 def hardest_push(run: DryRun, ink: Ink, needle: Needle, syringe: Syringe) -> Push:
-    """Where the plunger is driven in fastest, and what that takes; going back is no push."""
+    """Where the most flows, and what that takes; going back is no push.
+
+    The flow is the plunger's. Where the ink's lag was measured with this needle and syringe, a push
+    from rest while the needle stands gives Q (1 - e^(-t/τ)): too short to press harder.
+    """
     area = math.pi / 4 * syringe.inner_mm**2
     speed = np.where(run.doses, run.speed_mm_s[:, 3], 0.0)
+    if ink.lag is not None and (ink.lag.needle, ink.lag.syringe) == (needle.name, syringe.name):
+        stands = (run.speed_mm_s[:, :3] == 0).all(axis=1) & (speed > 0)
+        lasts = np.divide(run.program.pushed, speed, out=np.zeros(len(speed)), where=stands)
+        speed = np.where(stands, -speed * np.expm1(-lasts / ink.lag.lag_s), speed)
     row = int(speed.argmax()) if len(speed) else -1
     if row < 0 or speed[row] == 0:
         return Push(0.0, 0.0, 0.0, 0.0, 0)

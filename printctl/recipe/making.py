@@ -84,6 +84,10 @@ class Embedded(Part):
         default=0,
         description="How many joints may stay without an overlap; more are refused.",
     )
+    compensate_lag: bool = Field(
+        default=False,
+        description="Drive the plunger ahead of the ink's measured lag (`lag` of its profile).",
+    )
     compensation: CompensationName = None
 
     def files(self) -> list[str]:

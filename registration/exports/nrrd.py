@@ -46,7 +46,8 @@ def write_scan_nrrd(
     matrix = report.scaled_scan_to_part
     directions = matrix[:3, :3] * voxel
     origin = matrix[:3, :3] @ first + matrix[:3, 3]
-    write_bytes(path, _header(volume, directions, origin) + gzip.compress(volume.tobytes(), 1))
+    header = nrrd_header(volume, directions, origin, "scan in the frame of its part, mm")
+    write_bytes(path, header + gzip.compress(volume.tobytes(), 1))
 
 
 def _binned(
@@ -70,12 +71,26 @@ def _binned(
     return volume, (edges * bins)[::-1].copy(), ((bins - 1) / 2 * edges)[::-1].copy()
 
 
-def _header(volume: NDArray[np.generic], directions: FloatArray, origin: FloatArray) -> bytes:
-    """NRRD0005 header (teem.sourceforge.net/nrrd/format.html); axes from fastest to slowest."""
+def nrrd_header(
+    volume: NDArray[np.generic], directions: FloatArray, origin: FloatArray, comment: str
+) -> bytes:
+    """NRRD0005 header (teem.sourceforge.net/nrrd/format.html); axes from fastest to slowest.
+
+    Parameters
+    ----------
+    volume : (nz, ny, nx) array
+        Follows the header, compressed by gzip.
+    directions : (3, 3) float64, mm
+        Columns: from a voxel to the next in x, y and z.
+    origin : (3,) float64, mm
+        Middle of the first voxel.
+    comment : str
+        What it is, one line of ASCII.
+    """
     vectors = " ".join(_vector(directions[:, axis]) for axis in range(3))
     lines = [
         "NRRD0005",
-        "# printctl: scan in the frame of its part, mm",
+        f"# printctl: {comment}",
         f"type: {_type(volume.dtype)}",
         "dimension: 3",
         "space: left-posterior-superior",

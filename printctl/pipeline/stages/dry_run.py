@@ -14,6 +14,7 @@ from printctl.link.job import parse_job
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.predicting import predicting
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, of_heads
 from printctl.preflight import (
@@ -65,6 +66,7 @@ def depends(context: RunContext) -> Any:
         [profile.model_dump(mode="json") for profile in profiles],
         *of_heads(context),
         context.start_mm.tolist(),
+        context.place_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
         [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
@@ -179,11 +181,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "reload_heads": list(reload_heads),
         "checks": [check.as_dict() for check in checks],
     }
-    write_text(context.folder / CHECKS, json.dumps(summary, indent=1) + "\n")
+    report(0.5, "predicting what will lie in the bath")
+    predicted, files = predicting(context, run, data)
+    found = summary | {"predicted": predicted}
+    write_text(context.folder / CHECKS, json.dumps(found, indent=1) + "\n")
     refuse_failed(checks)
     for text in warnings(checks):
         context.bars.remark("dry run", text)
-    return summary, [CHECKS]
+    return summary, [CHECKS, *files]
 
 
 def shortest_budget(context: RunContext) -> Budget | None:

@@ -14,9 +14,11 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Ink, Syringe
+from printctl.bead import written_filaments
 from printctl.errors import SafetyError
 from printctl.lumens import (
     FilamentCheck,
+    Filaments,
     LumenCheck,
     Writing,
     check_filaments,
@@ -26,10 +28,12 @@ from printctl.lumens import (
 )
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE, of_heads
+from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
+from sim.dryrun import dry_run
 
 LUMENS: Final = "lumens.json"
 LEAK_MM: Final = 0.05
@@ -41,7 +45,7 @@ def depends(context: RunContext) -> Any:
     return [
         context.recipe.toolpath.model_dump(mode="json"),
         context.syringe.model_dump(mode="json"),
-        context.ink.flow_factor,
+        context.ink.model_dump(mode="json") if compensates(context) else context.ink.flow_factor,
         context.flow_ul_s,
         context.printer.model_dump(mode="json"),
         context.place_mm.tolist(),
@@ -72,9 +76,18 @@ def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
         lines, stepped = read_layers(gcode, writing)
         report(0.3, "looking for leaks and measuring sections")
         return check_network(lines, context.written_network, context.place_mm, stepped, LEAK_MM)
-    ideal, after = read_filaments(gcode, writing)
+    ideal, after = _filaments(context, gcode, writing)
     report(0.3, "measuring filaments along the vessels")
     return check_filaments(ideal, after, context.written_network, context.place_mm, LEAK_MM)
+
+
+def _filaments(context: RunContext, gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+    """As the file says and as motors do it; of a compensated job as planned and as predicted."""
+    if not compensates(context):
+        return read_filaments(gcode, writing)
+    ideal, _ = read_filaments(plain_job(context).data, writing)
+    run = dry_run(gcode, context.printer, writing.start_mm or (0.0, 0.0, 0.0))
+    return ideal, written_filaments([predicted_of_motion(context, run, gcode).bead])
 
 
 def writing_of(context: RunContext) -> Writing:
@@ -97,4 +110,6 @@ def _ul_per_mm(syringe: Syringe, ink: Ink) -> float:
     return float(np.pi / 4 * syringe.inner_mm**2 * ink.flow_factor)
 
 
-STAGE = Stage("lumens", depends, (GCODE, NETWORK), ("kernels", "sim", "firmware_profiles"), work)
+STAGE = Stage(
+    "lumens", depends, (GCODE, LINE_MAP, NETWORK), ("kernels", "sim", "firmware_profiles"), work
+)

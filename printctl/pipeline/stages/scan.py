@@ -12,10 +12,11 @@ from design.files import write_text
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.manifest import Manifest, digest_file
+from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
-from printctl.pipeline.stages.toolpath import GCODE
+from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import Scan, ScanOverrides, read_scan
@@ -23,8 +24,10 @@ from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
 from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
+from sim.bead import laid_deposit
 from sim.deposit import Deposit, deposit, deposit_of_heads, united
 from sim.deposit_air import pneumatic_deposit
+from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.scanner import (
     MicroCtOptions,
@@ -54,6 +57,8 @@ def depends(context: RunContext) -> Any:
     laid: list[Any] = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
     if context.printer.heads:
         laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
+    if compensates(context):
+        laid += [context.ink.model_dump(mode="json"), context.needle.model_dump(mode="json")]
     return [found, context.recipe.seed, *laid, context.compensation_digest]
 
 
@@ -115,6 +120,8 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     motion = ExecutedMotion.load(context.folder / EXECUTED)
     if context.printer.heads:
         ink = united(inks_of(context, motion, fine, more))
+    elif compensates(context):
+        ink = predicted_ink(context, motion, fine, more)
     elif context.flow_ul_s is None:
         ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
     else:
@@ -132,6 +139,17 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
         return simulate_oct(ink, OctOptions(voxel_mm=(dz, dy, dx), placing=placing), seed)
     placing = Placing(tilt_deg=5.0, rotation_deg=180.0, margin_mm=1.0, shrink=(left, left, left))
     return simulate_microct(ink, MicroCtOptions(voxel_mm=dx, placing=placing), seed)
+
+
+def predicted_ink(
+    context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float
+) -> Deposit:
+    """What lies in the bath where the plunger goes ahead of the ink's lag."""
+    gcode = (context.folder / GCODE).read_bytes()
+    x, y, z = context.start_mm.tolist()
+    run = dry_run(gcode, context.printer, (x, y, z))
+    bead = predicted_of_motion(context, run, gcode, motion).bead
+    return laid_deposit(bead, voxel_mm, math.sqrt(more))
 
 
 def area_mm2(filled: Filled) -> float:
@@ -227,7 +245,8 @@ def reads(context: RunContext) -> tuple[str, ...]:
     part = context.scan_part
     if not isinstance(part, SimulatedScan):
         return ()
-    return (EXECUTED, GCODE, NETWORK) if part.defects else (EXECUTED, GCODE)
+    names = (EXECUTED, GCODE, NETWORK) if part.defects else (EXECUTED, GCODE)
+    return (*names, LINE_MAP) if compensates(context) else names
 
 
 STAGE = Stage("scan", depends, reads, ("kernels", "sim", "registration"), work)

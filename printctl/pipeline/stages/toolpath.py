@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath import Toolpath
@@ -24,6 +25,7 @@ from design.toolpath.fresh import (
     check_lumens,
 )
 from design.toolpath.gcode import (
+    Gcode,
     GcodeOptions,
     HeadLoad,
     clear_mm,
@@ -31,7 +33,7 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
-from firmware_profiles import Ink
+from firmware_profiles import Ink, Printer, Syringe
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
@@ -42,6 +44,7 @@ from printctl.pipeline.compensated import (
 from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
+from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
@@ -49,6 +52,8 @@ from printctl.pipeline.stages.tissue import SURFACE
 from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
+
+FloatArray = NDArray[np.float64]
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
 ABOVE_WALL_MM: Final = 2.0
@@ -94,8 +99,8 @@ class Planned:
     report: Callable[[], FreshReport | EmbeddedReport]
 
 
-def plan(context: RunContext) -> Planned:
-    """Plan the path by the recipe's method."""
+def plan(context: RunContext, *, compensated: bool = True) -> Planned:
+    """Plan the path by the recipe's method; where it says so, ahead of the ink's lag."""
     part = context.recipe.toolpath
     match part:
         case Fresh():
@@ -108,15 +113,25 @@ def plan(context: RunContext) -> Planned:
             )
             return Planned(layers, layers.top_mm, layers.report)
         case Embedded():
-            heads = tuple(embedded_options(part, one) for one in context.loads)
+            ahead = part.compensate_lag and compensated
+            heads = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
             thinnest = float(context.network.radius.min())
             check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in heads))
             embedded = plan_embedded(
                 context.written_network, EmbeddedHeads(heads, context.vessel_head)
             )
             toolpath = embedded.toolpath
+            if ahead:
+                toolpath = ahead_of_lag(context, toolpath)
             top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
             return Planned([toolpath], top, lambda: embedded.report)
+
+
+def plain_job(context: RunContext) -> Gcode:
+    """The same job as if the ink had no lag."""
+    planned = plan(context, compensated=False)
+    parts = stream_gcode(planned.parts, *_machine(context, ahead=False), planned.top_mm)
+    return Gcode.joined(list(parts))
 
 
 def written_regions(context: RunContext, part: Fresh) -> list[Region]:
@@ -155,14 +170,14 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
     ]
 
 
-def embedded_options(part: Embedded, filled: Filled) -> EmbeddedOptions:
-    """The planner's choices for a head, by its needle and ink."""
+def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> EmbeddedOptions:
+    """The planner's choices for a head, by its needle and ink; ``ahead`` of its lag or not."""
     return EmbeddedOptions(
         **needle_options(filled.needle),
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,
-        retract_ul=filled.ink.retract_ul,
+        retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
         open_joints=part.open_joints,
     )
@@ -201,6 +216,19 @@ def gcode_options(
     )
 
 
+def _machine(
+    context: RunContext, *, ahead: bool
+) -> tuple[Printer, Syringe, FloatArray, GcodeOptions]:
+    """What the writer is told besides the path."""
+    x, y, z = context.start_mm.tolist()
+    travel = context.recipe.toolpath.travel_speed_mm_s
+    options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
+    options = replace(options, **head_options(context))
+    if ahead:
+        options = replace(options, relieve_ul=relief_ul(context.loads[0]))
+    return context.printer, context.syringe, context.place_mm, options
+
+
 @dataclass
 class Count:
     """What the parts of a path add up to."""
@@ -222,16 +250,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Plan, write, map: FRESH layer by layer."""
     planned, count = plan(context), Count()
     report(0.2, "writing G-code")
-    x, y, z = context.start_mm.tolist()
-    travel = context.recipe.toolpath.travel_speed_mm_s
-    options = gcode_options(context.ink, (x, y, z), travel, context.flow_ul_s)
-    options = replace(options, **head_options(context))
-    machine = (context.printer, context.syringe, context.place_mm, options)
+    part = context.recipe.toolpath
+    ahead = isinstance(part, Embedded) and part.compensate_lag
     lines = save_gcode(
         context.folder / GCODE,
         context.folder / LINE_MAP,
-        stream_gcode(count.along(planned.parts), *machine, planned.top_mm),
-        written_beside(context),
+        stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm),
+        written_beside(context, ahead=ahead),
     )
     facts, kept = compensation_facts(context)
     summary = {
@@ -244,13 +269,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return summary, [GCODE, LINE_MAP, *kept]
 
 
-def written_beside(context: RunContext) -> dict[str, NDArray[Any]]:
-    """What the map of an embedded job holds besides its lines, for the check of the shaft."""
+def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
+    """What the map of an embedded job holds besides its lines, for the checks that read it."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         return {}
-    heads = [embedded_options(part, one) for one in context.loads]
-    return written_arrays(
+    heads = [embedded_options(part, one, ahead=ahead) for one in context.loads]
+    found = written_arrays(
         context.written_network,
         context.place_mm,
         max(one.overlap_radii for one in heads),
@@ -260,6 +285,7 @@ def written_beside(context: RunContext) -> dict[str, NDArray[Any]]:
             for one in heads
         ],
     )
+    return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 
 
 def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:

@@ -1,0 +1,25 @@
+"""What a job will leave in the bath, in tables, pictures and voxels: `sim.bead` on files."""
+
+from printctl.bead.filaments import written_filaments
+from printctl.bead.files import Wanted, write_prediction
+from printctl.bead.lag import LagSaid, lag_of
+from printctl.bead.predict import Mounting, Predicted, predict_job
+from printctl.bead.summary import prediction_facts, prediction_lines
+from printctl.bead.vessels import VesselDiameters, vessel_diameters
+from printctl.bead.warn import bead_warnings
+
+__all__ = [
+    "LagSaid",
+    "Mounting",
+    "Predicted",
+    "VesselDiameters",
+    "Wanted",
+    "bead_warnings",
+    "lag_of",
+    "predict_job",
+    "prediction_facts",
+    "prediction_lines",
+    "vessel_diameters",
+    "write_prediction",
+    "written_filaments",
+]

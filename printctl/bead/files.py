@@ -1,0 +1,81 @@
+"""All files of a prediction, in one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from printctl.bead.predict import Predicted
+from printctl.bead.tables import write_bead_csv, write_layers_csv, write_vessels_csv
+from printctl.bead.time_line import write_time_line
+from printctl.bead.vessels import VesselDiameters
+from printctl.bead.volumes import write_surface, write_voxels
+from sim.bead import laid_deposit, swell
+
+Held = tuple[int, VesselDiameters, VesselDiameters | None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be written.
+
+    Attributes
+    ----------
+    voxel_mm : float or None, mm
+        Of voxels and surface; neither without.
+    window_s : (from, to) or None, s
+        Of the time line; the whole without.
+    """
+
+    voxel_mm: float | None = None
+    window_s: tuple[float, float] | None = None
+
+
+def write_prediction(
+    folder: Path, all_heads: Sequence[Predicted], vessels: Sequence[Held], wanted: Wanted
+) -> list[str]:
+    """Write tables, a time line for each head, and voxels where they are wanted.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it isn't there.
+    all_heads : sequence of Predicted
+    vessels : sequence of (head, with lag, without lag)
+        Empty where the network isn't known.
+    wanted : Wanted
+
+    Returns
+    -------
+    list of str
+        Names of the files.
+
+    Raises
+    ------
+    DepositError
+        When the voxels would be too many.
+    OSError
+        When a file can't be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ["predicted_bead.csv"]
+    write_bead_csv(folder / names[0], list(all_heads))
+    if vessels:
+        names.append("predicted_vessels.csv")
+        write_vessels_csv(folder / names[-1], list(vessels))
+    if any(one.of_vessels is False for one in all_heads):
+        names.append("predicted_layers.csv")
+        write_layers_csv(folder / names[-1], list(all_heads))
+    for one in all_heads:
+        head = "" if len(all_heads) == 1 else f"_head{one.head}"
+        names.append(f"time_line{head}.png")
+        write_time_line(folder / names[-1], one, wanted.window_s)
+        if wanted.voxel_mm is not None and np.any(one.bead.lays):
+            laid = laid_deposit(one.bead, wanted.voxel_mm, swell(one.mounting.ink)[0])
+            write_voxels(folder / f"predicted{head}.nrrd", laid)
+            write_surface(folder / f"predicted{head}.ply", laid)
+            names += [f"predicted{head}.nrrd", f"predicted{head}.ply"]
+    return names

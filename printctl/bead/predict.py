@@ -1,0 +1,219 @@
+"""From a file's dry run to the bead of each head that writes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath import MoveKind
+from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
+from printctl.bead.lag import LagSaid, lag_of
+from printctl.errors import UsageError
+from printctl.gcode_view.line_map import LineMap
+from printctl.lumens.heads import of_heads
+from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
+from sim.bead.pieces import median_flow
+from sim.deposit import Style
+from sim.dryrun import DryRun
+from sim.executed import ExecutedMotion
+from sim.valve import as_plunger, flowing
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+SMOOTHING_MM: Final = 1.0
+"""As the simulated deposit has it, where no lag is known."""
+EXACT_MM: Final = 1e-6
+"""A valve's flow is known at every moment; there are no steps to smooth."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """What a head holds."""
+
+    syringe: Syringe
+    ink: Ink
+    needle: Needle | None
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What one head leaves in the bath.
+
+    Attributes
+    ----------
+    head : int
+    mounting : Mounting
+    bead : Bead
+        With lag and advance.
+    prompt : Bead
+        As if the ink came at once: what the plunger pushes, without lag and advance.
+    lag : LagSaid
+    advance_s : float, s
+        Largest K that the firmware has in force.
+    source : (n,) int64
+        Layer or vessel that each of the bead's pieces is for; -1 for none. The same holds of the
+        prompt one's, in `prompt_source`.
+    prompt_source : (m,) int64
+    of_vessels : bool or None
+        What `source` counts; None where no map says it.
+    ahead_s : float, s
+        Lag that the file itself drives the plunger ahead of; 0 for none. The prompt bead is then
+        none that anybody asks for.
+    """
+
+    head: int
+    mounting: Mounting
+    bead: Bead
+    prompt: Bead
+    lag: LagSaid
+    advance_s: float
+    source: IntArray
+    prompt_source: IntArray
+    of_vessels: bool | None
+    ahead_s: float = 0.0
+
+
+def predict_job(
+    run: DryRun,
+    gcode: bytes,
+    printer: Printer,
+    mountings: Sequence[Mounting],
+    line_map: LineMap | None = None,
+    lag_s: float | None = None,
+) -> tuple[Predicted, ...]:
+    """Predict what each head lays.
+
+    Parameters
+    ----------
+    run : DryRun
+        Of the file.
+    gcode : bytes
+    printer : Printer
+    mountings : sequence of Mounting
+        Of each head.
+    line_map : LineMap, optional
+        Which lines write, and for what; without it a line writes where it pushes ink on its way.
+    lag_s : float, optional, s
+        Instead of the ink's own.
+
+    Raises
+    ------
+    UsageError
+        When nothing is written.
+    ProfileError
+        When a pneumatic head's pressure doesn't move its ink.
+    """
+    views = of_heads(run, printer) if printer.heads else [run]
+    found = [
+        _of_head(number, view, gcode, printer, mounted, line_map, lag_s)
+        for number, (view, mounted) in enumerate(zip(views, mountings, strict=True))
+        if view.doses.any() and len(view.executed)
+    ]
+    if not any(one.prompt.writes.any() for one in found):
+        raise UsageError(
+            "no move of the G-code pushes ink on its way, so nothing would lie in the bath; does "
+            "it have E, or is it another printer's (--printer)?"
+        )
+    style = _style(found)
+    return tuple(one if one.bead.style == style else _restyled(one, style) for one in found)
+
+
+def _style(found: Sequence[Predicted]) -> Style:
+    """One style for all heads: layers only where all write in layers."""
+    styles = {one.prompt.style for one in found if one.prompt.writes.any()}
+    return "layered" if styles == {"layered"} else "embedded"
+
+
+def _restyled(one: Predicted, style: Style) -> Predicted:
+    def anew(bead: Bead) -> Bead:
+        width = np.sqrt(4 / np.pi * bead.area_mm2) if style == "embedded" else bead.width_mm
+        return replace(bead, style=style, width_mm=width)
+
+    return replace(one, bead=anew(one.bead), prompt=anew(one.prompt))
+
+
+def _of_head(
+    number: int,
+    run: DryRun,
+    gcode: bytes,
+    printer: Printer,
+    mounted: Mounting,
+    line_map: LineMap | None,
+    lag_s: float | None,
+) -> Predicted:
+    lag = _lag(printer, mounted, lag_s)
+    motion, area = _pushing(run, printer, mounted)
+    advance = advance_of(run, gcode, printer) if printer.pneumatic is None else None
+    ahead = advance.ahead_mm if advance is not None and advance.most_s > 0 else None
+    line, writes, source = _lines(run, motion, line_map)
+    smoothing = EXACT_MM if printer.pneumatic else SMOOTHING_MM
+    style: Style | None = None
+    if line_map is not None and line_map.of_vessels:
+        style = "embedded"
+
+    def laid(seconds: float, advanced: FloatArray | None) -> tuple[Bead, IntArray]:
+        pieces = cut(motion, area, advanced, lag_s=seconds)
+        nozzle = nozzle_of(mounted.ink, mounted.needle, seconds, median_flow(pieces))
+        bead = predict_bead(pieces, nozzle, line, writes, smoothing_mm=smoothing, style=style)
+        of = source[np.maximum.accumulate(np.maximum(pieces.block, 0))]
+        return bead, of
+
+    prompt, prompt_of = laid(0.0, None)
+    # Without a known lag it can't be said what an advance does; a warning tells of it.
+    late, late_of = (prompt, prompt_of) if lag.seconds == 0 else laid(lag.seconds, ahead)
+    of_vessels = None if line_map is None else line_map.of_vessels
+    most = 0.0 if advance is None else advance.most_s
+    ahead_s = 0.0 if line_map is None else line_map.lag_s
+    both = (late, prompt, lag, most, late_of, prompt_of)
+    return Predicted(number, mounted, *both, of_vessels, ahead_s)
+
+
+def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:
+    if printer.pneumatic is None:
+        return lag_of(mounted.ink, mounted.syringe, mounted.needle, given_s)
+    if given_s is not None:
+        raise UsageError(
+            f"--lag-s: {printer.name} has a valve, whose delays its profile says "
+            "(opening_delay_s, closing_delay_s); leave it out"
+        )
+    return LagSaid(0.0, "unknown", "a valve's flow is taken as steady while it stands open")
+
+
+def _pushing(run: DryRun, printer: Printer, mounted: Mounting) -> tuple[ExecutedMotion, float]:
+    """Motion whose plunger pushes the ink, and µL that come out for its millimetre."""
+    head = printer.pneumatic
+    if head is None:
+        bore = mounted.syringe.inner_mm
+        return run.executed, math.pi / 4 * bore**2 * mounted.ink.flow_factor
+    if run.valve is None or mounted.needle is None:
+        raise UsageError(
+            f"what flows out of {printer.name} follows from its needle; name it (--needle)"
+        )
+    flow = steady_flow(head, mounted.ink, mounted.needle).ul_s
+    spans = flowing(run.executed, run.program, run.valve, head)
+    return as_plunger(run.executed, spans, flow), 1.0
+
+
+def _lines(
+    run: DryRun, motion: ExecutedMotion, line_map: LineMap | None
+) -> tuple[IntArray, BoolArray, IntArray]:
+    """Of each block: line of the file, whether it is to write, and its layer or vessel."""
+    program = run.program
+    row = np.minimum(np.searchsorted(program.command, motion.line), len(program) - 1)
+    line = np.where(motion.line >= 0, program.line[row], 0)
+    writes = (motion.line >= 0) & run.doses[row]
+    if line_map is None:
+        return line, writes, np.full(len(line), -1, dtype=np.int64)
+    at = np.clip(line - 1, 0, len(line_map.source) - 1)
+    source = np.where(line > 0, line_map.source[at], -1)
+    if line_map.kind is not None:
+        # A compensated stroke may go on for a while with a standing plunger.
+        writes = (line > 0) & (line_map.kind[at] == int(MoveKind.WRITE))
+    return line, writes, source

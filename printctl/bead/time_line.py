@@ -1,0 +1,138 @@
+"""Speed, flows and pressure along a job's time, its passes or layers marked; a PNG."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from design.files import write_bytes
+from printctl.bead.predict import Predicted
+from registration.report.drawing import styled
+from registration.report.svg import ACCENT, INK, MUTED, RULE
+
+FloatArray = NDArray[np.float64]
+
+SIZE_IN: Final = (11.0, 6.6)
+DPI: Final = 120
+MOST_STEPS: Final = 4000
+"""More pieces than that don't fit the picture's width; they are told by their means."""
+MOST_MARKS: Final = 60
+LATE: Final = "#b0578d"
+
+
+def write_time_line(
+    path: Path, found: Predicted, window_s: tuple[float, float] | None = None
+) -> None:
+    """Draw one head's prediction.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.png``.
+    found : Predicted
+    window_s : (from, to), optional, s
+        From the job's first pulse; the whole by default.
+    """
+    with styled():
+        figure = Figure(figsize=SIZE_IN, layout="constrained", facecolor="white")
+        axes = figure.subplots(3, 1, sharex=True)
+        _draw(list(axes), found, window_s)
+        kind = "vessels" if found.of_vessels else "layers"
+        lag = f"lag {found.lag.seconds:g} s ({found.lag.how})"
+        figure.suptitle(
+            f"Dry run: {found.mounting.ink.name}, {lag}; bands are strokes"
+            + ("" if found.of_vessels is None else f", numbers {kind}"),
+            fontsize=10,
+        )
+        image = io.BytesIO()
+        FigureCanvasAgg(figure).print_figure(
+            image, dpi=DPI, format="png", metadata={"Software": None}
+        )
+    write_bytes(path, image.getvalue())
+
+
+def _draw(axes: list[Axes], found: Predicted, window: tuple[float, float] | None) -> None:
+    bead, pieces = found.bead, found.bead.pieces
+    time = pieces.time - pieces.time[0]
+    low, high = window or (0.0, float(time[-1]))
+    edges = _edges(time, low, high)
+    way = _binned(time, pieces.length, edges)
+    push = _binned(time, pieces.push_ul + pieces.jump_ul, edges)
+    out = _binned(time, bead.flow.out_ul, edges)
+    pressure = _binned(time, bead.pressure_pa * 1e-3 * pieces.duration, edges)
+    axes[0].stairs(way, edges, baseline=None, color=INK, lw=0.9)
+    axes[0].set_ylabel("tip, mm/s")
+    axes[1].stairs(push, edges, baseline=None, color=MUTED, lw=0.8, label="plunger")
+    axes[1].stairs(out, edges, baseline=None, color=LATE, lw=1.1, label="out of the needle")
+    axes[1].set_ylabel("flow, µL/s")
+    _scaled(axes[1], push, out)
+    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
+    axes[2].set_ylabel("pressure, kPa")
+    if np.isnan(pressure).all():
+        axes[2].text(
+            0.5, 0.5, "not known: no needle named", ha="center", transform=axes[2].transAxes
+        )
+    else:
+        axes[2].stairs(pressure, edges, baseline=None, color=ACCENT, lw=1.0)
+    axes[2].set_xlabel("time from the first motion, s")
+    for one in axes:
+        one.set_xlim(low, high)
+        one.grid(axis="y")
+        one.spines[["top", "right"]].set_visible(False)
+    _mark(axes, found, time, low, high)
+
+
+def _edges(time: FloatArray, low: float, high: float) -> FloatArray:
+    """Ends of what is drawn as one: pieces, or where they are many, equal times."""
+    inside = np.unique(np.clip(time, low, high))
+    if 2 <= len(inside) <= MOST_STEPS:
+        return inside
+    return np.linspace(low, high, MOST_STEPS + 1)
+
+
+def _binned(time: FloatArray, amount: FloatArray, edges: FloatArray) -> FloatArray:
+    """Rate of what adds up over time, in each stretch between edges."""
+    total = np.concatenate([[0.0], np.cumsum(amount)])
+    return np.diff(np.interp(edges, time, total)) / np.maximum(np.diff(edges), 1e-12)
+
+
+def _scaled(axes: Axes, push: FloatArray, out: FloatArray) -> None:
+    """Show the flow out of the needle; a plunger's short bursts run out of the picture."""
+    top = 1.6 * max(float(np.abs(out).max()), 1e-9)
+    if np.abs(push).max() > top:
+        axes.set_ylim(min(-0.25 * top, 1.1 * float(out.min())), top)
+        axes.text(
+            0.005, 0.93, f"plunger's bursts reach {push.min():.3g} to {push.max():.3g} µL/s",
+            transform=axes.transAxes, va="top", fontsize=8, color=MUTED,
+        )  # fmt: skip
+
+
+def _mark(axes: list[Axes], found: Predicted, time: FloatArray, low: float, high: float) -> None:
+    """Strokes as bands, every other one; what they are for above, where there is room."""
+    bead = found.bead
+    rows = np.flatnonzero(bead.writes)
+    if not len(rows):
+        return
+    begins = np.flatnonzero(np.diff(bead.stroke[rows], prepend=-1))
+    first, last = rows[begins], rows[np.append(begins[1:], len(rows)) - 1]
+    seen = (time[last + 1] > low) & (time[first] < high)
+    first, last = first[seen], last[seen]
+    if len(first) > 20 * MOST_MARKS:
+        return
+    for number, (begin, end) in enumerate(zip(first, last, strict=True)):
+        if number % 2 == 0:
+            for one in axes:
+                one.axvspan(time[begin], time[end + 1], color=RULE, alpha=0.5, lw=0, zorder=0)
+        if len(first) <= MOST_MARKS and found.source[begin] >= 0:
+            middle = (max(time[begin], low) + min(time[end + 1], high)) / 2
+            axes[0].annotate(
+                str(found.source[begin]), (middle, 1.0), xycoords=("data", "axes fraction"),
+                ha="center", va="bottom", fontsize=7.5, color=MUTED,
+            )  # fmt: skip

@@ -1,0 +1,146 @@
+"""What `printctl simulate` says and writes of the ink in the bath."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from design.network import VesselNetwork
+from design.units import LengthUnit
+from printctl.bead import (
+    Mounting,
+    Predicted,
+    VesselDiameters,
+    Wanted,
+    predict_job,
+    prediction_facts,
+    prediction_lines,
+    vessel_diameters,
+    write_prediction,
+    written_filaments,
+)
+from printctl.cli.lumens_read import place_of_filaments, read_designed
+from printctl.cli.options import messages, print_lines
+from printctl.errors import UsageError
+from printctl.gcode_view import read_line_map
+from printctl.preflight import SetUp
+from sim.bead import swell
+from sim.dryrun import DryRun
+
+
+@dataclass(frozen=True)
+class BeadSaid:
+    """What the options say; None for what wasn't given."""
+
+    out: Path | None = None
+    lag_s: float | None = None
+    network: Path | None = None
+    unit: LengthUnit | None = None
+    place: str | None = None
+    voxel_um: float | None = None
+    window: str | None = None
+
+    @property
+    def asks(self) -> bool:
+        """Whether anything of this is wanted."""
+        return self != BeadSaid()
+
+
+def predicted(
+    file: Path, gcode: bytes, run: DryRun, setup: SetUp, said: BeadSaid
+) -> list[dict[str, Any]]:
+    """Predict, write what is wanted, and give a dict for each head.
+
+    Raises
+    ------
+    UsageError
+        For options without what they belong to; when nothing is written, or the part's place
+        can't be told.
+    """
+    wanted = _wanted(said)
+    lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
+    line_map, notes = read_line_map(file, lines)
+    for note in notes:
+        messages().print(f"note: {note}", markup=False)
+    loads = [setup.load_of(number) for number in range(setup.printer.head_count)]
+    mountings = [Mounting(one.syringe, one.ink, one.needle) for one in loads]
+    heads = predict_job(run, gcode, setup.printer, mountings, line_map, said.lag_s)
+    held = _against_design(heads, said)
+    facts = []
+    for one in heads:
+        own = {head: pair for head, *pair in held}.get(one.head, (None, None))
+        facts.append(prediction_facts(one, setup.bath, *own))
+    if said.out is not None:
+        written = write_prediction(said.out, heads, held, wanted)
+        facts[0]["files"] = [str(said.out / name) for name in written]
+    return facts
+
+
+def _wanted(said: BeadSaid) -> Wanted:
+    for option, value in (("--voxel-um", said.voxel_um), ("--window-s", said.window)):
+        if value is not None and said.out is None:
+            raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
+    if said.place is not None and said.network is None:
+        raise UsageError("--place is where a network's origin stands; give --network, too")
+    window = None if said.window is None else _window(said.window)
+    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
+
+
+def _window(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(word) for word in text.split(","))
+    except ValueError as exc:
+        raise UsageError(f"--window-s {text!r} isn't FROM,TO in s; write it like 0,30") from exc
+    if not (math.isfinite(low) and math.isfinite(high) and 0 <= low < high):
+        raise UsageError(f"--window-s {text!r}: FROM must be 0 or more, and TO above it")
+    return low, high
+
+
+def _against_design(
+    heads: tuple[Predicted, ...], said: BeadSaid
+) -> list[tuple[int, VesselDiameters, VesselDiameters | None]]:
+    """Vessels of each head, with and without lag; empty without a network."""
+    if said.network is None:
+        return []
+    if any(one.bead.style == "layered" for one in heads):
+        raise UsageError(
+            "--network: layers leave vessels open between their lines; printctl lumens measures "
+            "those, and predicted_layers.csv has the lines"
+        )
+    if any(one.of_vessels is not True for one in heads):
+        raise UsageError(
+            "--network: which line is of which vessel stands in FILE.map.npz beside the file, "
+            "which isn't there or counts layers; printctl toolpath writes it"
+        )
+    network = read_designed(said.network, said.unit)
+    place = place_of_filaments(
+        said.place, written_filaments([one.prompt for one in heads]), network
+    )
+    return [(one.head, *_both(one, network, place)) for one in heads]
+
+
+def _both(
+    one: Predicted, network: VesselNetwork, place: np.ndarray
+) -> tuple[VesselDiameters, VesselDiameters | None]:
+    factor = swell(one.mounting.ink)[0]
+    late = vessel_diameters(one.bead, one.source, network, place, factor)
+    if one.bead is one.prompt or one.ahead_s > 0:
+        return late, None
+    return late, vessel_diameters(one.prompt, one.prompt_source, network, place, factor)
+
+
+def tell(facts: list[dict[str, Any]]) -> None:
+    """Print it for people; warnings go where people are spoken to."""
+    for one in facts:
+        head = f"head {one['head']}: " if len(facts) > 1 else ""
+        print_lines(*(head + line for line in prediction_lines(one)))
+        for warning in one["warnings"]:
+            where = f"line {warning['line']}: " if warning["line"] else ""
+            sure = "" if warning["calibrated"] else " (uncalibrated)"
+            messages().print(f"note: {head}{where}{warning['text']}{sure}", markup=False)
+    for name in facts[0].get("files", []):
+        print_lines(f"wrote {name}")

@@ -1,0 +1,91 @@
+"""The dry run's prediction of what will lie in the bath, for a run folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from printctl.bead import (
+    Mounting,
+    Predicted,
+    VesselDiameters,
+    Wanted,
+    predict_job,
+    prediction_facts,
+    vessel_diameters,
+    write_prediction,
+)
+from printctl.gcode_view.line_map import LineMap, read_line_map
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.stages.toolpath import GCODE, plain_job
+from printctl.recipe.making import Embedded
+from sim.bead import Bead, swell
+from sim.dryrun import DryRun, dry_run
+from sim.executed import ExecutedMotion
+from sim.valve_blocks import with_commands
+
+
+def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any], list[str]]:
+    """Predict, write tables and time lines, and give facts of each head, JSON-ready."""
+    lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
+    line_map, _ = read_line_map(context.folder / GCODE, lines)
+    heads = _predicted(context, run, gcode, line_map)
+    held = [(one.head, *_both(context, one)) for one in heads] if _embedded(context) else []
+    files = write_prediction(context.folder, heads, held, Wanted())
+    by_head = {head: pair for head, *pair in held}
+    facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
+    if compensates(context):
+        facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()
+    return facts, files
+
+
+def compensates(context: RunContext) -> bool:
+    """Whether the job's E is ahead of the ink's lag, so that E alone doesn't say what is laid."""
+    part = context.recipe.toolpath
+    return isinstance(part, Embedded) and part.compensate_lag
+
+
+def predicted_of_motion(
+    context: RunContext, run: DryRun, gcode: bytes, motion: ExecutedMotion | None = None
+) -> Predicted:
+    """What the one head of a compensated job lays, by the dry run's motion or a printer's."""
+    if motion is not None:
+        run = replace(run, executed=with_commands(motion, run.program))
+    lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
+    line_map, _ = read_line_map(context.folder / GCODE, lines)
+    return _predicted(context, run, gcode, line_map)[0]
+
+
+def _embedded(context: RunContext) -> bool:
+    return isinstance(context.recipe.toolpath, Embedded)
+
+
+def _predicted(
+    context: RunContext, run: DryRun, gcode: bytes, line_map: LineMap | None
+) -> tuple[Predicted, ...]:
+    mountings = [Mounting(one.syringe, one.ink, one.needle) for one in context.loads]
+    return predict_job(run, gcode, context.printer, mountings, line_map)
+
+
+def _both(context: RunContext, one: Predicted) -> tuple[VesselDiameters, VesselDiameters | None]:
+    late = _held(context, one, one.bead, one.source)
+    if one.bead is one.prompt or one.ahead_s > 0:
+        return late, None
+    return late, _held(context, one, one.prompt, one.prompt_source)
+
+
+def _held(context: RunContext, one: Predicted, bead: Bead, source: np.ndarray) -> VesselDiameters:
+    factor = swell(one.mounting.ink)[0]
+    return vessel_diameters(bead, source, context.written_network, context.place_mm, factor)
+
+
+def _uncompensated(context: RunContext) -> VesselDiameters:
+    """What the same plan would leave if the plunger weren't driven ahead of the lag."""
+    plain = plain_job(context)
+    x, y, z = context.start_mm.tolist()
+    run = dry_run(plain.data, context.printer, (x, y, z))
+    plain_map = LineMap(plain.line_source, True, plain.line_kind)
+    one = _predicted(context, run, plain.data, plain_map)[0]
+    return _held(context, one, one.bead, one.source)

@@ -1,0 +1,36 @@
+"""What will lie in the bath: the ink that an executed motion really lays.
+
+From the plunger's motion to the flow out of the needle (`flow`), from there to what lies where
+(`predict`), and what bath and needle do with it (`bath`, `drag`). Each says what it models, by
+which source, and which of its constants nobody measured.
+"""
+
+from sim.bead.advance import Advance, advance_of
+from sim.bead.bath import Held, Trail, crevice, settling, swell
+from sim.bead.drag import Drag, drag
+from sim.bead.flow import NozzleFlow, nozzle_flow
+from sim.bead.nozzle import Nozzle, nozzle_of
+from sim.bead.pieces import Pieces, cut
+from sim.bead.predict import Bead, predict_bead
+from sim.bead.voxels import laid_deposit
+
+__all__ = [
+    "Advance",
+    "Bead",
+    "Drag",
+    "Held",
+    "Nozzle",
+    "NozzleFlow",
+    "Pieces",
+    "Trail",
+    "advance_of",
+    "crevice",
+    "cut",
+    "drag",
+    "laid_deposit",
+    "nozzle_flow",
+    "nozzle_of",
+    "predict_bead",
+    "settling",
+    "swell",
+]

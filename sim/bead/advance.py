@@ -1,0 +1,91 @@
+"""The firmware's own pressure advance: how far it holds the plunger ahead of E.
+
+With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
+Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may
+also stand in the firmware's own configuration (`advance_s` of the printer's profile). Sources:
+marlinfw.org/docs/gcode/M900.html, docs.duet3d.com (M572), www.klipper3d.org/Kinematics.html
+(pressure advance). The planner of `sim.planner` leaves it out, so that it is put in here, once.
+
+Modelled: the plunger is ahead by K times the E speed that the block's mean speed asks for, in
+moves that push ink and move the tip (Klipper: in x or y). Not modelled: Klipper's smoothing over
+`pressure_advance_smooth_time` (0.04 s), Marlin's restriction of changes to acceleration phases,
+limits of the plunger's speed while it catches up.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Printer
+from sim.dryrun import DryRun
+from sim.gcode import Program
+
+FloatArray = NDArray[np.float64]
+
+_COMMANDS: Final = {
+    "marlin": rb"M900\b[^;]*?K\s*([0-9.]+)",
+    "prusa": rb"M900\b[^;]*?K\s*([0-9.]+)",
+    "reprapfirmware": rb"M572\b[^;]*?S\s*([0-9.]+)",
+    "klipper": rb"SET_PRESSURE_ADVANCE\b[^;]*?\bADVANCE=([0-9.]+)",
+}
+
+
+@dataclass(frozen=True)
+class Advance:
+    """What the firmware adds.
+
+    Attributes
+    ----------
+    ahead_mm : (n,) float64, mm
+        By how much the plunger is ahead of E in each executed block.
+    most_s : float, s
+        Largest K in force.
+    """
+
+    ahead_mm: FloatArray
+    most_s: float
+
+
+def advance_of(run: DryRun, gcode: bytes, printer: Printer) -> Advance:
+    """Advance in force in each executed block of a dry run (of all heads, or of one)."""
+    program, executed = run.program, run.executed
+    factor = _factors(program, gcode, printer)
+    if not factor.any() or not len(executed):
+        return Advance(np.zeros(len(executed)), 0.0)
+    ratio = _plunger_per_mm(program, across=printer.firmware == "klipper") * factor
+    row = np.searchsorted(program.command, executed.line)
+    known = (executed.line >= 0) & (row < len(program))
+    way = np.linalg.norm(executed.end - executed.start, axis=1)
+    lasts = np.maximum(executed.time_end - executed.time_start, 1e-9)
+    ahead = np.where(known, ratio[np.minimum(row, len(program) - 1)] * way / lasts, 0.0)
+    return Advance(ahead, float(factor.max()))
+
+
+def _factors(program: Program, gcode: bytes, printer: Printer) -> FloatArray:
+    """K at each row of the program, s."""
+    lines, values = [0], [printer.advance_s]
+    pattern = _COMMANDS.get(printer.firmware)
+    if pattern is not None and re.search(pattern, gcode, re.IGNORECASE):
+        for number, line in enumerate(gcode.splitlines(), start=1):
+            found = re.match(rb"\s*(?:N\d+\s*)?" + pattern, line, re.IGNORECASE)
+            if found:
+                lines.append(number)
+                values.append(float(found[1]))
+    at = np.searchsorted(lines, program.line, side="right") - 1
+    return np.asarray(values, dtype=np.float64)[at]
+
+
+def _plunger_per_mm(program: Program, *, across: bool) -> FloatArray:
+    """Travel of the plunger over way of the tip, where a row pushes on its way, else 0."""
+    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    way = program.target[:, :3] - begin
+    length = np.linalg.norm(way, axis=1)
+    counts = (program.pushed > 0) & (length > 1e-6)
+    if across:
+        counts &= np.linalg.norm(way[:, :2], axis=1) > 1e-6
+    return np.where(counts, program.pushed / np.maximum(length, 1e-6), 0.0)

@@ -1,0 +1,36 @@
+"""A predicted bead in voxels, by the painters of `sim.deposit`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.bead.predict import Bead
+from sim.deposit import Deposit, deposit_of_areas
+
+
+def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
+    """Lay a predicted bead into voxels, oozed threads included; drops aren't.
+
+    Parameters
+    ----------
+    bead : Bead
+    voxel_mm : float, mm
+    swell : float
+        Of diameters; an embedded filament's area grows by its square, a line's in a layer, whose
+        height stays, by itself.
+
+    Raises
+    ------
+    DepositError
+        When nothing is laid or the grid would be too large.
+    """
+    chosen = np.flatnonzero(bead.lays)
+    grown = swell**2 if bead.style == "embedded" else swell
+    return deposit_of_areas(
+        bead.pieces.start[chosen],
+        bead.pieces.end[chosen],
+        bead.area_mm2[chosen] * grown,
+        voxel_mm,
+        bead.style,
+        standing_ul=bead.dropped_ul,
+    )
