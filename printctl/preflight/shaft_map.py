@@ -87,7 +87,7 @@ def read_written(path: Path) -> Written | None:
             data = {name: found[name] for name in found.files}
         if str(data["source_kind"]) != "vessel":
             return None
-        return _written(data)
+        return written_of(data)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise UsageError(
             f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
@@ -95,7 +95,8 @@ def read_written(path: Path) -> Written | None:
         ) from exc
 
 
-def _written(data: Mapping[str, NDArray[Any]]) -> Written:
+def written_of(data: Mapping[str, NDArray[Any]]) -> Written:
+    """What the arrays of a map say: ``source`` and ``kind`` of each line, and `written_arrays`."""
     network = WrittenNetwork(*(data[f"network_{name}"] for name in _NETWORK))
     writes = data["kind"] == MoveKind.WRITE
     return Written(

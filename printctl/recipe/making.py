@@ -78,7 +78,7 @@ class Embedded(Part):
     )
     allowed_crossings: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=0,
-        description="How often the needle's shaft may pass through ink that is already written.",
+        description="Pairs of vessels, one written and one that the shaft may pass through.",
     )
     open_joints: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=0,

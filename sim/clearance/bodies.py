@@ -92,8 +92,10 @@ class Joints(NamedTuple):
         The vessel met, ascending for each vessel; the same one where it meets itself.
     own, there : (m,) float64, mm
         Way along the vessel, ascending for each other, and along that one.
+    wide : (m,) float64, mm
+        Length of the place itself: 0 for a node.
     radius_mm : float, mm
-        The widest shaft's, without its clearance.
+        The thinnest needle's at its tip, without its clearance.
     overlap_radii : float
     """
 
@@ -101,5 +103,6 @@ class Joints(NamedTuple):
     other: IntArray
     own: FloatArray
     there: FloatArray
+    wide: FloatArray
     radius_mm: float
     overlap_radii: float

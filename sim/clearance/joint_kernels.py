@@ -6,6 +6,8 @@ vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger fil
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,9 @@ from kernels import jit
 from sim.clearance.bodies import LEFT, Ink, Joints, Tips
 
 FloatArray = NDArray[np.float64]
+
+WIDEST_MM: Final = 0.1
+"""Of places where vessels meet."""
 
 
 @jit
@@ -58,17 +63,18 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
             continue
         reach = _reach(i, j, role, tips, ink, joints)
         left = reach - _mixed(tips.since[i, role], s)
-        if left <= best:
+        if left + WIDEST_MM <= best:
             continue
         at = _mixed(tips.along[i, role], s)
         if v == w:
             best = max(best, left - abs(place - at))
         low, high = _between(v, w, joints)
-        for m in range(low + np.searchsorted(joints.own[low:high], at - reach), high):
-            if joints.own[m] > at + reach:
+        most = reach + WIDEST_MM
+        for m in range(low + np.searchsorted(joints.own[low:high], at - most), high):
+            if joints.own[m] > at + most:
                 break
             here = min(left - abs(joints.own[m] - at), reach - abs(joints.there[m] - place))
-            best = max(best, here)
+            best = max(best, here + joints.wide[m])
     return float(best)
 
 
@@ -80,7 +86,7 @@ def related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
         return True
     for role in range(2):
         v, since = tips.vessel[i, role], min(tips.since[i, role, 0], tips.since[i, role, 1])
-        if since > _reach(i, j, role, tips, ink, joints):
+        if since > _reach(i, j, role, tips, ink, joints) + WIDEST_MM:
             continue
         if w < 0 and role == LEFT and tips.run[i] >= 0 and tips.run[i] == ink.run[j]:
             return True

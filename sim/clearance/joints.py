@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.clearance.bodies import Joints
 from sim.clearance.network import WrittenNetwork
-from sim.clearance.overlaps import Overlaps, overlaps_of
+from sim.clearance.overlaps import BORDER_MM, Overlaps, overlaps_of
 
 FloatArray = NDArray[np.float64]
 
@@ -48,12 +48,15 @@ def joints_of(
     grain = np.floor(found.along / _GRAIN_MM)
     once = np.unique(np.column_stack([found.vessel, grain]), axis=0, return_index=True)[1]
     forth, back = np.column_stack([u, v, a, b])[once], np.column_stack([v, u, b, a])[once]
-    rows = np.concatenate([_at_nodes(network), forth, back])
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    at_nodes = _at_nodes(network)
+    rows = np.concatenate([at_nodes, forth, back])
+    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, BORDER_MM)
+    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))
+    rows, wide = rows[order], wide[order]
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     other, own, there = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
-    joints = Joints(begin, other.astype(np.int64), own, there, radius_mm, overlap_radii)
+    joints = Joints(begin, other.astype(np.int64), own, there, wide, radius_mm, overlap_radii)
     return joints, _told(network, found)
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from kernels import jit
 from sim.clearance.bodies import Ink, Joints, Tips
 from sim.clearance.joint_kernels import ink_slope, slack_of, tip_slope
-from sim.clearance.shaft_kernels import approach
+from sim.clearance.shaft_kernels import approach, span
 
 FloatArray = NDArray[np.float64]
 
@@ -65,8 +65,8 @@ def pair_approach(
         Where, as shares of the two pieces.
     """
     best, best_s, best_t = limit, -1.0, -1.0
-    move = np.sqrt(((tips.end[i] - tips.start[i]) ** 2).sum())
-    way = np.sqrt(((ink.end[j] - ink.start[j]) ** 2).sum())
+    move = span(tips.start[i], tips.end[i])
+    way = span(ink.start[j], ink.end[j])
     fall = way + abs(ink.radius[j, 1] - ink.radius[j, 0])
     by_s = max(move, tip_slope(i, tips)) if joined else move
     by_t = max(fall, ink_slope(j, ink)) if joined else fall

@@ -11,7 +11,7 @@ from kernels import jit
 from sim.clearance.bodies import Ink, Joints, Tips
 from sim.clearance.joint_kernels import related
 from sim.clearance.pair_kernels import pair_approach
-from sim.clearance.shaft_kernels import shaft_distance
+from sim.clearance.shaft_kernels import shaft_distance, span
 from sim.planner_state import Record, Records
 
 FloatArray = NDArray[np.float64]
@@ -103,8 +103,9 @@ def search(
     count = len(ink.when)
     middle, half, thick = np.empty((count, 3)), np.empty(count), 0.0
     for j in range(count):
-        middle[j] = 0.5 * (ink.start[j] + ink.end[j])
-        half[j] = 0.5 * np.sqrt(((ink.end[j] - ink.start[j]) ** 2).sum())
+        for axis in range(3):
+            middle[j, axis] = 0.5 * (ink.start[j, axis] + ink.end[j, axis])
+        half[j] = 0.5 * span(ink.start[j], ink.end[j])
         half[j] += max(ink.radius[j, 0], ink.radius[j, 1])
         thick = max(thick, half[j])
     stack = np.empty((64, 4))
@@ -113,8 +114,10 @@ def search(
         move, body, now = tips.move[i], bodies[tips.needle[i]], tips.when[i]
         if i > 0 and tips.move[i - 1] != move:
             first = used
-        x, y, z = 0.5 * (tips.start[i] + tips.end[i])
-        own = 0.5 * np.sqrt(((tips.end[i] - tips.start[i]) ** 2).sum())
+        x = 0.5 * (tips.start[i, 0] + tips.end[i, 0])
+        y = 0.5 * (tips.start[i, 1] + tips.end[i, 1])
+        z = 0.5 * (tips.start[i, 2] + tips.end[i, 2])
+        own = 0.5 * span(tips.start[i], tips.end[i])
         reach = max(body[0], body[4]) + thick + own + look
         x0 = max(0, int(np.floor((x - reach - squares.origin[0]) / squares.pitch)))
         y0 = max(0, int(np.floor((y - reach - squares.origin[1]) / squares.pitch)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,10 @@ from tests.system.cli import called, printctl
 
 HIGH, LOW = [(1, 3, 4), (9, 3, 4)], [(5, 1, 2), (5, 5, 2)]
 RADIUS = 0.2
+NEEDLE = (0.31, 0.31, 0.0)
+"""Outer diameter, its tip's, and the height of its cone."""
+SIDE = np.array([[1, 3, 4], [9, 3, 4], [1, 3.375, 3], [9, 3.375, 3]], dtype=float)
+"""0.02 mm beside what a 30G needle needs."""
 PLACE, START = (95.0, 97.0, 5.0), (100.0, 100.0, 20.0)
 NETWORK = VesselNetwork.from_segments(
     np.array([*HIGH, *LOW], dtype=float),
@@ -38,9 +42,9 @@ NETWORK = VesselNetwork.from_segments(
 )
 
 
-def written(*order: int) -> Toolpath:
+def written(*order: int, lines: Any = (HIGH, LOW)) -> Toolpath:
     """Both vessels, 0 above 1, one after the other."""
-    points = [np.array(line, dtype=float) for line in (HIGH, LOW)]
+    points = [np.array(line, dtype=float) for line in lines]
     builder = MoveBuilder(points[order[0]][0], "vessel")
     for vessel in order:
         begin, end = points[vessel]
@@ -52,17 +56,19 @@ def written(*order: int) -> Toolpath:
     return builder.build()
 
 
-def job(folder: Path, *order: int, needle_mm: float = 0.31) -> Path:
+def job(
+    folder: Path, *order: int, points: Any = (HIGH, LOW), network: VesselNetwork = NETWORK
+) -> Path:
     """A G-code file and its map."""
     path = folder / "part.gcode"
     made = write_gcode(
-        written(*order),
+        written(*order, lines=points),
         load(Printer, "generic_marlin"),
         load(Syringe, "hamilton_1ml"),
         PLACE,
         GcodeOptions(start_mm=START),
     )
-    beside = written_arrays(NETWORK, np.array(PLACE), 0.5, 0.05, [(needle_mm, needle_mm, 0.0)])
+    beside = written_arrays(network, np.array(PLACE), 0.5, 0.05, [NEEDLE])
     save_gcode(path, path.with_suffix(".map.npz"), [made], beside)
     return path
 
@@ -91,6 +97,19 @@ def test_the_other_way_round_passes_and_tells_how_near_it_came(tmp_path: Path) -
     found = json.loads(done.stdout)["clearance"]
     assert found["crossings"] == 0
     assert found["nearest_apart_mm"] is None  # 2 mm above
+
+
+def test_the_clearance_warns_and_doesnt_refuse(tmp_path: Path) -> None:
+    job(tmp_path, 1, 0)
+    done = simulated(tmp_path, "--json")
+    graze = next(c for c in json.loads(done.stdout)["checks"] if "nearer than 0.05" in c["check"])
+    assert graze["passed"]
+    beside = replace(NETWORK, nodes=SIDE, points=SIDE[[0, 1, 2, 3]])
+    job(tmp_path, 0, 1, points=[SIDE[:2], SIDE[2:]], network=beside)
+    done = simulated(tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"takes the shaft past vessel 0 at 0\.0[12]\d mm", done.stderr)
+    assert "line " in done.stderr
 
 
 def test_the_needle_that_is_mounted_counts(tmp_path: Path) -> None:
@@ -168,6 +187,9 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
         with pytest.raises(SafetyError, match=r"line \d+ \(write for vessel 1\) drives"):
             run()
     else:
-        assert "1 pairs" in run()["dry_run"]["accepted_crossings"]
+        found = run()["dry_run"]
+        assert "1 pairs" in found["accepted_crossings"]
+        told = next(c for c in found["checks"] if "passes through" in c["check"])
+        assert (told["passed"], told["weight"]) == (False, "warns")
     kept = json.loads((tmp_path / "run" / "dry_run.json").read_text())["clearance"]
     assert kept["crossing"][0]["crossed"] == 0

@@ -62,8 +62,9 @@ def spared_by(move: dict, one: dict, tips: np.ndarray, reach: float, overlaps) -
         spared |= own[:, None] & (np.linalg.norm(one["at"] - node, axis=1)[None] <= reach)
     if overlaps is not None:
         p, q, found = overlaps
-        near = (np.abs(arc[:, None] - p[None]) <= reach) @ found
-        spared |= near @ (np.abs(one["arc"][None] - q[:, None]) <= reach)
+        far = reach + 0.1  # the place is as long
+        near = (np.abs(arc[:, None] - p[None]) <= far) @ found
+        spared |= near @ (np.abs(one["arc"][None] - q[:, None]) <= far)
     return spared
 
 

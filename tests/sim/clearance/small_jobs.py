@@ -62,6 +62,11 @@ class Job:
         self.at = to
         return self._say(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} E{self.pushed:.6f} F300", vessel, True)
 
+    def plunge(self, travel_mm: float, vessel: int) -> int:
+        """Move the plunger alone; returns the line."""
+        self.pushed += travel_mm
+        return self._say(f"G1 E{self.pushed:.6f} F60", vessel, False)
+
     def along(self, points: object, vessel: int, radius: float = RADIUS) -> list[int]:
         """Go to a polyline's first point and write it; returns its lines."""
         first, *rest = np.array(points, dtype=float)

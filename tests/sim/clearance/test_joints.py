@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from sim.clearance import ClearanceError, LineSources, NeedleBody, check_clearance
+from sim.clearance.heads import heads_of
+from sim.clearance.ink import ink_of
+from sim.clearance.pieces import Pieces
 from tests.sim.clearance.small_jobs import NEEDLE, RADIUS, Job, approach_of, network
 
 CLEAN = {
@@ -149,6 +152,24 @@ def test_a_purge_of_no_vessel_is_ink_like_any_other():
     (found,) = job.check(network(points)).crossings
     assert (found.vessel, found.crossed) == (0, None)
     assert "ink of no vessel" in found.sentence()
+
+
+def test_a_pass_lasts_until_the_tip_travels_without_ink():
+    points = [(95, 100, 7), (99, 100, 7), (103, 100, 7), (103, 104, 7)]
+    net, job = network(points[:2], points[1:3], points[2:], radius=0.2), Job()
+    job.along(points[:2], 0, 0.2)
+    job.plunge(-0.05, 1)  # relieved and primed in place, where the vessel becomes thinner
+    job.plunge(0.05, 1)
+    job.write(*points[2], 1, 0.1)
+    job.over(*points[2], 2)
+    job.write(*points[3], 2)
+    motion = job.motion()
+    (head,) = heads_of(motion, net)
+    assert head.passes.run[motion.writes].tolist() == [0, 0, 1]
+    ink, _ = ink_of(motion, net, [head], Pieces.of(motion.length_mm))
+    for vessel, radius in enumerate((0.2, 0.1, RADIUS)):
+        inner = (ink.vessel == vessel) & (np.abs(ink.arc - 4).min(axis=1) > 0.3)
+        assert ink.radius[inner] == pytest.approx(radius, rel=1e-3)
 
 
 def test_nothing_written_is_no_crossing():

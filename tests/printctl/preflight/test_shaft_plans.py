@@ -1,0 +1,48 @@
+"""What the planner writes passes the checker, but for what its report names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.toolpath.embedded import EmbeddedOptions, plan_embedded
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Ink, Printer, Syringe, load
+from printctl.preflight import shaft_clearance, written_arrays
+from printctl.preflight.head_checks import Loaded
+from printctl.preflight.shaft_map import written_of
+from sim.dryrun import dry_run
+from tests.design.toolpath.shapes import random_tree
+
+NEEDLE = (0.31, 0.31, 0.0)
+"""Outer diameter, its tip's, and the height of its cone."""
+START = (60.0, 60.0, 90.0)
+PLACE = np.array([80.0, 80.0, 40.0])
+SHALLOW_MM = 0.02
+"""The plan looks at three places of each element: what it calls a graze may be so deep."""
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) -> None:
+    options = replace(EmbeddedOptions(), open_joints=99)
+    net = random_tree(4 + 3 * seed, 12.0, seed, 0.1)
+    plan = plan_embedded(net, options)
+    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+    ink = load(Ink, "gelatin_sacrificial")
+    made = write_gcode(
+        plan.toolpath,
+        printer,
+        syringe,
+        (80.0, 80.0, 40.0),
+        GcodeOptions(start_mm=START, flow_factor=ink.flow_factor),
+    )
+    beside = written_arrays(net, PLACE, options.overlap_radii, options.clearance_mm, [NEEDLE])
+    lines = {"source": made.line_source, "kind": made.line_kind}
+    run = dry_run(made.data, printer, START)
+    found = shaft_clearance(run, printer, [Loaded(syringe, ink, None)], written_of(lines | beside))
+    told = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
+    deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
+    assert deep <= told
+    assert found.summary()["written_pieces"] > len(net.vessel_nodes)
