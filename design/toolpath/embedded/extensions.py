@@ -103,18 +103,23 @@ def meets(
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     thick = max(elements.radius[i, 0], elements.radius[i, 1])
     reach = joint_reach(needle, max(thick, extension.radius))
-    top = max(extension.start[2], extension.tip[2]) + extension.radius
+    vessel, radius = elements.vessel[i], extension.radius
+    top = max(extension.start[2], extension.tip[2]) + radius
     for k in range(TIPS):
         share = k / (TIPS - 1.0)
         tip = tail + share * (head - tail)
-        height = top - tip[2]
-        if height <= 0.0:
-            continue
+        wide = radius_at(needle, max(top - tip[2], 0.0)) + radius
         gap = flat_gap(tip[0], tip[1], extension.start, extension.tip, 0.0, 1.0)
-        if gap >= radius_at(needle, height) + extension.radius:
+        if top <= tip[2] or gap >= wide:
             continue
         at = elements.arc[i] + share * elements.length[i]
-        vessel = elements.vessel[i]
-        if not of_one_joint(vessel, at, extension.vessel, extension.at, reach, meetings):
-            return True
+        for ink in _places(extension, 0.25 * needle.tip_mm):
+            height = ink[2] + radius - tip[2]
+            across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
+            if height <= 0.0 or across >= radius_at(needle, height) + radius:
+                continue
+            way = ink - extension.start
+            there = extension.at + extension.step * np.sqrt((way * way).sum())
+            if not of_one_joint(vessel, at, extension.vessel, there, reach, meetings):
+                return True
     return False

@@ -14,7 +14,8 @@ from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.travel import with_shorter_ways
 from design.toolpath.toolpath import IntArray
 
-ROUNDS = 8
+ROUNDS, PATIENCE = 8, 3
+"""At most so many, and so many that are no better than the best before."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +48,19 @@ def _best_round(
     elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, *, shorten: bool
 ) -> _Order:
     best: _Order | None = None
+    since = 0
     for _ in range(ROUNDS):
         passes = Scheduler(elements, asked, head).run()
         if shorten:
             passes = with_shorter_ways(passes, elements, asked, head)
         one = _judged(passes, rules, joiner)
-        best = one if best is None else min(best, one, key=_score)
+        if best is None or _score(one) < _score(best):
+            best, since = one, 0
+        else:
+            since += 1
         first, after = np.array(one.joined.wishes, dtype=np.int64).reshape(-1, 2).T
         known, asked = asked, with_more(asked, first, after)
-        if len(asked.after) == len(known.after):
+        if len(asked.after) == len(known.after) or since == PATIENCE:
             break
     assert best is not None
     return best

@@ -118,7 +118,13 @@ class Scheduler:
         return stop == -1
 
     def _nearest_whole(self, tip: FloatArray, tool: int) -> _Start | None:
-        whole = [start for start in self._starts.values() if self._is_whole(start)]
+        waiting = self.progress.waiting
+        whole = [
+            start
+            for start in self._starts.values()
+            if start.stop == -1
+            or ((start.stop < 0 or waiting[start.stop] <= start.until) and self._is_whole(start))
+        ]
         return self._nearest(whole, tip, tool)
 
     def _nearest(self, starts: list[_Start], tip: FloatArray, tool: int) -> _Start | None:
