@@ -54,7 +54,12 @@ def barring(
         at = extension.at + extension.step * np.sqrt((way * way).sum())
         for k in range(3):
             low, high = near(squares, place, k)
-            for j in squares.member[low:high]:
+            for m in range(low, high):
+                x, y, top, reach = squares.around[m]
+                far = (x - place[0]) ** 2 + (y - place[1]) ** 2 >= (needle.shaft_mm + reach) ** 2
+                j = squares.member[m]
+                if far or top <= place[2]:
+                    continue
                 if when[j] < before and (
                     depth_at(place, extension.radius, extension.vessel, at, j,
                              elements, meetings, needle) > 0.0
