@@ -1,5 +1,6 @@
 """What a job will leave in the bath, in tables, pictures and voxels: `sim.bead` on files."""
 
+from printctl.bead.bundles import of_bundles
 from printctl.bead.filaments import written_filaments
 from printctl.bead.files import Wanted, write_prediction
 from printctl.bead.lag import LagSaid, lag_of
@@ -16,6 +17,7 @@ __all__ = [
     "Wanted",
     "bead_warnings",
     "lag_of",
+    "of_bundles",
     "predict_job",
     "prediction_facts",
     "prediction_lines",

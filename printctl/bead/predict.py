@@ -66,6 +66,8 @@ class Predicted:
     ahead_s : float, s
         Lag that the file itself drives the plunger ahead of; 0 for none. The prompt bead is then
         none that anybody asks for.
+    of_strands : bool
+        Whether some vessels are written as several strands side by side.
     """
 
     head: int
@@ -78,6 +80,7 @@ class Predicted:
     prompt_source: IntArray
     of_vessels: bool | None
     ahead_s: float = 0.0
+    of_strands: bool = False
 
 
 def predict_job(
@@ -172,7 +175,8 @@ def _of_head(
     most = 0.0 if advance is None else advance.most_s
     ahead_s = 0.0 if line_map is None else line_map.lag_s
     both = (late, prompt, lag, most, late_of, prompt_of)
-    return Predicted(number, mounted, *both, of_vessels, ahead_s)
+    of_strands = line_map is not None and line_map.strand is not None
+    return Predicted(number, mounted, *both, of_vessels, ahead_s, of_strands)
 
 
 def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:

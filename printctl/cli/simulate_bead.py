@@ -116,6 +116,11 @@ def _against_design(
             "--network: which line is of which vessel stands in FILE.map.npz beside the file, "
             "which isn't there or counts layers; printctl toolpath writes it"
         )
+    if any(one.of_strands for one in heads):
+        raise UsageError(
+            "--network: the file writes vessels as several strands side by side, and one strand is "
+            "no vessel; the run's dry_run.json has their predicted diameters"
+        )
     network = read_designed(said.network, said.unit)
     place = place_of_filaments(
         said.place, written_filaments([one.prompt for one in heads]), network

@@ -86,6 +86,11 @@ class Embedded(Part):
         default=0,
         description="How many joints may stay without an overlap; more are refused.",
     )
+    widest_filament_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
+        default=None,
+        description="Wider vessels are written as strands side by side. By default what the "
+        "plunger's flow fills at the slowest speed.",
+    )
     compensate_lag: bool = Field(
         default=False,
         description="Drive the plunger ahead of the ink's measured lag (`lag` of its profile).",

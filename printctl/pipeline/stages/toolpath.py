@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from design.toolpath import Toolpath, joined
 from design.toolpath.embedded import (
+    Bundles,
     EmbeddedHeads,
     EmbeddedOptions,
     EmbeddedReport,
+    bundled,
     plan_embedded,
 )
 from design.toolpath.fresh import (
@@ -35,6 +37,7 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from firmware_profiles import Ink, Printer, Syringe
+from printctl.errors import UsageError
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
@@ -92,11 +95,14 @@ class Planned:
         Highest that the tip goes.
     report : callable
         How well it went, once the parts have been gone through.
+    bundles : Bundles or None
+        The strands that `parts` name as their sources; None for layers.
     """
 
     parts: Iterable[Toolpath]
     top_mm: float
     report: Callable[[], FreshReport | EmbeddedReport]
+    bundles: Bundles | None = None
 
 
 def plan(context: RunContext, *, compensated: bool = True) -> Planned:
@@ -114,12 +120,12 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
             ahead = part.compensate_lag and compensated
-            heads = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
+            choices = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
             thinnest = float(context.network.radius.min())
-            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in heads))
-            embedded = plan_embedded(
-                context.written_network, EmbeddedHeads(heads, context.vessel_head)
-            )
+            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in choices))
+            bundles = written_bundles(context)
+            heads = EmbeddedHeads(choices, context.vessel_head[bundles.owner])
+            embedded = plan_embedded(bundles, heads)
             toolpath = embedded.toolpath
             if part.prime is not None:
                 relief = relief_ul(context.loads[0]) if ahead else None
@@ -127,7 +133,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
                 toolpath = joined([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
-            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report)
+            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
 
 
 def _after_priming(context: RunContext, planned: Planned) -> Planned:
@@ -144,8 +150,18 @@ def _after_priming(context: RunContext, planned: Planned) -> Planned:
     )
 
 
+def written_bundles(context: RunContext) -> Bundles:
+    """The written network as strands, none wider than one filament of its head may be."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        raise UsageError("layers have no strands; this is for embedded prints")
+    heads = [embedded_options(part, one, ahead=False) for one in context.loads]
+    widest = np.array([one.widest_mm for one in heads])
+    return bundled(context.written_network, widest[context.vessel_head])
+
+
 def plain_job(context: RunContext) -> Gcode:
-    """The same job as if the ink had no lag."""
+    """The same job as if the ink had no lag; its lines name strands."""
     planned = plan(context, compensated=False)
     parts = stream_gcode(planned.parts, *_machine(context, ahead=False), planned.top_mm)
     return Gcode.joined(list(parts))
@@ -203,6 +219,7 @@ def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> Embedded
         retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
         dwell_s=filled.ink.dwell_s,
+        widest_filament_mm=part.widest_filament_mm,
         open_joints=part.open_joints,
     )
 
@@ -276,12 +293,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.2, "writing G-code")
     part = context.recipe.toolpath
     ahead = isinstance(part, Embedded) and part.compensate_lag
-    lines = save_gcode(
-        context.folder / GCODE,
-        context.folder / LINE_MAP,
-        stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm),
-        written_beside(context, ahead=ahead),
-    )
+    job = stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm)
+    beside: dict[str, NDArray[Any]] = {}
+    if planned.bundles is not None:
+        beside = written_beside(context, planned.bundles, ahead=ahead)
+        if not planned.bundles.is_plain:
+            job = planned.bundles.of_design(job, beside)
+    lines = save_gcode(context.folder / GCODE, context.folder / LINE_MAP, job, beside)
     facts, kept = compensation_facts(context)
     summary = {
         "method": context.recipe.toolpath.method,
@@ -293,7 +311,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return summary, [GCODE, LINE_MAP, *kept]
 
 
-def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
+def written_beside(
+    context: RunContext, bundles: Bundles, *, ahead: bool
+) -> dict[str, NDArray[Any]]:
     """What the map of an embedded job holds besides its lines, for the checks that read it."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
@@ -308,6 +328,7 @@ def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any
             (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
             for one in heads
         ],
+        None if bundles.is_plain else np.bincount(bundles.owner) > 1,
     )
     return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 
