@@ -61,7 +61,7 @@ def predicted(
         For options without what they belong to; when nothing is written, or the part's place
         can't be told.
     """
-    wanted = _wanted(said)
+    wanted = _wanted(said, file.name)
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, notes = read_line_map(file, lines)
     for note in notes:
@@ -75,19 +75,19 @@ def predicted(
         own = {head: pair for head, *pair in held}.get(one.head, (None, None))
         facts.append(prediction_facts(one, setup.bath, *own))
     if said.out is not None:
-        written = write_prediction(said.out, heads, held, wanted)
+        written = write_prediction(said.out, heads, held, facts, wanted)
         facts[0]["files"] = [str(said.out / name) for name in written]
     return facts
 
 
-def _wanted(said: BeadSaid) -> Wanted:
+def _wanted(said: BeadSaid, title: str) -> Wanted:
     for option, value in (("--voxel-um", said.voxel_um), ("--window-s", said.window)):
         if value is not None and said.out is None:
             raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
     if said.place is not None and said.network is None:
         raise UsageError("--place is where a network's origin stands; give --network, too")
     window = None if said.window is None else _window(said.window)
-    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
+    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window, title)
 
 
 def _window(text: str) -> tuple[float, float]:

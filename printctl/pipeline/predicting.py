@@ -33,9 +33,10 @@ def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any
     line_map, _ = read_line_map(context.folder / GCODE, lines)
     heads = _predicted(context, run, gcode, line_map)
     held = [(one.head, *_both(context, one)) for one in heads] if _embedded(context) else []
-    files = write_prediction(context.folder, heads, held, Wanted())
     by_head = {head: pair for head, *pair in held}
     facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
+    wanted = Wanted(title=context.recipe.name, keep_play=True)
+    files = write_prediction(context.folder, heads, held, facts, wanted)
     if compensates(context):
         facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()
     return facts, files
