@@ -56,7 +56,7 @@ def played(
         embedded,
         z,
         tuple(inks),
-        "the design" if vessels else "what the file asks for",
+        "the design" if vessels else "the file's E",
         tuple(_warnings(all_heads, facts, rows)),
         tuple(_notes(all_heads, bool(vessels))),
     )

@@ -15,6 +15,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
 from printctl.bead.lag import LagSaid, lag_of
 from printctl.errors import UsageError
 from printctl.gcode_view.line_map import LineMap
+from printctl.gcode_view.widths import cross_sections
 from printctl.lumens.heads import of_heads
 from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
@@ -182,12 +183,18 @@ def _of_head(
 
 
 def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> FloatArray:
-    """E over way of each written piece's command times the plunger's area, (n,), mm²."""
+    """E over way of each written piece's command times the plunger's area, (n,), mm².
+
+    Over a window of `SMOOTHING_MM` at least, as the bead itself has it: short lines round E.
+    """
     program = run.program
     before = np.vstack([program.start[None, :3], program.target[:-1, :3]])
     way = np.linalg.norm(program.target[:, :3] - before, axis=1)
     push = np.diff(program.plunger, prepend=0.0) * area_mm2
-    section = np.divide(push, way, out=np.full(len(way), np.nan), where=(way > 1e-9) & (push > 0))
+    those = np.flatnonzero((way > 1e-9) & (push > 0))
+    section = np.full(len(way), np.nan)
+    begins = np.diff(those, prepend=-2) != 1
+    section[those] = cross_sections(way[those], push[those], begins, SMOOTHING_MM)
     row = np.minimum(np.searchsorted(program.command, motion.line), len(program) - 1)
     return np.where(bead.writes, section[row[np.maximum(bead.pieces.block, 0)]], np.nan)
 

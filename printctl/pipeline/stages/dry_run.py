@@ -10,6 +10,7 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Printer
+from printctl.bead import PLAYED
 from printctl.link.job import parse_job
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
@@ -71,6 +72,7 @@ def depends(context: RunContext) -> Any:
         [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
         context.compensation_digest,
+        PLAYED,  # a run folder from before it gets one
     ]
 
 

@@ -12,10 +12,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize, to_rgba
 from PIL import Image
 
-from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
+from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled
 from registration.report.gcode.job import Act, FloatArray, IntArray
-from registration.report.play.packed import colourings
+from registration.report.play.packed import NOT_HELD, OFF, colourings
 from registration.report.play.played import Played, PlayRows
 from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits
 
@@ -38,7 +38,7 @@ def draw_frame(played: Played) -> tuple[bytes, str]:
     chosen = colourings(played)[0]
     off = chosen.key == "off"
     values = 100 * played.compared[written] if off else rows.width_mm[written]
-    scale = DIVERGING if off else SEQUENTIAL
+    scale = OFF if off else SEQUENTIAL
     name = f"{chosen.name} / {chosen.unit}" if chosen.unit else chosen.name
     return _drawn(played, written, values, chosen.limits, scale, name), f"{said}. {name}."
 
@@ -67,7 +67,7 @@ def _drawn(
         bar = figure.colorbar(ScalarMappable(norm, scale), ax=axes, pad=0.02, shrink=0.8)
         bar.set_label(name)
         bar.outline.set_visible(False)
-        colour = np.where(np.isnan(values)[:, None], to_rgba(NO_DATA), scale(norm(values)))
+        colour = np.where(np.isnan(values)[:, None], to_rgba(NOT_HELD), scale(norm(values)))
         lines = list(np.stack([start, end], axis=1)[order])
         draw_scaled_lines(figure, lines, width[order], colour[order])
         canvas = FigureCanvasAgg(figure)

@@ -7,9 +7,10 @@ from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap, to_hex
 from numpy.typing import NDArray
 
-from registration.picture.colours import NO_DATA, TREE_COLOURS, samples
+from registration.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, samples
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
 from registration.report.gcode.job import Act, FloatArray, IntArray
@@ -20,6 +21,13 @@ INK_STEPS: Final = 1_000_000
 """Of all ink: as fine as the page tells how much lies in the bath."""
 MOST_OFF: Final = 0.25
 """Of the wanted width, where the scale of the comparison ends."""
+# The house's scale with a middle that stands out from a light ground as from a dark one: here most
+# of the picture is as wanted, and there is no shading.
+OFF: Final = LinearSegmentedColormap.from_list(
+    "off", [*DIVERGING_ANCHORS[:3], "#a2b4c0", "#b1b6b9", "#c8b39d", *DIVERGING_ANCHORS[6:]]
+)
+NOT_HELD: Final = "#998da8"
+"""Of lines that nothing says a width of; apart from the middle of `OFF`."""
 _MS: Final = 1e-3
 _UM: Final = 1e-3
 _GAP: Final = 2e-6
@@ -60,8 +68,8 @@ def packed(played: Played) -> dict[str, Any]:
         "high": np.round(ends.max(axis=0) + half, 4).tolist(),
         "inks": list(played.inks),
         "colourings": [{**asdict(one), "diverging": one.key == "off"} for one in colourings(played)],
-        "scales": {"sequential": samples(False), "diverging": samples(True)},
-        "none": NO_DATA,
+        "scales": {"sequential": samples(False), "diverging": [to_hex(OFF(k / 32)) for k in range(33)]},
+        "none": NOT_HELD,
         "wanted": played.wanted,
     }
 

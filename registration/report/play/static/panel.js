@@ -125,11 +125,15 @@ function tell(view) {
   at("tag").textContent = `${noun} ${view.layer + 1} of ${short(view.count)}`;
   at("numbers").replaceChildren(...list(numbers(view, noun)));
   at("legend").replaceChildren(view.colours.legend(new Set(view.data.inks.keys())));
-  if (view.colours.key === "off") {
-    const grey = document.createElement("p");
-    grey.className = "small";
-    grey.textContent = "Grey: nothing to hold it against.";
-    at("legend").firstElementChild.append(grey);
+  if (view.colours.key !== "width") {
+    const other = document.createElement("p");
+    const patch = document.createElement("i");
+    other.className = "swatches small";
+    patch.style.background = view.data.none;
+    const said = document.createElement("span");
+    said.append(patch, view.colours.key === "off" ? "nothing to hold it against" : "threads along travels");
+    other.append(said);
+    at("legend").firstElementChild.append(other);
   }
   tellScale(view.camera.scale, at("scalebar"));
 }
@@ -145,7 +149,7 @@ function numbers(view, noun) {
     ["Needle x, y", view.place.slice(0, 2).map((value) => value.toFixed(3)).join(", ")],
     ["Needle z", `${view.place[2].toFixed(3)} mm`],
     ["The needle", view.doing()],
-    ["Line of the file", chunk.line[row] ? String(chunk.line[row]) : "–"],
+    ["Line", chunk.line[row] ? String(chunk.line[row]) : "–"],
     ["Width", width > 0 ? `${width.toFixed(3)} mm${percent}` : "–"],
     ...(view.passes ? [["Vessel", chunk.vessel[row] < 0 ? "–" : String(chunk.vessel[row])]] : []),
     ...(data.inks.length > 1 ? [["Ink", data.inks[chunk.head[row]]]] : []),

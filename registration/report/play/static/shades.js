@@ -7,10 +7,15 @@ export class Shades extends Colours {
     super(colouring, colouring.diverging ? scales.diverging : scales.sequential, none);
   }
 
+  // A thread along a travel belongs to nothing, whatever it is coloured by.
+  bin(chunk, i, first, last) {
+    if (chunk.planned[i] !== ACT.WRITE && this.key !== "width") return this.count;
+    return super.bin(chunk, i, first, last);
+  }
+
   value(chunk, i, first, last) {
     if (this.key === "head") return chunk.head[i];
-    // A thread along a travel is off whatever it is.
-    if (this.key === "off") return chunk.planned[i] === ACT.WRITE ? offBy(chunk, i) : NaN;
+    if (this.key === "off") return offBy(chunk, i);
     return super.value(chunk, i, first, last);
   }
 }

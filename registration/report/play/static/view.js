@@ -1,14 +1,14 @@
 // The stage at a moment: what lies there, what is being laid, where the needle is.
-import { Camera } from "gcode/camera";
 import { Painter } from "gcode/draw";
 import { fit } from "gcode/hands";
 import { hues } from "gcode/hues";
 import { ACT } from "gcode/moves";
 import { soon } from "gcode/soon";
+import { SnugCamera } from "play/camera";
 import { cutRow, layerStarts, rowAt, shareAt } from "play/data";
 import { Shades } from "play/shades";
 
-const FAINT = 0.42;
+const FAINT = 0.5;
 
 export class PlayView {
   constructor(data, chunk, holder) {
@@ -17,11 +17,11 @@ export class PlayView {
     this.first = layerStarts(chunk, this.count);
     this.duration = chunk.time[chunk.n - 1];
     this.time = this.duration;
-    this.camera = new Camera(data.low, data.high);
+    this.camera = new SnugCamera(data.low, data.high, chunk);
     this.canvas = holder.querySelector("canvas");
     this.painter = new Painter(this.canvas.getContext("2d"), this.camera, {});
     this.base = { canvas: document.createElement("canvas"), key: "" };
-    this.shown = { travels: !this.passes, dots: true, faint: true };
+    this.shown = { travels: !this.passes, dots: !this.passes, faint: true };
     this.fitted = true;
     this.listeners = [];
     if (this.passes) this.camera.look(30, 30);
@@ -129,8 +129,9 @@ export class PlayView {
 
   // What lay before the pass is kept as a picture; the pass itself lies over it.
   paintPasses(row, share) {
-    const { painter, chunk, first, layer, colours, whole } = this;
-    this.paintBase(whole ? chunk.n : first[layer]);
+    const { painter, chunk, colours, whole } = this;
+    const from = this.passFrom(row);
+    this.paintBase(whole ? chunk.n : from);
     const { context } = painter;
     context.save();
     context.setTransform(1, 0, 0, 1, 0, 0);
@@ -138,8 +139,15 @@ export class PlayView {
     context.drawImage(this.base.canvas, 0, 0);
     context.restore();
     if (whole) return;
-    painter.tubes([{ chunk, first: first[layer], last: row }], colours);
+    painter.tubes([{ chunk, first: from, last: row }], colours);
     painter.tubes([{ chunk: cutRow(chunk, row, share), first: 1, last: 2 }], colours);
+  }
+
+  // Where the pass begins that is under way; while the needle goes there, the one before.
+  passFrom(row) {
+    const { chunk, first, layer } = this;
+    for (let i = first[layer]; i <= row; i++) if (chunk.planned[i] === ACT.WRITE) return first[layer];
+    return first[Math.max(layer - 1, 0)];
   }
 
   paintBase(last) {
@@ -173,9 +181,9 @@ export class PlayView {
     const { chunk, row } = this;
     if (this.whole) return "done";
     if (chunk.planned[row] === ACT.WRITE) return "writes";
-    if (chunk.planned[row] === ACT.PRIME) return "stands, a drop comes out";
+    if (chunk.planned[row] === ACT.PRIME) return "lets out a drop";
     const still = Math.hypot(...["x", "y", "z"].map((k) => chunk[k][row] - chunk[k][row - 1])) < 1e-4;
     if (still) return "stands";
-    return chunk.width[row] > 0 ? "travels, and leaves a thread" : "travels";
+    return chunk.width[row] > 0 ? "leaves a thread" : "travels";
   }
 }
