@@ -40,12 +40,15 @@ class Wanted:
         Of the page.
     keep_play : bool
         Whether the page's data are kept for a report.
+    remarks : tuple of (int, str)
+        Lines of the file, 0 for none, and what was found there otherwise; for the page.
     """
 
     voxel_mm: float | None = None
     window_s: tuple[float, float] | None = None
     title: str = "Dry run"
     keep_play: bool = False
+    remarks: tuple[tuple[int, str], ...] = ()
 
 
 def write_prediction(
@@ -109,7 +112,8 @@ def _write_play(
     facts: Sequence[Mapping[str, Any]],
     wanted: Wanted,
 ) -> list[str]:
-    shown = played(all_heads, facts, {head: late for head, late, _ in vessels})
+    held = {head: late for head, late, _ in vessels}
+    shown = played(all_heads, facts, held, wanted.remarks)
     write_play_html(folder / PLAY_PAGE, shown, wanted.title)
     if not wanted.keep_play:
         return [PLAY_PAGE]

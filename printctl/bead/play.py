@@ -29,6 +29,7 @@ def played(
     all_heads: Sequence[Predicted],
     facts: Sequence[Mapping[str, Any]],
     vessels: Mapping[int, VesselDiameters],
+    remarks: Sequence[tuple[int, str]] = (),
 ) -> Played:
     """What the page shows, thinned for it.
 
@@ -40,6 +41,8 @@ def played(
     vessels : mapping of head to VesselDiameters
         Against the design; empty where the network isn't known. Then the widths are held against
         what the file asks for.
+    remarks : sequence of (int, str)
+        Further warnings: line, 0 for none, and text.
     """
     embedded = any(one.bead.style == "embedded" for one in all_heads)
     every = [_rows(one, vessels.get(one.head), len(all_heads) > 1) for one in all_heads]
@@ -57,7 +60,7 @@ def played(
         z,
         tuple(inks),
         "the design" if vessels else "the file's E",
-        tuple(_warnings(all_heads, facts, rows)),
+        (*_remarks(remarks, rows), *_warnings(all_heads, facts, rows)),
         tuple(_notes(all_heads, bool(vessels))),
     )
     return thinned(whole)
@@ -123,9 +126,7 @@ def _in_time(every: Sequence[PlayRows]) -> tuple[PlayRows, FloatArray]:
     return rows, rows.laid_ul
 
 
-def _strokes(
-    all_heads: Sequence[Predicted], every: Sequence[PlayRows], rows: PlayRows
-) -> IntArray:
+def _strokes(all_heads: Sequence[Predicted], every: Sequence[PlayRows], rows: PlayRows) -> IntArray:
     """Number of the path that each row belongs to; no two heads share one."""
     past = np.cumsum([0, *(int(one.layer.max(initial=0)) + 1 for one in every)])
     place = {one.head: k for k, one in enumerate(all_heads)}
@@ -162,10 +163,19 @@ def _warnings(
         for warning in own["warnings"]:
             sure = "" if warning["calibrated"] else " (uncalibrated)"
             line = int(warning["line"])
-            at = np.flatnonzero((rows.line == line) & (rows.head == one.head)) if line else ()
-            time = float(rows.end_s[at[-1]]) if len(at) else None
+            time = _done_s(rows, line, rows.head == one.head)
             found.append(PlayNote(f"{head}{warning['text']}{sure}", line, time))
     return found
+
+
+def _remarks(remarks: Sequence[tuple[int, str]], rows: PlayRows) -> list[PlayNote]:
+    return [PlayNote(text, line, _done_s(rows, line)) for line, text in remarks]
+
+
+def _done_s(rows: PlayRows, line: int, those: NDArray[np.bool_] | bool = True) -> float | None:
+    """When a line is done, s: what it warns of then lies there; None where it moves nothing."""
+    at = np.flatnonzero((rows.line == line) & those) if line else ()
+    return float(rows.end_s[at[-1]]) if len(at) else None
 
 
 def _notes(all_heads: Sequence[Predicted], designed: bool) -> list[str]:

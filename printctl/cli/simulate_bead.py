@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +51,16 @@ class BeadSaid:
 
 
 def predicted(
-    file: Path, gcode: bytes, run: DryRun, setup: SetUp, said: BeadSaid
+    file: Path,
+    gcode: bytes,
+    run: DryRun,
+    setup: SetUp,
+    said: BeadSaid,
+    remarks: tuple[tuple[int, str], ...] = (),
 ) -> list[dict[str, Any]]:
     """Predict, write what is wanted, and give a dict for each head.
+
+    `remarks` are lines of the file and what was found there otherwise, for the page.
 
     Raises
     ------
@@ -61,7 +68,7 @@ def predicted(
         For options without what they belong to; when nothing is written, or the part's place
         can't be told.
     """
-    wanted = _wanted(said, file.name)
+    wanted = replace(_wanted(said), title=file.name, remarks=remarks)
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, notes = read_line_map(file, lines)
     for note in notes:
@@ -80,14 +87,14 @@ def predicted(
     return facts
 
 
-def _wanted(said: BeadSaid, title: str) -> Wanted:
+def _wanted(said: BeadSaid) -> Wanted:
     for option, value in (("--voxel-um", said.voxel_um), ("--window-s", said.window)):
         if value is not None and said.out is None:
             raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
     if said.place is not None and said.network is None:
         raise UsageError("--place is where a network's origin stands; give --network, too")
     window = None if said.window is None else _window(said.window)
-    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window, title)
+    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -27,15 +27,20 @@ from sim.executed import ExecutedMotion
 from sim.valve_blocks import with_commands
 
 
-def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any], list[str]]:
-    """Predict, write tables and time lines, and give facts of each head, JSON-ready."""
+def predicting(
+    context: RunContext, run: DryRun, gcode: bytes, remarks: tuple[tuple[int, str], ...] = ()
+) -> tuple[list[Any], list[str]]:
+    """Predict, write tables, page and time lines, and give facts of each head, JSON-ready.
+
+    `remarks` are lines of the file and what was found there otherwise, for the page.
+    """
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, _ = read_line_map(context.folder / GCODE, lines)
     heads = _predicted(context, run, gcode, line_map)
     held = [(one.head, *_both(context, one)) for one in heads] if _embedded(context) else []
     by_head = {head: pair for head, *pair in held}
     facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
-    wanted = Wanted(title=context.recipe.name, keep_play=True)
+    wanted = Wanted(title=context.recipe.name, keep_play=True, remarks=remarks)
     files = write_prediction(context.folder, heads, held, facts, wanted)
     if compensates(context):
         facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()

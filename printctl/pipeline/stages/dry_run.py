@@ -37,6 +37,7 @@ from printctl.preflight import (
     ink_use,
     needle_check,
     of_each_head,
+    placed_failures,
     read_written,
     refuse_failed,
     shaft_checks,
@@ -184,7 +185,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "checks": [check.as_dict() for check in checks],
     }
     report(0.5, "predicting what will lie in the bath")
-    predicted, files = predicting(context, run, data)
+    predicted, files = predicting(context, run, data, placed_failures(checks))
     found = summary | {"predicted": predicted}
     write_text(context.folder / CHECKS, json.dumps(found, indent=1) + "\n")
     refuse_failed(checks)

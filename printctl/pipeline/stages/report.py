@@ -93,9 +93,7 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
         drawn = all_figures(data, context.network, drawn)
     play = context.folder / PLAYED
     shown = play_section(load_played(play)) if play.is_file() else None
-    write_report_html(
-        context.folder / HTML, data, surfaces(context), context.network, drawn, shown
-    )
+    write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn, shown)
     if pdf:
         told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
         write_report_pdf(context.folder / PDF, told, context.network, drawn)

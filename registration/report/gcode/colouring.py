@@ -56,7 +56,9 @@ def colourings(job: GcodeJob) -> list[Colouring]:
     named = np.unique(job.kind[writes])
     if (named >= 0).any():
         found.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
-    found.append(Colouring("speed", "Speed, as fed", "mm/s", usual_span(job.speed_mm_s[writes], None)))
+    found.append(
+        Colouring("speed", "Speed, as fed", "mm/s", usual_span(job.speed_mm_s[writes], None))
+    )
     found.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
     z = job.end[writes, 2]
     if job.layers.passes:

@@ -15,7 +15,7 @@ from registration.picture.colours import NO_DATA, samples
 from registration.report.errors import ReportError
 from registration.report.gcode.chunks import Packed, pack_job
 from registration.report.gcode.colouring import colourings
-from registration.report.gcode.job import Act, GcodeColour, GcodeJob, layer_sums
+from registration.report.gcode.job import Act, GcodeJob, layer_sums
 from registration.report.page import environment, style
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
@@ -36,12 +36,13 @@ class GcodePage:
 
     Attributes
     ----------
-    colour : GcodeColour
+    colour : str
+        Key of a colouring, a `GcodeColour`.
     layer : int
         From 0.
     """
 
-    colour: GcodeColour
+    colour: str
     layer: int = 0
 
 

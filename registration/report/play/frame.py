@@ -75,7 +75,9 @@ def _drawn(
         return _png(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
 
 
-def _seen(rows: PlayRows, written: IntArray, turned: bool) -> tuple[FloatArray, FloatArray, IntArray]:
+def _seen(
+    rows: PlayRows, written: IntArray, turned: bool
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Ends in the picture's plane, and the order from far to near."""
     start, end = rows.start[written], rows.end[written]
     if not turned:
@@ -83,6 +85,9 @@ def _seen(rows: PlayRows, written: IntArray, turned: bool) -> tuple[FloatArray, 
     c, s = math.cos(_TURN), math.sin(_TURN)
     look = np.array([[c, -s * s, s * c], [s, c * s, -c * c], [0.0, c, s]])
     start, end = start @ look, end @ look
+    # Places along a slanted look mean nothing, lengths do.
+    zero = np.minimum(start.min(axis=0), end.min(axis=0))
+    start, end = start - zero, end - zero
     return start[:, :2], end[:, :2], np.argsort(start[:, 2] + end[:, 2], kind="stable")
 
 

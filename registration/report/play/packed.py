@@ -67,8 +67,13 @@ def packed(played: Played) -> dict[str, Any]:
         "low": np.round(ends.min(axis=0) - half, 4).tolist(),
         "high": np.round(ends.max(axis=0) + half, 4).tolist(),
         "inks": list(played.inks),
-        "colourings": [{**asdict(one), "diverging": one.key == "off"} for one in colourings(played)],
-        "scales": {"sequential": samples(False), "diverging": [to_hex(OFF(k / 32)) for k in range(33)]},
+        "colourings": [
+            {**asdict(one), "diverging": one.key == "off"} for one in colourings(played)
+        ],
+        "scales": {
+            "sequential": samples(False),
+            "diverging": [to_hex(OFF(k / 32)) for k in range(33)],
+        },
         "none": NOT_HELD,
         "wanted": played.wanted,
     }

@@ -144,7 +144,7 @@ function numbers(view, noun) {
   const percent = Number.isNaN(off) ? "" : `, ${off > 0 ? "+" : ""}${short(off, 2)} %`;
   return [
     ["Time", clock(view.time)],
-    [noun, `${view.layer + 1}, z ${short(data.layer_z[view.layer], 5)} mm`],
+    [noun, `${view.layer + 1}, ${view.passes ? "up to z" : "z"} ${short(data.layer_z[view.layer], 4)} mm`],
     ["Ink laid", `${short(view.laid, 4)} of ${short(chunk.laid[chunk.n - 1], 4)} µL`],
     ["Needle x, y", view.place.slice(0, 2).map((value) => value.toFixed(3)).join(", ")],
     ["Needle z", `${view.place[2].toFixed(3)} mm`],
