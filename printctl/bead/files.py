@@ -112,6 +112,8 @@ def _write_play(
     facts: Sequence[Mapping[str, Any]],
     wanted: Wanted,
 ) -> list[str]:
+    if not any(np.any(one.bead.lays & one.bead.writes) for one in all_heads):
+        return []
     held = {head: late for head, late, _ in vessels}
     shown = played(all_heads, facts, held, wanted.remarks)
     write_play_html(folder / PLAY_PAGE, shown, wanted.title)

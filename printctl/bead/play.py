@@ -174,7 +174,7 @@ def _remarks(remarks: Sequence[tuple[int, str]], rows: PlayRows) -> list[PlayNot
 
 def _done_s(rows: PlayRows, line: int, those: NDArray[np.bool_] | bool = True) -> float | None:
     """When a line is done, s: what it warns of then lies there; None where it moves nothing."""
-    at = np.flatnonzero((rows.line == line) & those) if line else ()
+    at = np.flatnonzero((rows.line == line) & those & (line > 0))
     return float(rows.end_s[at[-1]]) if len(at) else None
 
 

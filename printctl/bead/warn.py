@@ -169,6 +169,8 @@ def _of_pressure(found: Predicted) -> Iterator[BeadWarning]:
     if needle is None:
         return
     pressure = bead.pressure_pa * 1e-3
+    if np.isnan(pressure).all():  # no ink comes (a firmware that refuses to push cold)
+        return
     row = int(np.nanargmax(pressure))
     limit = mounted.syringe.max_pressure_kpa
     if limit is not None and pressure[row] > limit:

@@ -12,15 +12,15 @@ from registration.report.gcode.job import Act
 from registration.report.play.played import FloatArray, Played, PlayRows
 from registration.report.wording import number
 
-MOST_ROWS: Final = 200_000
-"""Of a layered job in a page: about two megabytes."""
+MOST_ROWS: Final = 400_000
+"""Of a layered job in a page: about three megabytes."""
 MOST_PASS_ROWS: Final = 40_000
 """Of passes, which are drawn all at once."""
 _WAY_SHARE: Final = 1 / 4000
 """Of the job's extent: a quarter of a pixel in a picture 1,000 wide."""
 _PLACE_SHARE: Final = 1 / 1000
 _WIDTH_SHARE: Final = 0.01
-_COARSER_AT_MOST: Final = 4
+_COARSER_AT_MOST: Final = 12
 _SLIGHT: Final = 0.002
 """Of the stretches: a round that joins fewer is the last."""
 _S: Final = 2e-6
@@ -39,15 +39,22 @@ class Limits:
         Of the needle at any moment.
     width_mm : float, mm
         Between the least and the largest width that are told as one.
+    by_line : bool
+        Whether only what one line of the file writes is joined.
     """
 
     way_mm: float
     place_mm: float
     width_mm: float
+    by_line: bool = False
 
-    def times(self, factor: float) -> Limits:
-        """All of them so much wider."""
-        return Limits(factor * self.way_mm, factor * self.place_mm, factor * self.width_mm)
+    def coarser(self) -> Limits:
+        """All of them twice as wide."""
+        return Limits(2.0 * self.way_mm, 2.0 * self.place_mm, 2.0 * self.width_mm)
+
+    def of_lines(self) -> Limits:
+        """Any width within one line of the file."""
+        return Limits(self.way_mm, self.place_mm, np.inf, True)
 
 
 @dataclass
@@ -70,15 +77,20 @@ def thinned(played: Played, most: int | None = None) -> Played:
     ----------
     played : Played
     most : int, optional
-        `MOST_ROWS` or `MOST_PASS_ROWS` by default. Where coarser stretches don't do, a layered job
-        loses whole layers, which the note says, too.
+        `MOST_ROWS` or `MOST_PASS_ROWS` by default. Of a layered job with more each line of the file
+        is then told by its mean width, and if that doesn't do, whole layers are left out, which the
+        note says; passes are drawn ever coarser.
     """
     allowed = most or (MOST_PASS_ROWS if played.passes else MOST_ROWS)
     limits = usual_limits(played.rows)
     rows = joined(played.rows, limits)
-    coarser = 12 if played.passes else _COARSER_AT_MOST
-    while len(rows) > allowed and coarser:
-        limits, coarser = limits.times(2.0), coarser - 1
+    if len(rows) > allowed and not played.passes:
+        limits = limits.of_lines()
+        rows = joined(rows, limits)
+    for _ in range(_COARSER_AT_MOST if played.passes else 0):
+        if len(rows) <= allowed:
+            break
+        limits = limits.coarser()
         rows = joined(rows, limits)
     every = 1
     if len(rows) > allowed and not played.passes:
@@ -99,13 +111,15 @@ def usual_limits(rows: PlayRows) -> Limits:
 
 
 def _said(played: Played, rows: PlayRows, limits: Limits, every: int) -> str:
-    layers = "" if every == 1 else f" Of the layers every {every}th is drawn."
+    widths = f"that differ by less than {number(limits.width_mm * 1e3, 2)} µm as one"
+    if limits.by_line:
+        widths = "as the mean of each line of the file"
+    layers = "" if every == 1 else f" One layer in {every} is drawn."
     return (
         f"{number(len(played.rows))} stretches of the prediction are drawn as {number(len(rows))}: "
         f"lines to {number(limits.way_mm * 1e3, 2)} µm, the needle's place to "
-        f"{number(limits.place_mm * 1e3, 2)} µm, widths that differ by less than "
-        f"{number(limits.width_mm * 1e3, 2)} µm as one.{layers} No number of the report comes from "
-        "them."
+        f"{number(limits.place_mm * 1e3, 2)} µm, widths {widths}.{layers} No number of the report "
+        "comes from them."
     )
 
 
@@ -139,6 +153,8 @@ def _round(state: _State, limits: Limits, first: int) -> _State:
     low, high = np.fmin(state.low[a], state.low[b]), np.fmax(state.high[a], state.high[b])
     fits = _alike(rows, a, b) & (way <= limits.way_mm) & (place <= limits.place_mm)
     fits &= ~(high - low > limits.width_mm)
+    if limits.by_line:
+        fits &= rows.line[a] == rows.line[b]
     a, b = a[fits], b[fits]
     whole = {name: getattr(state, name).copy() for name in _COLUMNS}
     whole["way_off"][a], whole["place_off"][a] = way[fits], place[fits]
@@ -160,10 +176,10 @@ def _alike(rows: PlayRows, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArra
     """Whether one goes on where and when the other ends, for the same."""
     alike = (np.abs(rows.end[a] - rows.start[b]) < _S).all(axis=1)
     alike &= np.abs(rows.end_s[a] - rows.begin_s[b]) < _S
-    for column in (rows.act, rows.vessel, rows.head, rows.layer):
-        alike &= column[a] == column[b]
-    for column in (rows.width_mm, rows.wanted_mm):
-        alike &= np.isnan(column[a]) == np.isnan(column[b])
+    for kind in (rows.act, rows.vessel, rows.head, rows.layer):
+        alike &= kind[a] == kind[b]
+    for width in (rows.width_mm, rows.wanted_mm):
+        alike &= np.isnan(width[a]) == np.isnan(width[b])
     known = ~np.isnan(rows.wanted_mm[a])
     apart = np.abs(rows.wanted_mm[a] - rows.wanted_mm[b]) > _WIDTH_SHARE * rows.wanted_mm[a]
     return np.asarray(alike & ~(known & apart))
