@@ -53,7 +53,8 @@ def played(
     rows = replace(rows, layer=layer)
     inks = [""] * (1 + max(one.head for one in all_heads))
     for one in all_heads:
-        inks[one.head] = one.mounting.ink.name
+        name = one.mounting.ink.name
+        inks[one.head] = f"head {one.head}: {name}" if len(all_heads) > 1 else name
     whole = Played(
         rows,
         embedded,

@@ -52,7 +52,7 @@ def _facts(played: Played) -> list[str]:
     writes = rows.act == Act.WRITE
     written = float(np.where(writes, rows.way_mm, 0.0).sum())
     return [
-        ", ".join(dict.fromkeys(played.inks)),
+        ", ".join(name for name in played.inks if name),
         f"{number(len(played.layer_z_mm))} {noun}",
         f"{number(written / 1e3, 3)} m written",
         f"{number(float(rows.laid_ul[-1]), 4)} µL laid",

@@ -141,10 +141,10 @@ function tell(view) {
 function numbers(view, noun) {
   const { chunk, row, data } = view;
   const [width, off] = [chunk.width[row], offBy(chunk, row)];
-  const percent = Number.isNaN(off) ? "" : `, ${off > 0 ? "+" : ""}${short(off, 2)} %`;
+  const percent = Number.isNaN(off) ? "" : `, ${off > 0 ? "+" : ""}${off.toFixed(1).replace("-", "\u2212")}\u202f%`;
   return [
     ["Time", clock(view.time)],
-    [noun, `${view.layer + 1}, ${view.passes ? "up to z" : "z"} ${short(data.layer_z[view.layer], 4)} mm`],
+    [noun, `${view.layer + 1}, z ${view.passes ? "≤ " : ""}${short(data.layer_z[view.layer], 4)} mm`],
     ["Ink laid", `${short(view.laid, 4)} of ${short(chunk.laid[chunk.n - 1], 4)} µL`],
     ["Needle x, y", view.place.slice(0, 2).map((value) => value.toFixed(3)).join(", ")],
     ["Needle z", `${view.place[2].toFixed(3)} mm`],
