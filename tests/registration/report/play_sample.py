@@ -55,8 +55,12 @@ def passes(**more):
     """Three slanted passes, the last with another head."""
     places = [(0, 0, 1), (5, 0, 3), (5, 5, 6), (0, 5, 2), (0, 5, 6), (2, 2, 4)]
     act = [Act.WRITE, Act.TRAVEL, Act.WRITE, Act.TRAVEL, Act.WRITE]
-    rows = make_rows(places, np.arange(6.0), act, layer=np.array([0, 1, 1, 2, 2]),
-                     vessel=np.array([4, -1, 5, -1, 6]), head=np.array([0, 0, 0, 1, 1]))  # fmt: skip
+    own = {
+        "layer": np.array([0, 1, 1, 2, 2]),
+        "vessel": np.array([4, -1, 5, -1, 6]),
+        "head": np.array([0, 0, 0, 1, 1]),
+    }
+    rows = make_rows(places, np.arange(6.0), act, **own)
     said = {
         "rows": rows,
         "passes": True,

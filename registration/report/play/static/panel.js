@@ -2,6 +2,7 @@
 import { short } from "gcode/colours";
 import { drag, fit, zoom } from "gcode/hands";
 import { tellScale } from "gcode/scalebar";
+import { soon } from "gcode/soon";
 import { list } from "gcode/words";
 import { offBy } from "play/shades";
 
@@ -49,15 +50,16 @@ export function startPlaying(view) {
     at("play").setAttribute("aria-label", before === null ? "Play" : "Pause");
     if (before === null) return;
     if (view.whole) view.to(0);
-    requestAnimationFrame(step);
+    soon(step);
   };
-  const step = (now) => {
+  const step = () => {
     if (before === null) return;
+    const now = performance.now();
     const pace = at("pace").value === "real" ? 1 : view.duration / Number(at("pace").value);
     view.to(view.time + (Math.max(now - before, 0) / 1000) * pace);
     before = now;
     if (view.whole) toggle();
-    else requestAnimationFrame(step);
+    else soon(step);
   };
   at("play").addEventListener("click", toggle);
   return toggle;
