@@ -67,7 +67,7 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
     place = np.eye(4)
     place[:3, 3] = context.place_mm
     return {
-        "tissue_to_part": np.eye(4).tolist(),
+        "tissue_to_part": np.diag([*[context.recipe.print_scale] * 3, 1.0]).tolist(),
         "part_to_printer": place.tolist(),
         "scan_to_part": registration["transform_scan_to_part"],
         "unit": "mm",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath import Toolpath
+from design.toolpath import Toolpath, joined
 from design.toolpath.embedded import (
     EmbeddedHeads,
     EmbeddedOptions,
@@ -45,6 +46,7 @@ from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
+from printctl.pipeline.priming import ABOVE_WALL_MM, primed
 from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
@@ -56,8 +58,6 @@ from printctl.recipe.making import Embedded, Fresh
 FloatArray = NDArray[np.float64]
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
-ABOVE_WALL_MM: Final = 2.0
-"""Between the dish's wall and the tips of heads that are changed."""
 
 
 def depends(context: RunContext) -> Any:
@@ -111,7 +111,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             layers = FreshLayers(
                 written_solid(context), options[0], written_regions(context, part), options[1:]
             )
-            return Planned(layers, layers.top_mm, layers.report)
+            return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
             ahead = part.compensate_lag and compensated
             heads = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
@@ -121,10 +121,27 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
                 context.written_network, EmbeddedHeads(heads, context.vessel_head)
             )
             toolpath = embedded.toolpath
+            if part.prime is not None:
+                relief = relief_ul(context.loads[0]) if ahead else None
+                before = primed(context, toolpath, toolpath.top_mm, relief)
+                toolpath = joined([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
-            top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
-            return Planned([toolpath], top, lambda: embedded.report)
+            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report)
+
+
+def _after_priming(context: RunContext, planned: Planned) -> Planned:
+    """Layers, with what comes before the first of them where the recipe asks for it."""
+    if context.recipe.toolpath.prime is None:
+        return planned
+    parts = iter(planned.parts)
+    first = next(parts)
+    before = primed(context, first, planned.top_mm, None)
+    return replace(
+        planned,
+        parts=itertools.chain([joined([before, first])], parts),
+        top_mm=max(planned.top_mm, before.top_mm),
+    )
 
 
 def plain_job(context: RunContext) -> Gcode:
@@ -138,7 +155,13 @@ def written_regions(context: RunContext, part: Fresh) -> list[Region]:
     """The recipe's regions, which follow the part where it is compensated."""
     stretch = context.corrections.stretch
     made = (
-        make_region(region, number, context.recipe_folder, context.local_network)
+        make_region(
+            region,
+            number,
+            context.recipe_folder,
+            context.local_network,
+            context.recipe.print_scale,
+        )
         for number, region in enumerate(part.regions)
     )
     return [replace(region, solid=stretch.solid(region.solid)) for region in made]
@@ -179,6 +202,7 @@ def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> Embedded
         overlap_radii=part.overlap_radii,
         retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
+        dwell_s=filled.ink.dwell_s,
         open_joints=part.open_joints,
     )
 
