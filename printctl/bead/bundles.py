@@ -43,4 +43,5 @@ def of_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:
         worst_at_mm=found.worst_at_mm[worst],
         worst_line=found.worst_line[worst],
         within=mean(found.within),
+        piece_mm=found.piece_mm,
     )

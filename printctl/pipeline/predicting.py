@@ -29,8 +29,13 @@ from sim.executed import ExecutedMotion
 from sim.valve_blocks import with_commands
 
 
-def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any], list[str]]:
-    """Predict, write tables and time lines, and give facts of each head, JSON-ready."""
+def predicting(
+    context: RunContext, run: DryRun, gcode: bytes, remarks: tuple[tuple[int, str], ...] = ()
+) -> tuple[list[Any], list[str]]:
+    """Predict, write tables, page and time lines, and give facts of each head, JSON-ready.
+
+    `remarks` are lines of the file and what was found there otherwise, for the page.
+    """
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, _ = read_line_map(context.folder / GCODE, lines)
     heads = _predicted(context, run, gcode, line_map)
@@ -39,9 +44,10 @@ def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any
         bundles = written_bundles(context)
         strand = None if line_map is None else line_map.strand
         held = [(one.head, *_both(context, bundles, one, strand)) for one in heads]
-    files = write_prediction(context.folder, heads, held, Wanted())
     by_head = {head: pair for head, *pair in held}
     facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
+    wanted = Wanted(title=context.recipe.name, keep_play=True, remarks=remarks)
+    files = write_prediction(context.folder, heads, held, facts, wanted)
     if compensates(context):
         facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()
     return facts, files
