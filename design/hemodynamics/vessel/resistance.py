@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.vessel.geometry import integral_of_power
 from design.network import FloatArray, VesselNetwork
 
 
@@ -14,13 +15,7 @@ def geometric_resistance(network: VesselNetwork) -> FloatArray:
     Along a piece of length ℓ whose radius goes linearly from a to b the integral is
     ℓ (a² + a b + b²) / (3 a³ b³). Valid for gentle tapers and fully developed laminar flow.
     """
-    start, end, a, b, vessel = network.pieces()
-    length = np.linalg.norm(end - start, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        integral = length * (a * a + a * b + b * b) / (3.0 * (a * b) ** 3)
-    summed = np.zeros(network.vessel_count)
-    np.add.at(summed, vessel, integral)
-    return (8.0 / np.pi) * summed
+    return (8.0 / np.pi) * integral_of_power(network, -4)
 
 
 def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:

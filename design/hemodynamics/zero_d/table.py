@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
-from design.hemodynamics.flow import FlowSolution
-from design.hemodynamics.validity import poiseuille_holds, reynolds
+from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.validity import poiseuille_holds, reynolds
 from design.network import VesselKind, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
 

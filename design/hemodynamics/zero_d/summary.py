@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.boundary import boundary_nodes
+from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.flow import FlowSolution
-from design.hemodynamics.steady import node_inflow
-from design.hemodynamics.validity import entrance_share, poiseuille_holds, reynolds
+from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.steady import node_inflow
+from design.hemodynamics.zero_d.validity import entrance_share, poiseuille_holds, reynolds
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.boundary import Boundary, place_conditions
+from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.conductance import factorise
-from design.hemodynamics.flow import FlowSolution
-from design.hemodynamics.resistance import vessel_resistance
+from design.hemodynamics.zero_d.nodal.conductance import factorise
+from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.network import FloatArray, IntArray, VesselNetwork
-
-_REFINEMENTS = 6
-_BALANCED = 4.0 * float(np.finfo(np.float64).eps)
 
 
 def solve_flow(network: VesselNetwork, conditions: FlowConditions) -> FlowSolution:
@@ -54,8 +51,11 @@ def solve_flow(network: VesselNetwork, conditions: FlowConditions) -> FlowSoluti
 
 def node_inflow(network: VesselNetwork, flow: FloatArray) -> FloatArray:
     """Flow that enters the network at each node, (m,), µL/s: 0 but at inlets and outlets."""
-    leaving, entering = _end_sums(network.vessel_nodes, flow, len(network.nodes))
-    return leaving - entering
+    leaving, entering = (
+        np.bincount(end, weights=flow, minlength=len(network.nodes))
+        for end in network.vessel_nodes.T
+    )
+    return np.asarray(leaving - entering, dtype=np.float64)
 
 
 def _solve(
@@ -65,21 +65,8 @@ def _solve(
     system = factorise(ends, conductance, boundary.fixed)
     # Measured from the lowest given pressure, the outlets of most networks drop out of the sums.
     datum = float(boundary.pressure[boundary.fixed].min())
-    pressure, flow = system.solve(boundary.injected, boundary.pressure - datum)
-    for _ in range(_REFINEMENTS):
-        leaving, entering = _end_sums(ends, flow, len(pressure))
-        excess = np.where(boundary.fixed, 0.0, boundary.injected - leaving + entering)
-        through = sum(_end_sums(ends, np.abs(flow), len(pressure)), np.abs(boundary.injected))
-        if np.all(np.abs(excess) <= _BALANCED * through):
-            break
-        more_pressure, more_flow = system.solve(excess, np.zeros(len(pressure)))
-        pressure, flow = pressure + more_pressure, flow + more_flow
+    pressure, flow = system.balanced(boundary.injected, boundary.pressure - datum)
     pressure += datum
     pressure[boundary.fixed] = boundary.pressure[boundary.fixed]
     return pressure, flow
 
-
-def _end_sums(ends: IntArray, flow: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Sum over the vessels that begin, and over those that end, at each unknown."""
-    first, last = (np.bincount(end, weights=flow, minlength=count) for end in ends.T)
-    return np.asarray(first, dtype=np.float64), np.asarray(last, dtype=np.float64)

@@ -10,8 +10,8 @@ Seen from j it is a conductance G σ and a source s σ with σ = g/(g + G); and 
     p_i = σ p_j + s/(g + G),    Q_{j→i} = σ (G p_j - s).
 
 Every term is a sum or product of positive numbers where s = 0, so flows come out right to
-rounding however far conductances lie apart. A tree folds up to a single node; of a graph with
-loops its core remains.
+rounding however far conductances lie apart. Complex admittances of a frequency obey the same. A
+tree folds up to a single node; of a graph with loops its core remains.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def fold(
     order: IntArray, by: IntArray, ends_sum: IntArray, conductance: FloatArray, ground: FloatArray
 ) -> FloatArray:
     """σ of each folded node; ``ground`` (s,) gains the folded conductances in place."""
-    share = np.empty(len(order))
+    share = np.empty(len(order), conductance.dtype)
     for k in range(len(order)):
         node, g = order[k], conductance[by[k]]
         share[k] = g / (g + ground[node])

@@ -1,0 +1,110 @@
+"""Walls: how much wider a vessel gets under pressure.
+
+Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics.vessel.geometry import integral_of_power
+from design.network import FloatArray, VesselNetwork
+
+
+class Wall(Protocol):
+    """Anything that has a compliance."""
+
+    def compliance(self, network: VesselNetwork) -> FloatArray:
+        """Of each vessel, (v,), µL/Pa."""
+        ...
+
+
+@dataclass(frozen=True)
+class RigidWall:
+    """No compliance: the flow is the same everywhere along a vessel."""
+
+    def compliance(self, network: VesselNetwork) -> FloatArray:
+        """Zeros."""
+        return np.zeros(network.vessel_count)
+
+
+@dataclass(frozen=True)
+class ThinWall:
+    """An elastic tube in nothing that holds it, of constant wall thickness.
+
+    C = 2 π (1 - ν²) ∫ r³ ds / (E h), 3 π ∫ r³ ds / (2 E h) for ν = ½; valid for h ≪ r
+    (Westerhof, Stergiopulos & Noble, Snapshots of Hemodynamics, 2010, chapters 9 to 11).
+
+    Attributes
+    ----------
+    young_pa : float, Pa
+    thickness_mm : float, mm
+    poisson : float
+    """
+
+    young_pa: float
+    thickness_mm: float
+    poisson: float = 0.5
+
+    def __post_init__(self) -> None:
+        _above_zero("young_pa", self.young_pa, "Pa")
+        _above_zero("thickness_mm", self.thickness_mm, "mm")
+        _poisson(self.poisson)
+
+    def compliance(self, network: VesselNetwork) -> FloatArray:
+        """Of each vessel, (v,), µL/Pa."""
+        stiffness = self.young_pa * self.thickness_mm / (1.0 - self.poisson**2)
+        return 2.0 * np.pi / stiffness * integral_of_power(network, 3)
+
+
+@dataclass(frozen=True)
+class GelWall:
+    """A lumen in gel much thicker than it is wide.
+
+    Lamé's thick cylinder of infinite outer radius: u(r) = p r (1 + ν)/E, hence
+    C = 2 π (1 + ν) ∫ r² ds / E (Timoshenko & Goodier, Theory of Elasticity, section 28).
+
+    Attributes
+    ----------
+    young_pa : float, Pa
+    poisson : float
+        ½ for a gel that keeps its volume.
+    """
+
+    young_pa: float
+    poisson: float = 0.5
+
+    def __post_init__(self) -> None:
+        _above_zero("young_pa", self.young_pa, "Pa")
+        _poisson(self.poisson)
+
+    def compliance(self, network: VesselNetwork) -> FloatArray:
+        """Of each vessel, (v,), µL/Pa."""
+        return 2.0 * np.pi * (1.0 + self.poisson) / self.young_pa * integral_of_power(network, 2)
+
+
+def wave_speed(inertance: FloatArray, compliance: FloatArray, length: FloatArray) -> FloatArray:
+    """Pulse wave velocity ℓ/√(I C) of frictionless waves, (v,), mm/s; infinite where C = 0.
+
+    For a uniform vessel it is Bramwell and Hill's √(A dp/(ϱ dA)).
+
+    Parameters
+    ----------
+    inertance, compliance, length : (v,) float64, Pa·s²/µL (of a plug), µL/Pa, mm
+    """
+    with np.errstate(divide="ignore"):
+        return np.asarray(length / np.sqrt(inertance * compliance))
+
+
+def _above_zero(name: str, value: float, unit: str) -> None:
+    if not (np.isfinite(value) and value > 0.0):
+        raise FlowError(f"{name} is {value:g} {unit}; give a number above 0")
+
+
+def _poisson(value: float) -> None:
+    if not 0.0 <= value <= 0.5:
+        raise FlowError(f"poisson is {value:g}; Poisson's ratio lies between 0 and 0.5")

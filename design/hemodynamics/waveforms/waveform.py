@@ -1,0 +1,194 @@
+"""Values that repeat: constant, a sine, or between samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from design.errors import FlowError
+from design.network import FloatArray
+
+Interpolation = Literal["linear", "spline"]
+
+_CLOSES = 1e-6
+
+
+class Waveform(Protocol):
+    """A value for every time, in whatever unit it stands for."""
+
+    @property
+    def period_s(self) -> float | None:
+        """After which it repeats, s; None where it never changes."""
+        ...
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Values at any times, same shape."""
+        ...
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Always the same."""
+
+    value: float
+
+    def __post_init__(self) -> None:
+        _finite("value", self.value)
+
+    @property
+    def period_s(self) -> None:
+        """None: it goes with any period."""
+        return None
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """The value, in the shape of ``time_s``."""
+        return np.full(np.shape(time_s), float(self.value))
+
+
+@dataclass(frozen=True)
+class Sine:
+    """mean + amplitude sin(2π t/period + phase)."""
+
+    mean: float
+    amplitude: float
+    period_s: float
+    phase_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_period(self.period_s)
+        for name in ("mean", "amplitude", "phase_rad"):
+            _finite(name, getattr(self, name))
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Values at any times, same shape."""
+        angle = 2.0 * np.pi * np.asarray(time_s) / self.period_s + self.phase_rad
+        return self.mean + self.amplitude * np.sin(angle)
+
+
+class Tabulated:
+    """Samples over one period, joined by straight lines or by a periodic cubic spline.
+
+    Parameters
+    ----------
+    time_s : (n,) float64, s
+        Rising, from its first to less than a period later. A last sample a whole period after
+        the first closes the cycle and has to equal it.
+    value : (n,) float64
+    period_s : float, s, optional
+        Without it the last sample closes the cycle.
+    interpolation : {"linear", "spline"}
+
+    Raises
+    ------
+    FlowError
+        Fewer than two samples, a missing (NaN) sample, times that don't rise, a period that
+        isn't above 0 or is shorter than the samples, a cycle that doesn't close.
+    """
+
+    def __init__(
+        self,
+        time_s: FloatArray,
+        value: FloatArray,
+        period_s: float | None = None,
+        interpolation: Interpolation = "linear",
+    ) -> None:
+        time, values = np.asarray(time_s, dtype=np.float64), np.asarray(value, dtype=np.float64)
+        _check_samples(time, values)
+        closed = period_s is None or abs(period_s - (time[-1] - time[0])) < _CLOSES * period_s
+        self._period = check_period(float(time[-1] - time[0]) if period_s is None else period_s)
+        if time[-1] - time[0] > self._period * (1.0 + _CLOSES):
+            raise FlowError(
+                f"the waveform's samples span {time[-1] - time[0]:g} s, more than its period "
+                f"{self._period:g} s; give one cycle, or the right period"
+            )
+        if closed:
+            _check_closed(values)
+        else:
+            time = np.append(time, time[0] + self._period)
+            values = np.append(values, values[0])
+        values[-1] = values[0]
+        self._start, self._time, self._value = time[0], time, values
+        self._spline = (
+            CubicSpline(time, values, bc_type="periodic") if interpolation == "spline" else None
+        )
+
+    @property
+    def period_s(self) -> float:
+        """After which it repeats, s."""
+        return self._period
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Values at any times, same shape."""
+        within = self._start + np.mod(np.asarray(time_s) - self._start, self._period)
+        if self._spline is not None:
+            return np.asarray(self._spline(within))
+        return np.asarray(np.interp(within, self._time, self._value))
+
+
+def check_period(period_s: float) -> float:
+    """The period, if it is one.
+
+    Raises
+    ------
+    FlowError
+        When it isn't above 0.
+    """
+    if not (np.isfinite(period_s) and period_s > 0.0):
+        raise FlowError(f"the waveform's period is {period_s:g} s; give one above 0")
+    return float(period_s)
+
+
+def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
+    """Period that all share, s; None where all are constant.
+
+    Raises
+    ------
+    FlowError
+        When they differ.
+    """
+    found = [w.period_s for w in waveforms if w.period_s is not None]
+    for period in found[1:]:
+        if abs(period - found[0]) > _CLOSES * found[0]:
+            raise FlowError(
+                f"waveforms have periods {found[0]:g} and {period:g} s; give all the same one"
+            )
+    return found[0] if found else None
+
+
+def _check_samples(time: FloatArray, value: FloatArray) -> None:
+    if time.ndim != 1 or time.shape != value.shape:
+        raise FlowError(
+            f"the waveform has {time.size} times and {value.size} values; give a value each"
+        )
+    if len(time) < 2:
+        raise FlowError(f"the waveform has {len(time)} samples; give at least two")
+    missing = np.flatnonzero(~(np.isfinite(time) & np.isfinite(value)))
+    if len(missing):
+        raise FlowError(
+            f"sample {int(missing[0]) + 1} of the waveform is missing ({len(missing)} of "
+            f"{len(time)}); fill it in, or leave its time out"
+        )
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if len(back):
+        k = int(back[0])
+        raise FlowError(
+            f"the waveform's times don't rise: {time[k + 1]:g} s follows {time[k]:g} s (sample "
+            f"{k + 2}); sort them and drop repeated ones"
+        )
+
+
+def _check_closed(value: FloatArray) -> None:
+    gap, swing = abs(value[-1] - value[0]), float(np.ptp(value))
+    if gap > 1e-3 * max(swing, _CLOSES * float(np.abs(value).max())):
+        raise FlowError(
+            f"the waveform ends at {value[-1]:g} and began at {value[0]:g}, so its cycle doesn't "
+            "close; repeat the first sample at the end, or give the period"
+        )
+
+
+def _finite(name: str, value: float) -> None:
+    if not np.isfinite(value):
+        raise FlowError(f"the waveform's {name} is {value}; give a number")
