@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
         No inlet, no outlet, unknown node, isolated part, pressure nowhere given.
     """
     inlets, outlets = boundary_nodes(network, conditions)
-    _check_parts(network, inlets, outlets)
+    check_parts(network, inlets, outlets)
     given = dict(conditions.outlet_flow_ul_s)
     strangers = set(given) - set(outlets.tolist())
     if strangers:
@@ -71,7 +72,21 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
     return Boundary(slot, fixed[used], pressure[used], injected[used])
 
 
-def boundary_nodes(network: VesselNetwork, conditions: FlowConditions) -> tuple[IntArray, IntArray]:
+class Ends(Protocol):
+    """Conditions that may name nodes where the network's own ends aren't meant."""
+
+    @property
+    def inlets(self) -> tuple[int, ...] | None:
+        """Nodes that flow comes in by."""
+        ...
+
+    @property
+    def outlets(self) -> tuple[int, ...] | None:
+        """Nodes that it leaves by."""
+        ...
+
+
+def boundary_nodes(network: VesselNetwork, conditions: Ends) -> tuple[IntArray, IntArray]:
     """Inlets and outlets, those asked for or the network's own.
 
     Raises
@@ -104,8 +119,14 @@ def _nodes(
     return nodes
 
 
-def _check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> None:
-    """Every connected part needs an inlet and an outlet, and every node a vessel."""
+def check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> None:
+    """Refuse parts without an inlet or an outlet, and nodes without a vessel.
+
+    Raises
+    ------
+    FlowError
+        Naming the first of them.
+    """
     count = len(network.nodes)
     bare = np.flatnonzero(network.degree() == 0)
     if len(bare):
