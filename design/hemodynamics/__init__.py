@@ -1,10 +1,10 @@
 """Flow in vessel networks."""
 
-from design.hemodynamics.zero_d.balance import balance, flow_spread
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.zero_d.balance import balance, flow_spread
+from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.steady import node_inflow, solve_flow
 from design.hemodynamics.zero_d.summary import flow_summary
 from design.hemodynamics.zero_d.table import flow_table, write_flow_csv

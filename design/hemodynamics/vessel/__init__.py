@@ -1,1 +1,1 @@
-"""What one vessel is in a reduced model: resistance, inertance, compliance, viscosity, Womersley."""
+"""What one vessel is in a reduced model: resistance, inertance, compliance, impedance."""

@@ -141,6 +141,11 @@ def check_period(period_s: float) -> float:
     return float(period_s)
 
 
+def cycle_times(period_s: float, steps: int, *, closed: bool = False) -> FloatArray:
+    """Times of the steps of a cycle from 0, its end left out or, ``closed``, with it, s."""
+    return np.asarray(np.arange(steps + int(closed)) * (period_s / steps), dtype=np.float64)
+
+
 def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
     """Period that all share, s; None where all are constant.
 

@@ -1,1 +1,1 @@
-"""Lumped flow: steady (`steady`), pulsatile (`pulsatile`), and another solver's files (`svzerod`)."""
+"""Lumped flow: steady, pulsatile (`pulsatile`), and another solver's files (`svzerod`)."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.zero_d.nodal.conductance import factorise
-from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
+from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.nodal.conductance import factorise
 from design.network import FloatArray, IntArray, VesselNetwork
 
 
@@ -69,4 +69,3 @@ def _solve(
     pressure += datum
     pressure[boundary.fixed] = boundary.pressure[boundary.fixed]
     return pressure, flow
-

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.zero_d.boundary import boundary_nodes
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.steady import node_inflow
 from design.hemodynamics.zero_d.validity import entrance_share, poiseuille_holds, reynolds

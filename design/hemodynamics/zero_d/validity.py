@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.vessel.resistance import geometric_resistance
+from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import FloatArray, VesselNetwork
 from design.units import WATER_DENSITY
 

@@ -55,7 +55,7 @@ class ClosedLoops:
         Terminals drawn back to make room.
     pruned : int
         Terminals of a side that nothing joined; they were taken away, and the other side's they
-        were matched to. Flows are no longer equal then: `design.hemodynamics.zero_d.balance` mends it.
+        were matched to. Flows are no longer equal then: `design.hemodynamics.balance` mends it.
     """
 
     network: VesselNetwork

@@ -1,1 +1,1 @@
-"""Linear systems of any graph, real or complex: branches folded away, what loops leave factorised."""
+"""Linear systems of any graph: branches folded away, what loops leave factorised."""

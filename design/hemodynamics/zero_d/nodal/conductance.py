@@ -185,9 +185,7 @@ def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     )
 
 
-def factorise(
-    ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_]
-) -> NodalSystem:
+def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_]) -> NodalSystem:
     """Fold the branches of a network away and factorise its core.
 
     Raises

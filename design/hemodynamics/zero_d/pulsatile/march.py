@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.waveforms.waveform import common_period
+from design.hemodynamics.waveforms.waveform import common_period, cycle_times
 from design.hemodynamics.zero_d.nodal.conductance import NodalSystem, structure_of
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.ladder import Ladder, ladder_of
@@ -94,6 +94,7 @@ class Marched:
 class _State:
     pressure: FloatArray
     rate: FloatArray
+    rate_here: FloatArray
     flow: FloatArray
     flow_rate: FloatArray
 
@@ -105,6 +106,7 @@ class _Scheme:
         alpha_m, self.alpha_f = (3.0 - rho) / (2.0 + 2.0 * rho), 1.0 / (1.0 + rho)
         self.gamma = 0.5 + alpha_m - self.alpha_f
         self.kappa = alpha_m / (self.gamma * self.alpha_f * step_s)
+        self.lag = alpha_m - self.alpha_f
         self.beta = 1.0 - alpha_m / self.gamma
         self.step_s, self.ladder = step_s, ladder
         self.held = np.zeros(len(ladder.stored), dtype=bool)
@@ -122,9 +124,8 @@ class _Scheme:
         drive = driven + self.alpha_f * (driven_next - driven)
         source = np.where(self.held, 0.0, drive)
         source += self.ladder.stored * (self.kappa * old.pressure - self.beta * old.rate)
-        memory = 0.0
+        memory = self.pulled * (self.kappa * old.flow - self.beta * old.flow_rate)
         if self.heavy:
-            memory = self.pulled * (self.kappa * old.flow - self.beta * old.flow_rate)
             source -= np.bincount(first, weights=memory, minlength=count)
             source += np.bincount(last, weights=memory, minlength=count)
         pressure, flow = self.system.solve(source, drive)
@@ -132,12 +133,10 @@ class _Scheme:
         p = old.pressure + (pressure - old.pressure) / self.alpha_f
         p[self.held] = driven_next[self.held]
         q = old.flow + (flow - old.flow) / self.alpha_f
-        return _State(
-            p,
-            self._rate(p - old.pressure, old.rate),
-            q,
-            self._rate(q - old.flow, old.flow_rate),
-        )
+        rate = self._rate(p - old.pressure, old.rate)
+        # The method's rates lag α_m - α_f of a step behind its values: of first order as they are.
+        here = rate + self.lag * (rate - old.rate)
+        return _State(p, rate, here, q, self._rate(q - old.flow, old.flow_rate))
 
     def _rate(self, change: FloatArray, rate: FloatArray) -> FloatArray:
         return rate + (change / self.step_s - rate) / self.gamma
@@ -161,7 +160,7 @@ def march(circuit: Circuit, options: MarchOptions | None = None) -> Marched:
     if not circuit.held.any():
         raise FlowError("no pressure is given anywhere, so none is determined; give an outlet one")
     period = common_period(circuit.waveforms) or 1.0
-    times = np.arange(how.steps + 1) * (period / how.steps)
+    times = cycle_times(period, how.steps, closed=True)
     ladder = ladder_of(circuit)
     scheme = _Scheme(circuit, ladder, period / how.steps, how.spectral_radius)
     drives = _drives(circuit, len(ladder.stored), times)
@@ -196,7 +195,8 @@ def _steady(circuit: Circuit, ladder: Ladder, scheme: _Scheme, drive: FloatArray
     conductance = 1.0 / np.where(resistance > 0.0, resistance, 1e-9 * least)
     system = structure_of(ladder.ends, scheme.held).factorise(conductance)
     pressure, flow = system.balanced(np.where(scheme.held, 0.0, drive), drive)
-    return _State(pressure, np.zeros_like(pressure), flow, np.zeros_like(flow))
+    still = np.zeros_like(pressure)
+    return _State(pressure, still, still, flow, np.zeros_like(flow))
 
 
 class _Record:
@@ -213,13 +213,13 @@ class _Record:
         self.pressure[k] = state.pressure[: circuit.node_count]
         self.first[k], self.last[k] = state.flow[ladder.into], state.flow[ladder.out]
         if self.stores:
-            self.first[k] += ladder.at_first * state.rate[circuit.first]
-            self.last[k] -= ladder.at_last * state.rate[circuit.last]
+            self.first[k] += ladder.at_first * state.rate_here[circuit.first]
+            self.last[k] -= ladder.at_last * state.rate_here[circuit.last]
 
     def change(self) -> float:
         worst = 0.0
         for kept in (self.pressure, self.first, self.last):
-            largest = float(np.abs(kept).max())
+            largest = float(max(kept.max(), -kept.min()))
             if largest > 0.0:
                 worst = max(worst, float(np.abs(kept[-1] - kept[0]).max()) / largest)
         return worst

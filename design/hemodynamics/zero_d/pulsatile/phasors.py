@@ -10,13 +10,14 @@ complex admittances: a tree is eliminated in O(n), what loops remain are factori
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.womersley import impedance_factor
-from design.hemodynamics.waveforms.waveform import common_period
+from design.hemodynamics.waveforms.waveform import common_period, cycle_times
 from design.hemodynamics.zero_d.nodal.conductance import Structure
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.network import FloatArray
@@ -42,8 +43,6 @@ class Phasors:
         Into each branch at its first node and out of it at its last.
     series : (k, b) complex128, µL/s
         Through each branch's resistance and inertance (in the middle of a Π).
-    excess : float
-        Greatest flow left over at a node, relative to what goes through it.
     """
 
     period_s: float
@@ -52,7 +51,6 @@ class Phasors:
     flow_first: ComplexArray
     flow_last: ComplexArray
     series: ComplexArray
-    excess: float
 
 
 def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
@@ -71,21 +69,19 @@ def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
     """
     _check(circuit, steps)
     period = common_period(circuit.waveforms)
-    times = np.arange(steps) * ((period or 1.0) / steps)
+    times = cycle_times(period or 1.0, steps)
     harmonic, drives = _harmonics(np.array([w.at(times) for w in circuit.waveforms]))
     structure = circuit.structure()
     size = (len(harmonic), len(circuit.first))
     pressure = np.empty((len(harmonic), circuit.node_count), dtype=np.complex128)
     first, last, series = (np.empty(size, dtype=np.complex128) for _ in range(3))
-    worst = 0.0
     for k, number in enumerate(harmonic):
         omega = 2.0 * np.pi * number / (period or 1.0)
-        p, q, s0, s1, left = _one(circuit, structure, omega, drives[:, k])
+        p, q, s0, s1 = _one(circuit, structure, omega, drives[:, k])
         pressure[k], series[k] = p, q
         first[k] = q + s0 * p[circuit.first]
         last[k] = q - s1 * p[circuit.last]
-        worst = max(worst, left)
-    return Phasors(period or 1.0, harmonic, pressure, first, last, series, worst)
+    return Phasors(period or 1.0, harmonic, pressure, first, last, series)
 
 
 def impedance(circuit: Circuit, omega: float) -> ComplexArray:
@@ -97,36 +93,38 @@ def impedance(circuit: Circuit, omega: float) -> ComplexArray:
     return np.where(circuit.womersley > 0.0, pipe, plain)
 
 
-def admittances(
-    circuit: Circuit, omega: float
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+def admittances(circuit: Circuit, omega: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Each branch as a Π: along it, and to ground at its first and at its last node, (b,) each."""
     store = 1j * omega * circuit.capacitance
     along = impedance(circuit, omega)
     if not circuit.middle:
-        return 1.0 / along, store / 2.0, store / 2.0
+        return _complex(1.0 / along), _complex(store / 2.0), _complex(store / 2.0)
     # Chain of R, C to ground, and L: the Π of the same two ports.
     inert = 1j * omega * circuit.inertance
     series = 1.0 / (along + circuit.resistance * store * inert)
-    return series, store * inert * series, circuit.resistance * store * series
+    return (
+        _complex(series),
+        _complex(store * inert * series),
+        _complex(circuit.resistance * store * series),
+    )
+
+
+def _complex(values: NDArray[Any]) -> ComplexArray:
+    return np.asarray(values, dtype=np.complex128)
 
 
 def _one(
     circuit: Circuit, structure: Structure, omega: float, drive: ComplexArray
-) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray, float]:
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
     series, s0, s1 = admittances(circuit, omega)
-    ground = 1j * omega * circuit.stored
+    ground = _complex(1j * omega * circuit.stored)
     for where, shunt in ((circuit.first, s0), (circuit.last, s1)):
         ground += 1j * np.bincount(where, weights=shunt.imag, minlength=len(ground))
         ground += np.bincount(where, weights=shunt.real, minlength=len(ground))
     driven = circuit.driven(drive)
-    injected = np.where(circuit.held, 0.0, driven)
     system = structure.factorise(series, ground)
-    pressure, flow = system.balanced(injected, driven)
-    excess, through = system.excess(injected, pressure, flow)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(through > 0.0, np.abs(excess) / through, 0.0)
-    return pressure, flow, s0, s1, float(left.max())
+    pressure, flow = system.balanced(np.where(circuit.held, 0.0, driven), driven)
+    return pressure, flow, s0, s1
 
 
 def _harmonics(samples: FloatArray) -> tuple[NDArray[np.int64], ComplexArray]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
+from design.hemodynamics.waveforms.waveform import cycle_times
 from design.hemodynamics.zero_d.pulsatile.build import build_circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.march import Marched, MarchOptions, march
@@ -15,6 +17,11 @@ from design.hemodynamics.zero_d.pulsatile.phasors import Phasors, solve_periodic
 from design.network import FloatArray, IntArray, VesselNetwork
 
 ComplexArray = NDArray[np.complex128]
+
+SAMPLES: Final = 200
+"""Times in a cycle at which least and greatest values are looked for."""
+
+_CHUNK: Final = 20_000
 
 
 @dataclass(frozen=True)
@@ -30,8 +37,6 @@ class PulsatileSolution:
         At the network's nodes.
     flow_in, flow_out : (k, v) complex128, µL/s
         Into each vessel at its first node, and out of it at its last.
-    excess : float
-        Greatest flow left over at a node, relative to what goes through it.
     change : (c,) float64
         From each cycle's begin to its end, relative to the largest value; empty where the state
         was solved for.
@@ -42,13 +47,12 @@ class PulsatileSolution:
     pressure: ComplexArray
     flow_in: ComplexArray
     flow_out: ComplexArray
-    excess: float
     change: FloatArray
 
     @property
     def omega(self) -> FloatArray:
         """Of each harmonic, (k,), rad/s."""
-        return 2.0 * np.pi * self.harmonic / self.period_s
+        return np.asarray(2.0 * np.pi * self.harmonic / self.period_s, dtype=np.float64)
 
     def at(self, phasors: ComplexArray, time_s: FloatArray) -> FloatArray:
         """Values (t, …) at times (t,) of phasors (k, …)."""
@@ -57,7 +61,7 @@ class PulsatileSolution:
 
     def times(self, count: int) -> FloatArray:
         """So many times over a cycle, its end left out, s."""
-        return np.arange(count) * (self.period_s / count)
+        return cycle_times(self.period_s, count)
 
 
 def solve_pulsatile(
@@ -111,7 +115,6 @@ def _of_phasors(found: Phasors, slot: IntArray, vessels: int) -> PulsatileSoluti
         found.pressure[:, slot],
         found.flow_first[:, :vessels],
         found.flow_last[:, :vessels],
-        found.excess,
         np.zeros(0),
     )
 
@@ -124,7 +127,6 @@ def _of_march(found: Marched, slot: IntArray, vessels: int) -> PulsatileSolution
         _harmonics(found.pressure)[:, slot],
         flow_in,
         _harmonics(found.flow_last[:, :vessels]),
-        float("nan"),
         found.change,
     )
 
@@ -135,3 +137,15 @@ def _harmonics(samples: FloatArray) -> ComplexArray:
     found = np.fft.rfft(samples[:-1], axis=0) / steps
     found[1:] *= 2.0
     return np.asarray(found[: (steps + 1) // 2])
+
+
+def swing(solution: PulsatileSolution, phasors: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value over a cycle of phasors (k, n), (n,) each."""
+    times = solution.times(SAMPLES)
+    count = phasors.shape[1]
+    low, high = np.empty(count), np.empty(count)
+    for start in range(0, count, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        values = solution.at(phasors[:, part], times)
+        low[part], high[part] = values.min(axis=0), values.max(axis=0)
+    return low, high

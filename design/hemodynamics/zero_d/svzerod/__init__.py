@@ -1,0 +1,15 @@
+"""Input of svZeroDSolver read, run and written, and its output's columns."""
+
+from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
+from design.hemodynamics.zero_d.svzerod.read import read_svzerod
+from design.hemodynamics.zero_d.svzerod.results import run_svzerod, write_svzerod_csv
+from design.hemodynamics.zero_d.svzerod.write import svzerod_input, write_svzerod
+
+__all__ = [
+    "SvZeroDCase",
+    "read_svzerod",
+    "run_svzerod",
+    "svzerod_input",
+    "write_svzerod",
+    "write_svzerod_csv",
+]
