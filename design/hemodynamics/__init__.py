@@ -1,26 +1,56 @@
-"""Flow in vessel networks."""
+"""Flow in vessel networks: lumped, steady and pulsatile."""
 
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
 from design.hemodynamics.zero_d.balance import balance, flow_spread
 from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.pulsatile import (
+    MarchOptions,
+    PressureOutlet,
+    PulsatileConditions,
+    PulsatileSolution,
+    ResistanceOutlet,
+    WindkesselOutlet,
+    end_waves,
+    march_pulsatile,
+    pulsatile_summary,
+    pulsatile_table,
+    solve_pulsatile,
+)
 from design.hemodynamics.zero_d.steady import node_inflow, solve_flow
 from design.hemodynamics.zero_d.summary import flow_summary
 from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
+from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
     "FlowConditions",
     "FlowSolution",
+    "GelWall",
+    "MarchOptions",
+    "PressureOutlet",
+    "PulsatileConditions",
+    "PulsatileSolution",
+    "ResistanceOutlet",
+    "RigidWall",
+    "ThinWall",
+    "WindkesselOutlet",
     "at_same_shear",
     "balance",
+    "end_waves",
     "flow_spread",
     "flow_summary",
     "flow_table",
+    "march_pulsatile",
     "node_inflow",
+    "pulsatile_summary",
+    "pulsatile_table",
+    "question_pressure",
     "scaled_flow",
     "scaled_network",
     "solve_flow",
+    "solve_pulsatile",
     "vessel_resistance",
     "write_flow_csv",
 ]

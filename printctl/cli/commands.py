@@ -35,6 +35,7 @@ COMMANDS: dict[str, str] = {
     "convert": "convert:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",
+    "flow": "flow:flow",
     "lumens": "lumens:lumens",
     "ports": "ports:ports",
     "profiles": "profiles:profiles",

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from printctl.recipe.pulse import PulsePart
+
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Point = Annotated[
     tuple[float, float, float], Field(description="x, y, z in mm in the tissue's frame")
@@ -43,3 +45,6 @@ class FlowPart(Part):
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 1.0
     inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = 0.25
     outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = 0.0
+    pulse: PulsePart | None = Field(
+        default=None, description="Without it the flow is steady, with it solved both ways."
+    )

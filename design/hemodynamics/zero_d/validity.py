@@ -6,16 +6,36 @@ from typing import Final
 
 import numpy as np
 
+from design.errors import FlowError
 from design.hemodynamics.vessel.resistance import geometric_resistance
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import FloatArray, VesselNetwork
-from design.units import WATER_DENSITY
+from design.units import PA_PER_MMHG, WATER_DENSITY
 
 LAMINAR_REYNOLDS: Final = 2000.0
 """Below it pipe flow stays laminar."""
 
 ENTRANCE_SHARE: Final = 0.1
 """Share of a vessel that the flow may take to develop, for Poiseuille's law to be called right."""
+
+QUESTIONED_MMHG: Final = 100_000.0
+"""Pressure drops above it, 13 MPa, come from a wrong unit and not from a perfusion."""
+
+
+def question_pressure(drop_pa: float) -> None:
+    """Refuse a pressure that nobody perfuses with.
+
+    Raises
+    ------
+    FlowError
+        When it is above `QUESTIONED_MMHG`.
+    """
+    drop = abs(drop_pa) / PA_PER_MMHG
+    if not drop <= QUESTIONED_MMHG:
+        raise FlowError(
+            f"the flow would take {drop:.3g} mmHg, above {QUESTIONED_MMHG:g}: is the network in "
+            "another unit, the flow in µL/min, or the viscosity in Pa·s?"
+        )
 
 
 def effective_viscosity(network: VesselNetwork, solution: FlowSolution) -> FloatArray:

@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 from design.hemodynamics import (
     flow_summary,
     flow_table,
+    question_pressure,
     scaled_flow,
     solve_flow,
     write_flow_csv,
 )
 from design.network_vtp import write_network_vtp
+from printctl.flow import PULSES, WAVES, pulsatile_conditions, solve_and_write
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
+from printctl.recipe.pulse import PulsePart
 
 TABLE, PICTURE = "flow.csv", "network.vtp"
 
@@ -29,7 +32,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
     All in the print's size, at the design's wall shear.
     """
-    network, driven = context.network, context.conditions
+    network, driven, driven_by = context.network, context.conditions, context.recipe.flow
     solution = solve_flow(network, driven)
     write_flow_csv(context.folder / TABLE, network, solution)
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
@@ -39,7 +42,19 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if context.recipe.print_scale != 1:
         summary["print_scale"] = context.recipe.print_scale
         summary["scaled"] = scaled(context, summary)
-    return {**summary, "vessels": rows(flow_table(network, solution))}, [TABLE, PICTURE]
+    question_pressure(summary["pressure_drop_pa"])
+    written = [TABLE, PICTURE]
+    if driven_by.pulse is not None:
+        summary["pulsatile"] = pulses(context, driven_by.pulse)
+        written += [PULSES, WAVES]
+    return {**summary, "vessels": rows(flow_table(network, solution))}, written
+
+
+def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
+    """The periodic state that the recipe asks for, in the print's size."""
+    recipe = context.recipe
+    conditions = pulsatile_conditions(recipe.flow, pulse, context.recipe_folder, recipe.print_scale)
+    return solve_and_write(context.folder, context.network, conditions, pulse.steps)
 
 
 def scaled(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:
@@ -68,9 +83,17 @@ def rows(table: dict[str, NDArray[np.generic]]) -> list[dict[str, Any]]:
     return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
+def key(context: RunContext) -> list[Any]:
+    """The section, the scale, and the user's waveform where it names one."""
+    part = context.recipe.flow
+    table = None if part.pulse is None else part.pulse.table
+    told = [part.model_dump(mode="json", exclude_none=True), context.recipe.print_scale]
+    return told if table is None else [*told, context.digests([table])]
+
+
 STAGE = Stage(
     "flow",
-    lambda context: [context.recipe.flow.model_dump(mode="json"), context.recipe.print_scale],
+    key,
     (NETWORK,),
     ("design",),
     work,

@@ -9,6 +9,7 @@ import numpy as np
 
 from design.files import write_text
 from printctl.bead import PLAYED
+from printctl.flow import WAVES, read_waves
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.pipeline.artefacts import HTML, JSON, PDF
@@ -22,6 +23,7 @@ from printctl.pipeline.stages.toolpath import GCODE
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report.flow_figures import wave_figure
 from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section
 
@@ -124,4 +126,12 @@ def figures(context: RunContext) -> dict[str, bytes]:
         flow_ul_s=context.flow_ul_s,
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
     )
-    return layer_pictures(context.folder / GCODE, pushing)
+    return waves(context) | layer_pictures(context.folder / GCODE, pushing)
+
+
+def waves(context: RunContext) -> dict[str, bytes]:
+    """Flow and pressure at the ends over a cycle, where the recipe's flow pulses."""
+    if context.recipe.flow.pulse is None:
+        return {}
+    caption = "flow/Flow and pressure at inlets and outlets over one cycle, as designed"
+    return {caption: wave_figure(read_waves(context.folder / WAVES))}

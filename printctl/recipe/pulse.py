@@ -1,0 +1,69 @@
+"""The part of a recipe that makes its flow pulse."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
+
+
+class PulseOutlet(BaseModel):
+    """What lies behind every outlet: a resistance, or with a compliance a Windkessel."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    resistance_mmhg_min_ml: Resistance
+    proximal_mmhg_min_ml: Resistance | None = Field(
+        default=None, description="Of a Windkessel, before its compliance."
+    )
+    compliance_ml_mmhg: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> PulseOutlet:
+        if (self.proximal_mmhg_min_ml is None) != (self.compliance_ml_mmhg is None):
+            raise ValueError(
+                "a Windkessel has proximal_mmhg_min_ml, compliance_ml_mmhg and "
+                "resistance_mmhg_min_ml (its distal one); give all three, or the last alone"
+            )
+        return self
+
+
+class PulsePart(BaseModel):
+    """How the flow at the inlet changes over a cycle, and what the walls give way to."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    amplitude_ml_min: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        default=None, description="Of a sine about inlet_flow_ml_min."
+    )
+    shape: Literal["ejection", "roller_pump"] | None = Field(
+        default=None, description="Scaled to a mean of inlet_flow_ml_min."
+    )
+    table: str | None = Field(
+        default=None,
+        description="CSV with time_s, flow_ml_min over one cycle, of mean inlet_flow_ml_min.",
+    )
+    period_s: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
+        default=None, description="Of a sine or a shape; of a table whose end isn't its begin."
+    )
+    wall_young_kpa: Annotated[float, Field(gt=0, le=1e9)] | None = Field(
+        default=None, description="Of the gel around the lumens; without it walls are rigid."
+    )
+    wall_thickness_mm: Annotated[float, Field(gt=0, le=100)] | None = Field(
+        default=None, description="Of free tubes, where the lumens aren't in thick gel."
+    )
+    profile: Literal["womersley", "poiseuille"] = "womersley"
+    outlet: PulseOutlet | None = None
+    steps: Annotated[int, Field(ge=8, le=10_000)] = 100
+
+    @model_validator(mode="after")
+    def _one_wave(self) -> PulsePart:
+        if sum(x is not None for x in (self.amplitude_ml_min, self.shape, self.table)) != 1:
+            raise ValueError("give one of amplitude_ml_min, shape and table")
+        if self.table is None and self.period_s is None:
+            raise ValueError("give period_s, the length of a cycle")
+        if self.wall_thickness_mm is not None and self.wall_young_kpa is None:
+            raise ValueError("wall_thickness_mm needs wall_young_kpa")
+        return self
