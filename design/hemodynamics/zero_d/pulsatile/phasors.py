@@ -24,6 +24,9 @@ from design.network import FloatArray
 
 ComplexArray = NDArray[np.complex128]
 
+_OVERSAMPLED = 16
+"""Samples of the waveforms for each step: kinks don't alias into the mean."""
+
 _SILENT = 1e-13
 """Harmonics weaker than this part of the strongest aren't solved for."""
 
@@ -60,7 +63,7 @@ def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
     ----------
     circuit : Circuit
     steps : int
-        Samples of the waveforms in a cycle; harmonics up to half of it are kept.
+        Of a cycle; harmonics that these resolve, below half as many, are kept.
 
     Raises
     ------
@@ -69,8 +72,8 @@ def solve_periodic(circuit: Circuit, steps: int) -> Phasors:
     """
     _check(circuit, steps)
     period = common_period(circuit.waveforms)
-    times = cycle_times(period or 1.0, steps)
-    harmonic, drives = _harmonics(np.array([w.at(times) for w in circuit.waveforms]))
+    times = cycle_times(period or 1.0, steps * _OVERSAMPLED)
+    harmonic, drives = _harmonics(np.array([w.at(times) for w in circuit.waveforms]), steps)
     structure = circuit.structure()
     size = (len(harmonic), len(circuit.first))
     pressure = np.empty((len(harmonic), circuit.node_count), dtype=np.complex128)
@@ -127,10 +130,9 @@ def _one(
     return pressure, flow, s0, s1
 
 
-def _harmonics(samples: FloatArray) -> tuple[NDArray[np.int64], ComplexArray]:
+def _harmonics(samples: FloatArray, steps: int) -> tuple[NDArray[np.int64], ComplexArray]:
     """Numbers (k,) and amplitudes (w, k) of the harmonics that are heard; of 0 always."""
-    steps = samples.shape[1]
-    found = np.fft.rfft(samples, axis=1) / steps
+    found = np.fft.rfft(samples, axis=1) / samples.shape[1]
     found[:, 1:] *= 2.0
     found = found[:, : (steps + 1) // 2]
     # Pressures and flows are in units of their own: each waveform by its own scale.

@@ -76,7 +76,7 @@ def solve_pulsatile(
     network : VesselNetwork
     conditions : PulsatileConditions
     steps : int
-        Samples of the waveforms in a cycle.
+        Of a cycle; harmonics that these resolve are kept.
 
     Raises
     ------

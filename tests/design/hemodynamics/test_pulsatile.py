@@ -1,0 +1,240 @@
+"""Pulsatile flow against transfer functions, a dense solution and another solver's numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import FlowError
+from design.hemodynamics import (
+    FlowConditions,
+    GelWall,
+    MarchOptions,
+    PressureOutlet,
+    PulsatileConditions,
+    ResistanceOutlet,
+    RigidWall,
+    ThinWall,
+    WindkesselOutlet,
+    end_waves,
+    march_pulsatile,
+    pulsatile_summary,
+    pulsatile_table,
+    solve_flow,
+    solve_pulsatile,
+    vessel_resistance,
+)
+from design.hemodynamics.waveforms import Constant, Sine, shape
+from design.network import VesselNetwork
+from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
+
+DENSITY = 1.06e-3
+TUBE = network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.5)
+
+
+def _ladder() -> VesselNetwork:
+    """Two loops one after the other, with two inlets and two outlets."""
+    nodes = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [2, 1, 0],
+        [2, -1, 0],
+        [3, 0, 0],
+        [4, 1, 0],
+        [4, -1, 0],
+        [0, 2, 0],
+    ]
+    ends = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4), (4, 5), (4, 6), (7, 2)]
+    radius = [0.5, 0.4, 0.3, 0.2, 0.3, 0.35, 0.3, 0.25, 0.3]
+    return network_of(nodes, ends, radius)
+
+
+def _windkessel(omega: float, outlet: WindkesselOutlet) -> complex:
+    return outlet.proximal + outlet.distal / (1 + 1j * omega * outlet.distal * outlet.compliance)
+
+
+def test_one_vessel_answers_as_its_transfer_function() -> None:
+    """Π of R, 4/3 of a plug's inertance and a gel's compliance, before a Windkessel."""
+    outlet = WindkesselOutlet(2.0, 0.05, 20.0, distal_pa=100.0)
+    conditions = PulsatileConditions(
+        VISCOSITY, Sine(4.0, 2.0, 0.8), outlet=outlet, wall=GelWall(10e3)
+    )
+    found = solve_pulsatile(TUBE, conditions)
+    omega = 2 * np.pi / 0.8
+    r = 8 * VISCOSITY * 20 / (np.pi * 0.5**4)
+    inertance = 4 / 3 * DENSITY * 20 / (np.pi * 0.25)
+    half = 1j * omega * (2 * np.pi * 0.25 * 20 * 1.5 / 10e3) / 2
+    end = 1 / (half + 1 / _windkessel(omega, outlet))
+    begin = 1 / (half + 1 / (r + 1j * omega * inertance + end))
+    # Re(-2i exp(iωt)) = 2 sin ωt.
+    assert found.harmonic.tolist() == [0, 1]
+    assert found.pressure[1, 0] == pytest.approx(-2j * begin, rel=1e-12)
+    passed = -2j * (1 - half * begin) * end
+    assert found.pressure[1, 1] == pytest.approx(passed, rel=1e-12)
+    assert found.pressure[0].real == pytest.approx([100 + 4 * (r + 22), 100 + 4 * 22], rel=1e-12)
+    assert found.flow_out[1, 0] == pytest.approx(passed / _windkessel(omega, outlet), rel=1e-12)
+    table = pulsatile_table(TUBE, found, conditions)
+    # Least and greatest are looked for at 200 times of a cycle.
+    assert table["pressure_damping"][0] == pytest.approx(abs(passed / (2 * begin)), rel=1e-3)
+    assert table["flow_damping"][0] == pytest.approx(
+        abs(passed / _windkessel(omega, outlet)) / 2, rel=1e-3
+    )
+
+
+def test_steps_in_time_come_to_the_periodic_state_with_the_second_order() -> None:
+    conditions = PulsatileConditions(
+        VISCOSITY,
+        Sine(4.0, 2.0, 1.0),
+        outlet=WindkesselOutlet(1.0, 1e-2, 10.0),
+        wall=ThinWall(1e5, 0.1),
+    )
+    network = _ladder()
+    exact = solve_pulsatile(network, conditions)
+    errors = []
+    for steps in (25, 50):
+        found = march_pulsatile(network, conditions, MarchOptions(steps, tolerance=1e-9))
+        assert found.change[-1] <= 1e-9
+        errors.append(
+            [
+                np.abs(getattr(found, name)[1] - getattr(exact, name)[1]).max()
+                for name in ("pressure", "flow_in", "flow_out")
+            ]
+        )
+    assert np.log2(np.array(errors[0]) / errors[1]) == pytest.approx([2.0] * 3, abs=0.25)
+
+
+def test_graphs_with_loops_agree_with_a_dense_solution() -> None:
+    network = _ladder()
+    conditions = PulsatileConditions(
+        VISCOSITY, Sine(0.0, 100.0, 0.5), inlet_is="pressure", wall=GelWall(20e3)
+    )
+    found = solve_pulsatile(network, conditions)
+    omega = 2 * np.pi / 0.5
+    radius, length = network.mean_radius(), network.lengths()
+    z = vessel_resistance(network, VISCOSITY) + 1j * omega * 4 / 3 * DENSITY * length / (
+        np.pi * radius**2
+    )
+    half = 1j * omega * 3 * np.pi * radius**2 * length / 20e3 / 2
+    matrix = np.zeros((8, 8), dtype=complex)
+    for (a, b), along, shunt in zip(network.vessel_nodes, z, half, strict=True):
+        matrix[[a, b], [a, b]] += 1 / along + shunt
+        matrix[[a, b], [b, a]] -= 1 / along
+    right = np.zeros(8, dtype=complex)
+    for node, value in ((0, -100j), (7, -100j), (5, 0), (6, 0)):
+        matrix[node], right[node] = 0, value
+        matrix[node, node] = 1
+    assert found.pressure[1] == pytest.approx(np.linalg.solve(matrix, right), rel=1e-11)
+
+
+@pytest.mark.parametrize("profile", ["poiseuille", "womersley"])
+def test_mass_and_energy_are_conserved_at_every_harmonic(profile: str) -> None:
+    for network in (random_tree(3, 40, 0.7), _ladder()):
+        conditions = PulsatileConditions(
+            VISCOSITY,
+            shape("ejection", 4.0, 1.0),
+            outlet=ResistanceOutlet(5.0),
+            wall=GelWall(10e3),
+            profile=profile,  # type: ignore[arg-type]
+        )
+        found = solve_pulsatile(network, conditions)
+        summary = pulsatile_summary(network, found, conditions)
+        assert summary["mass_imbalance"] <= 1e-12
+        assert summary["energy_imbalance"] <= 1e-9
+        waves = end_waves(network, found, conditions, 100)
+        time = conditions.inlet.at(waves["time_s"]) * 60e-3
+        assert waves["inlet_flow_ml_min"] == pytest.approx(time, abs=0.05 * 0.24)
+        assert waves["outlet_flow_ml_min"].mean() == pytest.approx(0.24, rel=1e-9)
+
+
+def test_flow_that_never_changes_is_the_steady_one() -> None:
+    network = _ladder()
+    still = PulsatileConditions(VISCOSITY, Constant(3.0), wall=GelWall(10e3))
+    found = solve_pulsatile(network, still)
+    steady = solve_flow(network, FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0))
+    assert found.flow_in[0].real == pytest.approx(steady.flow, rel=1e-12)
+    assert found.pressure[0].real == pytest.approx(steady.pressure, rel=1e-12)
+    table = pulsatile_table(network, found, still)
+    assert table["wall_shear_mean_pa"] == pytest.approx(steady.wall_shear, rel=1e-12)
+    assert (table["womersley"] == 0).all()
+    assert (table["pressure_damping"] == 1).all()
+
+
+def test_slow_womersley_flow_is_poiseuilles_and_fast_flow_isnt() -> None:
+    slow = PulsatileConditions(VISCOSITY, Sine(4.0, 2.0, 1000.0), profile="womersley")
+    lumped = replace(slow, profile="poiseuille")
+    one, other = solve_pulsatile(TUBE, slow), solve_pulsatile(TUBE, lumped)
+    assert one.pressure[1] == pytest.approx(other.pressure[1], rel=1e-5)
+    r = vessel_resistance(TUBE, VISCOSITY)[0]
+    assert one.pressure[1, 0] == pytest.approx(-2j * r, rel=1e-3)
+    assert pulsatile_table(TUBE, one, slow)["quasi_steady"][0] == 1
+    fast = replace(slow, inlet=Sine(4.0, 2.0, 0.05))
+    table = pulsatile_table(TUBE, solve_pulsatile(TUBE, fast), fast)
+    assert table["quasi_steady"][0] == 0
+    assert table["womersley"][0] == pytest.approx(0.5 * np.sqrt(40 * np.pi * DENSITY / VISCOSITY))
+
+
+def test_waves_run_as_bramwell_and_hill_say() -> None:
+    """c² = A/(ϱ dA/dp): in gel of ν = ½, E/(3 ϱ); in a thin tube E h/(2 ϱ r (1 - ν²))."""
+    for wall, squared in (
+        (GelWall(10e3), 10e3 / (3 * DENSITY)),
+        (ThinWall(1e5, 0.02), 1e5 * 0.02 / (2 * DENSITY * 0.5 * 0.75)),
+    ):
+        conditions = PulsatileConditions(VISCOSITY, Sine(1.0, 0.5, 1.0), wall=wall)
+        table = pulsatile_table(TUBE, solve_pulsatile(TUBE, conditions), conditions)
+        assert table["wave_speed_mm_s"][0] == pytest.approx(np.sqrt(squared), rel=1e-12)
+    rigid = PulsatileConditions(VISCOSITY, Sine(1.0, 0.5, 1.0), wall=RigidWall())
+    table = pulsatile_table(TUBE, solve_pulsatile(TUBE, rigid), rigid)
+    assert np.isinf(table["wave_speed_mm_s"][0])
+    assert table["wave_share"][0] == 0
+
+
+def test_shear_that_turns_round_is_told_from_shear_that_doesnt() -> None:
+    steady, turning = (
+        PulsatileConditions(VISCOSITY, Sine(mean, 1.0, 100.0)) for mean in (2.0, 0.0)
+    )
+    shares = [
+        pulsatile_table(TUBE, solve_pulsatile(TUBE, c), c)["oscillating_shear"][0]
+        for c in (steady, turning)
+    ]
+    assert shares == pytest.approx([0.0, 0.5], abs=1e-9)
+
+
+def test_each_outlet_may_have_a_condition_of_its_own() -> None:
+    network = network_of(
+        [[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.4
+    )
+    r = vessel_resistance(network, VISCOSITY)[1]
+    conditions = PulsatileConditions(
+        VISCOSITY, Constant(3.0), outlet={2: PressureOutlet(), 3: ResistanceOutlet(float(r))}
+    )
+    assert solve_pulsatile(network, conditions).flow_in[0].real == pytest.approx([3, 2, 1])
+    with pytest.raises(FlowError, match=r"outlet 3 has no condition \(1 of 2"):
+        solve_pulsatile(network, replace(conditions, outlet={2: PressureOutlet()}))
+    with pytest.raises(FlowError, match="node 1 has a condition"):
+        wrong = {1: PressureOutlet(), 2: PressureOutlet(), 3: PressureOutlet()}
+        solve_pulsatile(network, replace(conditions, outlet=wrong))
+
+
+def test_what_has_no_solution_says_why() -> None:
+    wave = Sine(1.0, 0.5, 1.0)
+    conditions = PulsatileConditions(VISCOSITY, wave)
+    apart = network_of([[0, 0, 0], [1, 0, 0], [5, 0, 0], [6, 1, 0]], [(0, 1), (2, 3)], 0.2)
+    with pytest.raises(FlowError, match="vessel 1 lies in an isolated part without inlet"):
+        solve_pulsatile(apart, replace(conditions, inlets=(0,)))
+    flat = network_of([[0, 0, 0], [0, 0, 0]], [(0, 1)], 0.2)
+    with pytest.raises(FlowError, match="vessel 0 has zero length"):
+        solve_pulsatile(flat, conditions)
+    with pytest.raises(FlowError, match="periods 1 and 2 s"):
+        outlet = PressureOutlet(Sine(0.0, 1.0, 2.0))
+        solve_pulsatile(TUBE, replace(conditions, outlet=outlet))
+    with pytest.raises(FlowError, match="Womersley's impedance is known by frequency"):
+        march_pulsatile(TUBE, replace(conditions, profile="womersley"))
+    with pytest.raises(FlowError, match="no periodic state after 2 cycles"):
+        slow = replace(conditions, outlet=WindkesselOutlet(1.0, 10.0, 10.0))
+        march_pulsatile(TUBE, slow, MarchOptions(20, cycles=2))
+    with pytest.raises(FlowError, match="young_pa is -1 Pa"):
+        GelWall(-1.0)
+    with pytest.raises(FlowError, match="resistance is 0 "):
+        ResistanceOutlet(0.0)
