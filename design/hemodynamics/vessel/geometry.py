@@ -1,33 +1,55 @@
-"""Integrals along vessels, exact for radii that go linearly from point to point."""
+"""Integrals along vessels, exact for radii that go linearly from point to point.
+
+Along a piece of length ℓ whose radius goes from a to b they are ℓ (a² + a b + b²)/3 for r²,
+ℓ (a + b) (a² + b²)/4 for r³, ℓ/(a b) for r⁻² and ℓ (a² + a b + b²)/(3 a³ b³) for r⁻⁴.
+"""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from design.network import FloatArray, VesselNetwork
+from design.network import FloatArray, IntArray, VesselNetwork
+from kernels import jit
+
+POWERS: Final = {0: 0, 1: 1, 2: 2, 3: 3, -2: 4, -4: 5}
+"""Power of the radius to row of `integrals`."""
+
+
+def integrals(network: VesselNetwork) -> FloatArray:
+    """∫ r^power ds over each vessel for all `POWERS`, (6, v), mm^(power + 1); 0 is the length."""
+    found = np.zeros((len(POWERS), network.vessel_count))
+    _integrate(
+        np.ascontiguousarray(network.points), np.asarray(network.radius), network.offset, found
+    )
+    return found
 
 
 def integral_of_power(network: VesselNetwork, power: int) -> FloatArray:
     """∫ r^power ds over each vessel, (v,), mm^(power + 1).
 
-    Along a piece of length ℓ whose radius goes linearly from a to b: ℓ (a² + a b + b²)/3 for 2,
-    ℓ (a³ + a² b + a b² + b³)/4 for 3, ℓ/(a b) for -2, ℓ (a² + a b + b²)/(3 a³ b³) for -4.
-
     Raises
     ------
     KeyError
-        For another power.
+        For a power that isn't among `POWERS`.
     """
-    start, end, a, b, vessel = network.pieces()
-    length = np.linalg.norm(end - start, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        piece = length * _MEAN[power](a, b)
-    return np.asarray(np.bincount(vessel, weights=piece, minlength=network.vessel_count))
+    return np.asarray(integrals(network)[POWERS[power]])
 
 
-_MEAN = {
-    2: lambda a, b: (a * a + a * b + b * b) / 3.0,
-    3: lambda a, b: (a + b) * (a * a + b * b) / 4.0,
-    -2: lambda a, b: 1.0 / (a * b),
-    -4: lambda a, b: (a * a + a * b + b * b) / (3.0 * (a * b) ** 3),
-}
+@jit
+def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, found: FloatArray) -> None:
+    """Piece by piece; NumPy takes ten passes over a million vessels for it."""
+    for vessel in range(found.shape[1]):
+        for k in range(offset[vessel], offset[vessel + 1] - 1):
+            a, b, square = radius[k], radius[k + 1], 0.0
+            for axis in range(3):
+                square += (points[k + 1, axis] - points[k, axis]) ** 2
+            length, ab = np.sqrt(square), a * b
+            second = (a * a + ab + b * b) / 3.0
+            found[0, vessel] += length
+            found[1, vessel] += length * (a + b) / 2.0
+            found[2, vessel] += length * second
+            found[3, vessel] += length * (a + b) * (a * a + b * b) / 4.0
+            found[4, vessel] += length / ab
+            found[5, vessel] += length * second / (ab * ab * ab)

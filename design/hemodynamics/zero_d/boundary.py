@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,9 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
     pressure, injected = np.zeros(len(slot)), np.zeros(len(slot))
     for node, flow in given.items():
         injected[node] = -flow
-    free_outlets = np.setdiff1d(outlets, list(given))
+    is_free = np.ones(len(slot), dtype=bool)
+    is_free[list(given)] = False
+    free_outlets = outlets[is_free[outlets]]
     fixed[free_outlets], pressure[free_outlets] = True, conditions.outlet_pressure_pa
     if conditions.inlet_pressure_pa is not None:
         fixed[inlets], pressure[inlets] = True, conditions.inlet_pressure_pa
@@ -68,8 +70,14 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
             "every inlet and outlet has a flow, so no pressure is determined; give "
             "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
         )
-    used, slot = np.unique(slot, return_inverse=True)
-    return Boundary(slot, fixed[used], pressure[used], injected[used])
+    return Boundary(*joined(slot, fixed, pressure, injected))
+
+
+def joined(slot: IntArray, *values: NDArray[Any]) -> tuple[Any, ...]:
+    """Unknowns numbered without gaps: each node's, and values of those that are used."""
+    used = np.zeros(len(slot), dtype=bool)
+    used[slot] = True
+    return (np.cumsum(used) - 1)[slot], *(value[used] for value in values)
 
 
 class Ends(Protocol):
@@ -96,7 +104,9 @@ def boundary_nodes(network: VesselNetwork, conditions: Ends) -> tuple[IntArray, 
     """
     inlets = _nodes(network, conditions.inlets, network.inlets(), "inlet")
     outlets = _nodes(network, conditions.outlets, network.outlets(), "outlet")
-    both = np.intersect1d(inlets, outlets)
+    is_inlet = np.zeros(len(network.nodes), dtype=bool)
+    is_inlet[inlets] = True
+    both = outlets[is_inlet[outlets]]
     if len(both):
         raise FlowError(f"node {int(both[0])} is both an inlet and an outlet; choose one")
     return inlets, outlets
@@ -132,8 +142,8 @@ def check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> 
     if len(bare):
         raise FlowError(f"node {int(bare[0])} is isolated: no vessel meets it; remove it")
     first, last = network.vessel_nodes.T
-    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
-    parts, part = connected_components(joined, directed=False)
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
+    parts, part = connected_components(graph, directed=False)
     for ends, what in ((inlets, "inlet"), (outlets, "outlet")):
         without = np.bincount(part[ends], minlength=parts) == 0
         if without.any():

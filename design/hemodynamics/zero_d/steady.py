@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.vessel.resistance import vessel_resistance
+from design.hemodynamics.vessel.geometry import integrals
+from design.hemodynamics.vessel.resistance import resistance_of
 from design.hemodynamics.zero_d.boundary import Boundary, place_conditions
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.nodal.conductance import factorise
@@ -36,10 +37,11 @@ def solve_flow(network: VesselNetwork, conditions: FlowConditions) -> FlowSoluti
         No inlet, no outlet, isolated part, zero-length vessel, conditions that leave the
         pressure undetermined.
     """
-    resistance = vessel_resistance(network, conditions.viscosity_pa_s)
+    measured = integrals(network)
+    resistance = resistance_of(network, conditions.viscosity_pa_s, measured)
     boundary = place_conditions(network, conditions)
     pressure, flow = _solve(boundary.slot[network.vessel_nodes], 1.0 / resistance, boundary)
-    radius = network.mean_radius()
+    radius = measured[1] / measured[0]
     return FlowSolution(
         pressure=pressure[boundary.slot],
         flow=flow,

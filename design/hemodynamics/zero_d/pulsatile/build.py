@@ -12,7 +12,7 @@ from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.womersley import womersley_number
 from design.hemodynamics.waveforms import Constant, Waveform
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, joined
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
@@ -66,9 +66,9 @@ def build_circuit(
     slot = np.arange(len(network.nodes))
     if conditions.inlet_is == "flow":
         slot[inlets] = inlets[0]
-    used, slot = np.unique(slot, return_inverse=True)
-    parts = _Parts(len(used))
-    parts.push(np.unique(slot[inlets]), conditions.inlet, hold=conditions.inlet_is == "pressure")
+    (slot,) = joined(slot)
+    parts = _Parts(int(slot.max()) + 1)
+    parts.push(slot[inlets], conditions.inlet, hold=conditions.inlet_is == "pressure")
     for outlet, nodes in _groups(conditions.outlet, outlets):
         _attach(parts, slot[nodes], outlet)
     vessels = slot[network.vessel_nodes]

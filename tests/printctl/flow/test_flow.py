@@ -1,0 +1,124 @@
+"""`flow.pulse` in a recipe and `printctl flow`, as a new user meets them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from design.hemodynamics import WindkesselOutlet
+from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from printctl.errors import UsageError
+from printctl.flow import pulsatile_conditions
+from printctl.recipe.parts import FlowPart
+from registration.report.flow_figures import wave_figure
+from tests.system.cli import called as printctl
+
+FORK = (
+    "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
+    "0,0,1,7,7,0,7,7,3,0.5,0.5,artery,0\n"
+    "1,1,2,7,7,3,10,7,7,0.4,0.4,artery,0\n"
+    "2,1,3,7,7,3,4,7,7,0.4,0.4,artery,0\n"
+)
+SINE = ("--amplitude-ml-min", "0.1", "--period-s", "1")
+
+
+@pytest.fixture
+def fork(tmp_path: Path) -> Path:
+    (tmp_path / "fork.csv").write_text(FORK)
+    return tmp_path
+
+
+def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> None:
+    done = printctl(
+        "flow", "fork.csv", "--unit", "mm", *SINE, "--wall-young-kpa", "10", "--json",
+        "--profile", "poiseuille", "--svzerod", "case.json", cwd=fork,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)["pulsatile"]
+    assert found["inlet_flow_amplitude_ml_min"] == pytest.approx(0.1, rel=1e-3)
+    with (fork / "flow" / "flow_pulsatile.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    # Equal branches share alike.
+    assert float(rows[1]["flow_mean_ml_min"]) == pytest.approx(0.125)
+    assert float(rows[1]["flow_amplitude_ml_min"]) == pytest.approx(0.05, rel=0.01)
+    waves = (fork / "flow" / "flow_waves.csv").read_text().splitlines()
+    assert len(waves) == 101
+    case = printctl("flow", "case.json", "--out", "theirs", "--json", cwd=fork)
+    assert case.returncode == 0, case.stderr
+    assert json.loads(case.stdout)["periodic"]
+    assert (fork / "theirs" / "svzerod.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--period-s", "1"), "--period-s is for pulsatile flow"),
+        (("--amplitude-ml-min", "0.1"), "give period_s"),
+        (("--amplitude-ml-min", "0.1", "--period-s", "-1"), "period_s"),
+        (("--shape", "heart", "--period-s", "1"), "'ejection' or 'roller_pump'"),
+        (("--svzerod", "x.json"), "--svzerod writes a pulsatile problem"),
+        ((*SINE, "--svzerod", "x.json"), "no Womersley impedance"),
+        (("--waveform", "wave.csv"), "line 3: '' is no number"),
+        (("--waveform", "other.csv"), "set inlet_flow_ml_min: 2"),
+        (("--waveform", "missing.csv"), "missing.csv"),
+        (("--viscosity-mpa-s", "1000", "--inlet-flow-ml-min", "9999"), "mmHg"),
+    ],
+)
+def test_mistakes_end_in_one_message(fork: Path, options: tuple[str, ...], words: str) -> None:
+    (fork / "wave.csv").write_text("time_s,flow_ml_min\n0,1\n0.5,\n1,1\n")
+    (fork / "other.csv").write_text("time_s,flow_ml_min\n0,1\n0.5,3\n1,1\n")
+    done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=fork)
+    assert done.returncode in (1, 2)
+    assert "Traceback" not in done.stderr
+    assert words in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_windkessel_is_converted_and_scaled_with_the_print() -> None:
+    outlet = {"resistance_mmhg_min_ml": 4, "proximal_mmhg_min_ml": 1, "compliance_ml_mmhg": 0.01}
+    pulse = {"amplitude_ml_min": 0.1, "period_s": 1, "outlet": outlet}
+    part = FlowPart.model_validate({"pulse": pulse, "outlet_pressure_mmhg": 10})
+    assert part.pulse is not None
+    made = pulsatile_conditions(part, part.pulse, Path(), 2.0).outlet
+    assert isinstance(made, WindkesselOutlet)
+    assert made.distal == pytest.approx(4 * PA_PER_MMHG / UL_S_PER_ML_MIN / 8)
+    assert made.compliance == pytest.approx(10 / PA_PER_MMHG * 8)
+    assert made.distal_pa == pytest.approx(1333.22)
+
+
+def test_half_a_windkessel_and_two_waves_are_refused() -> None:
+    for pulse, words in (
+        ({"amplitude_ml_min": 1, "period_s": 1, "outlet": {"resistance_mmhg_min_ml": 4,
+          "compliance_ml_mmhg": 1}}, "give all three"),
+        ({"amplitude_ml_min": 1, "shape": "ejection", "period_s": 1}, "give one of"),
+        ({"amplitude_ml_min": 1, "period_s": 1, "wall_thickness_mm": 1}, "needs wall_young"),
+    ):  # fmt: skip
+        with pytest.raises(ValidationError, match=words):
+            FlowPart.model_validate({"pulse": pulse})
+
+
+def test_a_table_is_looked_for_beside_the_recipe(tmp_path: Path) -> None:
+    (tmp_path / "wave.csv").write_text("time_s,flow_ml_min\n0,1\n1,3\n2,1\n")
+    part = FlowPart.model_validate({"inlet_flow_ml_min": 2, "pulse": {"table": "wave.csv"}})
+    assert part.pulse is not None
+    made = pulsatile_conditions(part, part.pulse, tmp_path)
+    assert made.inlet.at(np.array([1.0])) == pytest.approx([3 * UL_S_PER_ML_MIN])
+    with pytest.raises(UsageError, match="set inlet_flow_ml_min: 2"):
+        pulsatile_conditions(
+            part.model_copy(update={"inlet_flow_ml_min": 1.0}), part.pulse, tmp_path
+        )
+
+
+def test_the_waves_are_drawn_alike_each_time() -> None:
+    time = np.arange(20) / 20
+    names = ("inlet_flow_ml_min", "outlet_flow_ml_min", "inlet_pressure_mmhg",
+             "outlet_pressure_mmhg")  # fmt: skip
+    waves = {"time_s": time} | {name: np.sin(6.28 * time) + k for k, name in enumerate(names)}
+    drawn = wave_figure(waves)
+    assert drawn.startswith(b"<?xml") or b"<svg" in drawn[:200]
+    assert drawn == wave_figure(waves)
