@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded clean
+.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -49,6 +49,10 @@ bench-registration: $(VENV)/.ready
 # Vessels written into soft matter, judged by a checker of its own; BENCH="--quick" without the 2,000.
 bench-embedded: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.embedded $(BENCH)
+
+# Lumped flow, steady and pulsatile; BENCH="--quick" without the million vessels.
+bench-flow: $(VENV)/.ready
+	@$(BIN)/python -m benchmarks.flow $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
