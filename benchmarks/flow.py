@@ -65,9 +65,8 @@ def steady_rows(quick: bool) -> Iterator[Row]:
 
     spent = best(linear)
     yield row(f"steady, tree of {count}: linear solve", spent, "s", "<= 0.03", spent <= 0.03)
-    yield row(
-        f"steady, tree of {count}: solve_flow, whole", best(lambda: solve_flow(tree, DRIVEN)), "s"
-    )
+    whole = best(lambda: solve_flow(tree, DRIVEN))
+    yield row(f"steady, tree of {count}: solve_flow, whole", whole, "s")
     for name, network in (
         ("1,000 loops", crossed_tree(terminals, 1000)),
         ("artery and vein joined at every terminal", joined_trees(terminals * 2 // 5)),

@@ -46,7 +46,7 @@ def crossed_tree(terminals: int, loops: int, seed: int = 0) -> VesselNetwork:
 
 
 def _halving(points: FloatArray, axis: int) -> tuple[IntArray, IntArray, int]:
-    """Vessels of a tree over points, the tip of each point, and the count of nodes; 0 is its root."""
+    """Vessels of a tree over points, each point's tip, and how many nodes; the root is 0."""
     order, tip = np.arange(len(points)), np.empty(len(points), dtype=np.int64)
     ends, stack, nodes = [(0, 1)], [(0, len(points), 1, axis)], 2
     while stack:

@@ -169,17 +169,20 @@ def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     folded[by] = True
     is_core = ~fixed
     is_core[order] = False
-    links = np.flatnonzero(is_core[first] & is_core[last] & (first != last))
-    number = np.cumsum(is_core) - 1
+    unfolded, core = np.flatnonzero(~folded), np.flatnonzero(is_core)
+    between = is_core[first[unfolded]] & is_core[last[unfolded]]
+    links = unfolded[between & (first[unfolded] != last[unfolded])]
+    number = np.zeros(len(fixed), dtype=np.int64)
+    number[core] = np.arange(len(core))
     return Structure(
         first,
         last,
         fixed,
         order,
         by,
-        np.flatnonzero(~folded),
+        unfolded,
         _beside(first, last, fixed),
-        np.flatnonzero(is_core),
+        core,
         links,
         np.column_stack([number[first[links]], number[last[links]]]),
     )
@@ -199,13 +202,10 @@ def factorise(ends: IntArray, conductance: FloatArray, fixed: NDArray[np.bool_])
 def _beside(
     first: IntArray, last: IntArray, fixed: NDArray[np.bool_]
 ) -> tuple[IntArray, IntArray, IntArray]:
-    after = np.flatnonzero(fixed[last] & ~fixed[first])
-    before = np.flatnonzero(fixed[first] & ~fixed[last])
-    return (
-        np.concatenate([after, before]),
-        np.concatenate([first[after], last[before]]),
-        np.concatenate([last[after], first[before]]),
-    )
+    vessels = np.flatnonzero(fixed[first] != fixed[last])
+    first, last = first[vessels], last[vessels]
+    after = fixed[last]
+    return vessels, np.where(after, first, last), np.where(after, last, first)
 
 
 def _core(ends: IntArray, admittance: Numbers, ground: Numbers) -> tuple[Numbers, SuperLU | None]:
