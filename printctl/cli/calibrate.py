@@ -13,6 +13,7 @@ from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
 from printctl.cli.calibrate_oct import oct_device
 from printctl.cli.calibrate_offset import offset
+from printctl.cli.calibrate_pattern import pattern
 from printctl.cli.calibrate_walls import walls
 from printctl.cli.calibrate_weigh import weigh
 
@@ -25,5 +26,6 @@ calibrate.command("offset")(offset)
 calibrate.command("level")(level)
 calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
+calibrate.command("pattern")(pattern)
 calibrate.command("oct")(oct_device)
 calibrate.command("walls")(walls)
