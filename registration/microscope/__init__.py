@@ -1,0 +1,35 @@
+"""A picture of a printed pattern: where it is, how wide its lines and gaps are."""
+
+from registration.microscope.annotate import annotated
+from registration.microscope.picture import Picture, opencv, read_picture
+from registration.microscope.shade import Shade, shade_profile
+from registration.microscope.view import Target, View, find_view, marked_view
+from registration.microscope.widths import (
+    Crossing,
+    GapWidth,
+    Line,
+    LineWidths,
+    measure_gaps,
+    measure_lines,
+    sample,
+)
+
+__all__ = [
+    "Crossing",
+    "GapWidth",
+    "Line",
+    "LineWidths",
+    "Picture",
+    "Shade",
+    "Target",
+    "View",
+    "annotated",
+    "find_view",
+    "marked_view",
+    "measure_gaps",
+    "measure_lines",
+    "opencv",
+    "read_picture",
+    "sample",
+    "shade_profile",
+]

@@ -1,0 +1,298 @@
+"""Where a printed pattern lies in a picture: found by its frame, scaled by it.
+
+The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
+two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its corner
+farthest from the line between them. Three points give an affine view, mirrored or not; that one is
+taken in which most of the pattern lies on ink. Then the middles of the ink along all four sides
+are measured, and the homography is fitted that lays them on the rectangle's sides: four straight
+lines, eight numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from registration.dye.perspective import find_homography, mapped, slopes
+from registration.errors import PictureError
+from registration.microscope.picture import BoolImage, FloatArray, Picture
+from registration.microscope.profiles import Way, middles, profiles_along
+
+LEAST_ON_INK: Final = 0.6
+"""Of the pattern's points that must lie on ink in the first view."""
+_MOST_FOREIGN: Final = 0.4
+"""Of the ink in the frame that may lie beside the pattern."""
+LEAST_SIDES: Final = 0.6
+"""Of the places along each side at which its ink must be found."""
+_CANDIDATES: Final = 4
+_UNEVEN: Final = 0.08
+"""Difference of the scales along x and y, or cosine between them: a camera tilted by more."""
+_FIRST, _THEN = 0.9, 0.35
+"""How far to either side of a frame's side is looked, of the frame's margin."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is looked for, in the pattern's own frame, y up.
+
+    Attributes
+    ----------
+    size_mm : (x, y), mm
+        Of the frame.
+    width_mm : float, mm
+        Of its lines, about.
+    margin_mm : float, mm
+        Between the frame and all else.
+    points : (n, 2) float64, mm
+        Along everything that is written.
+    """
+
+    size_mm: tuple[float, float]
+    width_mm: float
+    margin_mm: float
+    points: FloatArray
+
+    @property
+    def sides(self) -> list[FloatArray]:
+        """Left, bottom, right half, top half: begin and end, (2, 2) each, mm."""
+        x, y = self.size_mm
+        ends = [((0, y), (0, 0)), ((0, 0), (x, 0)), ((x, y / 2), (x, y)), ((x, y), (x / 2, y))]
+        return [np.array(side, dtype=np.float64) for side in ends]
+
+
+@dataclass(frozen=True)
+class View:
+    """Where it is.
+
+    Attributes
+    ----------
+    matrix : (3, 3) float64
+        From mm to pixels.
+    mirrored : bool
+        Whether it is seen from below, or the picture is flipped.
+    um_per_px : float
+        In the frame's middle.
+    off_mm : float, mm
+        Root mean square distance of the frame's ink from its straight sides.
+    on_ink : float
+        Share of the pattern that lies on ink.
+    """
+
+    matrix: FloatArray
+    mirrored: bool
+    um_per_px: float
+    off_mm: float
+    on_ink: float
+
+
+def find_view(cv2: Any, picture: Picture, target: Target) -> View:
+    """Find the pattern.
+
+    Raises
+    ------
+    PictureError
+        When no frame is there, or what is in it isn't this pattern.
+    """
+    tries = list(_first_views(cv2, picture, target))
+    scored = [(_on_ink(picture, matrix, target), matrix) for matrix in tries]
+    share, matrix = max(scored, key=lambda one: one[0], default=(0.0, np.eye(3)))
+    if share < LEAST_ON_INK:
+        raise PictureError(
+            "the pattern isn't found in the picture: at the best place "
+            f"{share:.0%} of it lies on ink ({LEAST_ON_INK:.0%} wanted). Have the whole frame in the "
+            "picture and nothing larger (crop the dish's rim); is it this pattern's picture "
+            "(--pattern)? With the frame's corners marked by hand (--marks) it needn't be found"
+        )
+    return refined(cv2, picture, target, matrix)
+
+
+def marked_view(cv2: Any, picture: Picture, target: Target, marks_px: FloatArray) -> View:
+    """Of the frame's corners as marked: lower left, lower right, upper right, upper left, (4, 2).
+
+    Raises
+    ------
+    PictureError
+        When no pattern lies there.
+    """
+    x, y = target.size_mm
+    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+    matrix, _ = find_homography(corners, marks_px)
+    return refined(cv2, picture, target, matrix)
+
+
+def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> View:
+    """Fit the homography to the middles of the frame's ink, looking from afar, then near.
+
+    Raises
+    ------
+    PictureError
+        When a side of the frame isn't there, or the view is of something else.
+    """
+    for part in (_FIRST, _THEN):
+        reach = max(part * target.margin_mm, 1.5 * target.width_mm)
+        pixels, side = _side_middles(cv2, picture, target, matrix, reach)
+        matrix, off = _fitted(target, matrix, pixels, side)
+    _check_scales(target, matrix)
+    _check_foreign(cv2, picture, target, matrix)
+    middle = np.array([target.size_mm]) / 2
+    slope = slopes(matrix, middle)[0]
+    determinant = float(np.linalg.det(slope))
+    # Pixels count downwards: seen from above, x and y up turn into the left-handed u and v.
+    return View(
+        matrix,
+        determinant > 0,
+        1e3 / float(np.sqrt(abs(determinant))),
+        off,
+        _on_ink(picture, matrix, target),
+    )
+
+
+def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
+    """Affine views that lay the L on each of the largest things, both ways round."""
+    mask = picture.small.astype(np.uint8)
+    side = max(3, round(max(mask.shape) * 0.004) | 1)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
+    x, y = target.size_mm
+    model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
+    for label in (np.argsort(-extent)[:_CANDIDATES] + 1).tolist():
+        ends = _ell(np.argwhere(labels == label)[:, ::-1].astype(np.float64))
+        if ends is None:
+            continue
+        for order in ((0, 1, 2), (2, 1, 0)):
+            seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
+            yield np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+
+
+def _ell(pixels: FloatArray) -> FloatArray | None:
+    """End, corner and other end of an L, (3, 2) px; None of something too small or straight."""
+    if len(pixels) < 20:
+        return None
+    begin = pixels[np.argmax(np.hypot(*(pixels - pixels.mean(axis=0)).T))]
+    for _ in range(3):
+        end = pixels[np.argmax(np.hypot(*(pixels - begin).T))]
+        begin, end = end, begin
+    way = end - begin
+    length = float(np.hypot(*way))
+    if length < 10:
+        return None
+    across = np.abs((pixels - begin) @ np.array([-way[1], way[0]])) / length
+    if across.max() < 0.1 * length:
+        return None
+    return np.array([begin, pixels[np.argmax(across)], end])
+
+
+def _on_ink(picture: Picture, matrix: FloatArray, target: Target) -> float:
+    """Share of the pattern's points on ink or a pixel beside it, in the small copy."""
+    seen = mapped(matrix, target.points)
+    at = np.round((seen + 0.5) * picture.shrunk - 0.5).astype(np.int64)
+    high, wide = picture.small.shape
+    inside = (at >= 1).all(axis=1) & (at[:, 0] < wide - 1) & (at[:, 1] < high - 1)
+    u, v = at[inside].T
+    near = np.zeros(len(u), dtype=bool)
+    for du in (-1, 0, 1):
+        for dv in (-1, 0, 1):
+            near |= picture.small[v + dv, u + du]
+    return float(near.sum()) / len(at)
+
+
+def _side_middles(
+    cv2: Any, picture: Picture, target: Target, matrix: FloatArray, reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels of the middles of the ink along the four sides, (n, 2), and which side, (n,)."""
+    pixels, which = [], []
+    for number, side in enumerate(target.sides):
+        # A corner is seen from both sides, and an end is round: a little is left out.
+        inner = side[0] + np.array([[0.06], [0.94]]) * (side[1] - side[0])
+        way = Way.straight(inner[0], inner[1], max(target.width_mm, 0.2))
+        seen = profiles_along(cv2, picture.ink, matrix, way, reach)
+        at, found = middles(seen, target.width_mm)
+        if found.mean() < LEAST_SIDES:
+            name = ("left", "bottom", "right", "top")[number]
+            raise PictureError(
+                f"the frame's {name} side is found at {found.mean():.0%} of its length "
+                f"({LEAST_SIDES:.0%} wanted): is it the picture of this pattern (--pattern), "
+                "with the whole frame in it, in focus?"
+            )
+        places = way.points[found] + at[found, None] * way.normals[found]
+        pixels.append(mapped(matrix, places))
+        which.append(np.full(int(found.sum()), float(number)))
+    return np.concatenate(pixels), np.concatenate(which)
+
+
+def _fitted(
+    target: Target, matrix: FloatArray, pixels: FloatArray, side: FloatArray
+) -> tuple[FloatArray, float]:
+    """Homography whose back-view lays the middles on the sides; and how far off they stay."""
+    x, y = target.size_mm
+    axis = np.isin(side, (1, 3)).astype(np.int64)
+    aim = np.array([0.0, 0.0, x, y])[side.astype(np.int64)]
+    # As pixel places of the corners, so that all eight unknowns are of one size.
+    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+    scale = 1.0 / float(np.sqrt(abs(np.linalg.det(slopes(matrix, corners[:1])[0]))))
+
+    def off(values: FloatArray) -> FloatArray:
+        back = _through(values.reshape(4, 2), corners)
+        return np.asarray(mapped(back, pixels)[np.arange(len(pixels)), axis] - aim)
+
+    solved = least_squares(
+        off, mapped(matrix, corners).ravel(), loss="soft_l1", f_scale=2 * scale, x_scale=1.0
+    )
+    ahead = np.linalg.inv(_through(solved.x.reshape(4, 2), corners))
+    return ahead / ahead[2, 2], float(np.sqrt(np.median(off(solved.x) ** 2) * 2.198))
+
+
+def _through(pixels: FloatArray, places: FloatArray) -> FloatArray:
+    """The homography that takes four pixels to four places exactly."""
+    (u, v), (x, y) = pixels.T, places.T
+    one, none = np.ones(4), np.zeros(4)
+    rows = np.vstack([
+        np.column_stack([u, v, one, none, none, none, -x * u, -x * v]),
+        np.column_stack([none, none, none, u, v, one, -y * u, -y * v]),
+    ])  # fmt: skip
+    return np.append(np.linalg.solve(rows, np.concatenate([x, y])), 1.0).reshape(3, 3)
+
+
+def _check_scales(target: Target, matrix: FloatArray) -> None:
+    """A camera looks down nearly straight; a very uneven view is of another rectangle."""
+    x, y = target.size_mm
+    slope = slopes(matrix, np.array([[x, y]]) / 2)[0]
+    along = np.hypot(*slope)
+    uneven = abs(float(along[0] / along[1]) - 1.0)
+    skew = abs(float(slope[:, 0] @ slope[:, 1] / (along[0] * along[1])))
+    if max(uneven, skew) > _UNEVEN:
+        raise PictureError(
+            f"the frame that is found isn't {x:g} by {y:g} mm seen from above (scales along its "
+            f"sides differ by {uneven:.0%}, its angle is off by {np.degrees(skew):.0f} degrees): "
+            "is it another pattern's picture (--pattern)? Else hold the camera straight"
+        )
+
+
+def _check_foreign(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> None:
+    """Ink within the frame that isn't this pattern's."""
+    high, wide = picture.small.shape
+    x, y = target.size_mm
+    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+
+    def small(places: FloatArray) -> FloatArray:
+        return (mapped(matrix, places) + 0.5) * picture.shrunk - 0.5
+
+    inside = np.zeros((high, wide), np.uint8)
+    cv2.fillPoly(inside, [np.round(small(corners)).astype(np.int32)], 1)
+    own = np.zeros((high, wide), np.uint8)
+    px = picture.shrunk * float(np.sqrt(abs(np.linalg.det(slopes(matrix, corners[:1])[0]))))
+    radius = max(2, round(1.6 * target.width_mm * px))
+    for u, v in np.round(small(target.points)).astype(np.int64).tolist():
+        cv2.circle(own, (u, v), radius, 1, -1)
+    ink: BoolImage = picture.small & (inside > 0)
+    foreign = float((ink & (own == 0)).sum()) / max(float(ink.sum()), 1.0)
+    if foreign > _MOST_FOREIGN:
+        raise PictureError(
+            f"{foreign:.0%} of the ink within the frame isn't where this pattern has lines "
+            f"({_MOST_FOREIGN:.0%} at most): is it another pattern's picture (--pattern)?"
+        )

@@ -1,0 +1,247 @@
+"""Widths of lines in a picture, to a part of a pixel; and gaps between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from scipy.ndimage import map_coordinates, uniform_filter1d
+
+from registration.dye.perspective import mapped, slopes
+from registration.microscope.picture import BoolImage, FloatArray, FloatImage, Picture
+from registration.microscope.profiles import LEAST_OF_INK, Profiles, Way, middles, profiles_along
+from registration.microscope.shade import MIDDLE, Shade, fit_shade
+from registration.microscope.view import View
+
+_MODELS: Final = 6
+"""Lines whose mean profiles tell the picture's optics."""
+_GAP_STEP_PX: Final = 0.25
+
+
+@dataclass(frozen=True)
+class Line:
+    """What is to be measured.
+
+    Attributes
+    ----------
+    number : int
+    points : (k, 2) float64, mm
+    width_mm : float, mm
+        Expected.
+    reach_mm : float, mm
+        To either side of it there is nothing else.
+    step_mm : float, mm
+        Between two places.
+    """
+
+    number: int
+    points: FloatArray
+    width_mm: float
+    reach_mm: float
+    step_mm: float
+
+
+@dataclass(frozen=True)
+class LineWidths:
+    """What one line measures.
+
+    Attributes
+    ----------
+    line : Line
+    way : Way
+    width_mm : (n,) float64, mm
+        Diameter at each place; NaN where there is no ink.
+    left_mm, right_mm : (n,) float64, mm
+        Edges at half level, across from the line as designed.
+    inside : (n,) bool
+        Whether the place lies in the picture.
+    """
+
+    line: Line
+    way: Way
+    width_mm: FloatArray
+    left_mm: FloatArray
+    right_mm: FloatArray
+    inside: BoolImage
+
+    @property
+    def found(self) -> float:
+        """Share of the line at which there is ink."""
+        seen = self.inside.sum()
+        return float(np.isfinite(self.width_mm).sum() / seen) if seen else 0.0
+
+
+def measure_lines(
+    cv2: Any, picture: Picture, view: View, lines: Sequence[Line]
+) -> tuple[list[LineWidths], Shade]:
+    """Widths of all lines, and the optics by which half level was turned into diameter."""
+    raw, profiles = [], []
+    for line in lines:
+        way = Way.of(line.points, line.step_mm)
+        seen = profiles_along(cv2, picture.ink, view.matrix, way, line.reach_mm)
+        middle, found = middles(seen, line.width_mm)
+        left, right = _edges(seen, middle, found, line.width_mm)
+        raw.append(LineWidths(line, way, right - left, left, right, seen.inside))
+        profiles.append(_mean_profile(seen, (left + right) / 2))
+    shade = _optics(raw, profiles, view.um_per_px * 1e-3)
+    return [replace(one, width_mm=shade.diameter(one.width_mm)) for one in raw], shade
+
+
+def _edges(
+    seen: Profiles, middle: FloatArray, found: BoolImage, width_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Places left and right of the middle at which half of its height is passed, (n,), mm."""
+    left, right = np.full(len(middle), np.nan), np.full(len(middle), np.nan)
+    step, first = seen.step_mm, float(seen.across_mm[0])
+    for k in np.flatnonzero(found).tolist():
+        profile, at = seen.values[k], (float(middle[k]) - first) / step
+        wide = width_mm
+        for _ in range(2):  # the middle's part follows from the width
+            half = max(1, round(MIDDLE * wide / step))
+            low = max(0, round(at) - half)
+            height = float(profile[low : round(at) + half + 1].mean())
+            edges = [_crossing(profile, at, height / 2, side) for side in (-1, 1)]
+            if None in edges:
+                break
+            a, b = (float(edge) for edge in edges if edge is not None)
+            at, wide = (a + b) / 2, (b - a) * step
+        else:
+            left[k], right[k] = first + a * step, first + b * step
+    return left, right
+
+
+def _crossing(profile: FloatArray, at: float, level: float, side: int) -> float | None:
+    """First place from ``at`` on at which the profile falls below a level; in samples."""
+    start = min(max(round(at), 0), len(profile) - 1)
+    out = profile[start:] if side > 0 else profile[start::-1]
+    below = out < level
+    k = int(below.argmax())
+    if not below.any() or k == 0:
+        return None
+    return start + side * (k - 1 + float((out[k - 1] - level) / (out[k - 1] - out[k])))
+
+
+def _mean_profile(seen: Profiles, middle: FloatArray) -> FloatArray | None:
+    """Mean of the profiles laid on their middles; None where too few were found."""
+    rows = np.flatnonzero(np.isfinite(middle))
+    if len(rows) < 5:
+        return None
+    across, step = seen.across_mm, seen.step_mm
+    at = (across + middle[rows, None] - across[0]) / step
+    index = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
+    laid = map_coordinates(seen.values[rows], [index, at], order=1, mode="nearest")
+    return np.asarray(np.mean(laid, axis=0))
+
+
+def _optics(
+    raw: Sequence[LineWidths], profiles: Sequence[FloatArray | None], px_mm: float
+) -> Shade:
+    """From lines of all widths, the most even ones of each."""
+    known = [k for k, profile in enumerate(profiles) if profile is not None]
+    if not known:
+        return Shade(1e3, px_mm / 2, 0.0)
+    width = {k: float(np.nanmedian(raw[k].width_mm)) for k in known}
+    reach = min(raw[k].line.reach_mm for k in known)
+    known.sort(key=lambda k: width[k])
+    pick = np.unique(np.linspace(0, len(known) - 1, _MODELS).round().astype(int))
+    chosen = [known[k] for k in pick.tolist()]
+    wide = max(profiles[k].shape[0] for k in chosen if profiles[k] is not None)
+    across = np.linspace(-reach, reach, wide)
+    cut = []
+    for k in chosen:
+        profile, own = profiles[k], raw[k].line.reach_mm
+        assert profile is not None  # of those that are known
+        cut.append(np.interp(across, np.linspace(-own, own, len(profile)), profile))
+    return fit_shade(across, cut, [width[k] for k in chosen], px_mm)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A gap to be looked for.
+
+    Attributes
+    ----------
+    number : int
+    lines : (m, 2, 2) float64, mm
+        Ways across it, each from the middle of one ink to the middle of the next.
+    """
+
+    number: int
+    lines: FloatArray
+
+
+@dataclass(frozen=True)
+class GapWidth:
+    """What one gap measures.
+
+    Attributes
+    ----------
+    number : int
+    open_mm : (m,) float64, mm
+        On each way; 0 where it is closed, NaN outside the picture.
+    """
+
+    number: int
+    open_mm: FloatArray
+
+
+def measure_gaps(
+    cv2: Any,
+    picture: Picture,
+    view: View,
+    gaps: Sequence[Crossing],
+    height: tuple[float, float],
+    wider_mm: float,
+) -> list[GapWidth]:
+    """How far each gap is open: how long the ways across it stay below half of the ink's height.
+
+    Parameters
+    ----------
+    cv2 : module
+    picture, view, gaps
+    height : (ground, ink)
+        Brightness of both near the gaps.
+    wider_mm : float, mm
+        By how much a filament's diameter exceeds its width at half level.
+    """
+    ground, ink = height
+    level = (ground + ink) / 2
+    found = []
+    for gap in gaps:
+        wide = []
+        for begin, end in gap.lines:
+            length = float(np.hypot(*(end - begin)))
+            steps = max(8, round(length / (view.um_per_px * 1e-3 * _GAP_STEP_PX)))
+            seen = sample(cv2, picture.ink, view, np.linspace(begin, end, steps + 1))
+            below = _open(seen, level) * length / steps
+            wide.append(max(below - wider_mm, 0.0) if below > 0 else below)
+        found.append(GapWidth(gap.number, np.array(wide)))
+    return found
+
+
+def _open(seen: FloatArray, level: float) -> float:
+    """Steps for which a way between two inks lies below a level; crossings interpolated."""
+    if not np.isfinite(seen).all():
+        return float("nan")
+    below = np.flatnonzero(seen < level)
+    if not len(below):
+        return 0.0
+    first, last = int(below[0]), int(below[-1])
+    begin, end = float(first), float(last)
+    if first > 0:
+        begin -= float((level - seen[first]) / (seen[first - 1] - seen[first]))
+    if last < len(seen) - 1:
+        end += float((level - seen[last]) / (seen[last + 1] - seen[last]))
+    return end - begin
+
+
+def sample(cv2: Any, image: FloatImage, view: View, places: FloatArray) -> FloatArray:
+    """Brightness at places (n, 2), mm; NaN outside the picture."""
+    seen = mapped(view.matrix, places)
+    u, v = seen.astype(np.float32).T[:, None, :]
+    values = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+    high, wide = image.shape
+    inside = ((seen >= 0) & (seen <= (wide - 1, high - 1))).all(axis=1)
+    return np.where(inside, values, np.nan)
