@@ -16,6 +16,7 @@ from printctl.cli.calibrate_offset import offset
 from printctl.cli.calibrate_pattern import pattern
 from printctl.cli.calibrate_walls import walls
 from printctl.cli.calibrate_weigh import weigh
+from printctl.cli.calibrate_widths import widths
 
 calibrate = typer.Typer(
     help="Measure a machine's and an ink's constants, each with its uncertainty.",
@@ -27,5 +28,6 @@ calibrate.command("level")(level)
 calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
 calibrate.command("pattern")(pattern)
+calibrate.command("widths")(widths)
 calibrate.command("oct")(oct_device)
 calibrate.command("walls")(walls)

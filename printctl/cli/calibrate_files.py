@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -90,17 +91,33 @@ def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None
 
 def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Estimate) -> None:
     """Write a copy of a profile with one key's value changed for what was measured."""
+    write_measured(path, facts, {key: Measured(value, f"{estimate.text()}, 95 %")})
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a key gets: its value, and what its source is to say of it."""
+
+    value: Any
+    said: str
+
+
+def write_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> None:
+    """Write a copy of a profile with keys changed for what was measured; its source says so."""
     data = facts.model_dump(mode="json", exclude_unset=True)
-    data[key.partition(".")[0]] = value
-    left = [other for other in facts.starting_values if other != key]
+    for key, one in found.items():
+        data[key.partition(".")[0]] = one.value
+    left = [other for other in facts.starting_values if other not in found]
     if left:
         data["starting_values"] = left
     else:
         data.pop("starting_values", None)
+    said = "; ".join(f"{key} {one.said}" for key, one in found.items())
+    numbers = said if len(found) > 1 else next(iter(found.values())).said
     data["source"] = (
-        f"{facts.source} {key} measured by printctl calibrate, {date.today().isoformat()}: "
-        f"{estimate.text()}, 95 %."
+        f"{facts.source} {', '.join(found)} measured by printctl calibrate, "
+        f"{date.today().isoformat()}: {numbers}."
     )
     type(facts).model_validate(data)
     write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
-    messages().print(f"wrote {path}: {key} {estimate.text()}", markup=False)
+    messages().print(f"wrote {path}: {said}", markup=False)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from registration.dye.perspective import mapped, slopes
 from registration.errors import PictureError
@@ -80,6 +80,11 @@ class Profiles:
     def step_mm(self) -> float:
         """Between two samples."""
         return float(self.across_mm[1] - self.across_mm[0])
+
+    def smoothed(self, blur_mm: float) -> Profiles:
+        """With a Gaussian of that deviation run across."""
+        values = gaussian_filter1d(self.values, blur_mm / self.step_mm, axis=1, mode="nearest")
+        return replace(self, values=np.asarray(values))
 
 
 def profiles_along(

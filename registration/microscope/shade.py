@@ -45,11 +45,14 @@ class Shade:
         σ.
     misfit : float
         Root mean square of what stays, of a profile's height.
+    spread : float
+        Relative deviation of all diameters together: μ and σ are known no better.
     """
 
     per_mm: float
     blur_mm: float
     misfit: float
+    spread: float = 0.0
 
     def half_width(self, diameter_mm: FloatArray) -> FloatArray:
         """Width at half level of filaments, (n,), mm."""
@@ -122,12 +125,17 @@ def fit_shade(
             begin += [math.log(width), 0.0]
             low += [math.log(width / 3), -width]
             high += [math.log(width * 3), width]
-        solved = least_squares(residuals, begin, bounds=(low, high), x_scale="jac", max_nfev=40)
+        solved = least_squares(residuals, begin, bounds=(low, high), x_scale="jac", ftol=1e-6, max_nfev=40)
         if found is None or solved.cost < found.cost:
             found = solved
     assert found is not None  # there is a start
     rms = math.sqrt(2 * float(found.cost) / sum(map(len, scaled)))
-    return Shade(math.exp(found.x[0]), math.exp(found.x[1]), rms)
+    per_mm, blur_mm = math.exp(found.x[0]), math.exp(found.x[1])
+    # Neighbouring samples of a blurred profile aren't independent.
+    together = max(1.0, 3.5 * blur_mm / float(across_mm[1] - across_mm[0]))
+    inverse = np.linalg.pinv(found.jac.T @ found.jac)
+    variance = float(np.median(np.diag(inverse)[2::2])) * rms**2 * together
+    return Shade(per_mm, blur_mm, rms, math.sqrt(variance))
 
 
 def _half_width(diameter: float, per_mm: float, blur_mm: float) -> float:

@@ -97,9 +97,15 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
     PictureError
         When no frame is there, or what is in it isn't this pattern.
     """
-    tries = list(_first_views(cv2, picture, target))
-    scored = [(_on_ink(picture, matrix, target), matrix) for matrix in tries]
-    share, matrix = max(scored, key=lambda one: one[0], default=(0.0, np.eye(3)))
+    share, matrix = 0.0, np.eye(3)
+    for first in _first_views(cv2, picture, target):
+        try:
+            bent, _ = _nearer(cv2, picture, target, first, _FIRST)
+        except PictureError:  # no frame there
+            bent = first
+        on_ink = _on_ink(picture, bent, target)
+        if on_ink > share:
+            share, matrix = on_ink, bent
     if share < LEAST_ON_INK:
         raise PictureError(
             "the pattern isn't found in the picture: at the best place "
@@ -133,9 +139,7 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
         When a side of the frame isn't there, or the view is of something else.
     """
     for part in (_FIRST, _THEN):
-        reach = max(part * target.margin_mm, 1.5 * target.width_mm)
-        pixels, side = _side_middles(cv2, picture, target, matrix, reach)
-        matrix, off = _fitted(target, matrix, pixels, side)
+        matrix, off = _nearer(cv2, picture, target, matrix, part)
     _check_scales(target, matrix)
     _check_foreign(cv2, picture, target, matrix)
     middle = np.array([target.size_mm]) / 2
@@ -149,6 +153,15 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
         off,
         _on_ink(picture, matrix, target),
     )
+
+
+def _nearer(
+    cv2: Any, picture: Picture, target: Target, matrix: FloatArray, part: float
+) -> tuple[FloatArray, float]:
+    """One round: measure the sides' middles within a part of the margin, and fit."""
+    reach = max(part * target.margin_mm, 1.5 * target.width_mm)
+    pixels, side = _side_middles(cv2, picture, target, matrix, reach)
+    return _fitted(target, matrix, pixels, side)
 
 
 def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:

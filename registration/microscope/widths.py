@@ -15,8 +15,12 @@ from registration.microscope.profiles import LEAST_OF_INK, Profiles, Way, middle
 from registration.microscope.shade import MIDDLE, Shade, fit_shade
 from registration.microscope.view import View
 
-_MODELS: Final = 6
+_MODELS: Final = 4
 """Lines whose mean profiles tell the picture's optics."""
+_EVEN: Final = 0.05
+_FEWEST_PLACES: Final = 5
+_SMOOTH: Final = 0.1
+"""Of a width: a Gaussian's deviation, against noise."""
 _GAP_STEP_PX: Final = 0.25
 
 
@@ -55,6 +59,8 @@ class LineWidths:
         Diameter at each place; NaN where there is no ink.
     left_mm, right_mm : (n,) float64, mm
         Edges at half level, across from the line as designed.
+    height : (n,) float64
+        Of the ink over the ground, in the picture's units; NaN where there is none.
     inside : (n,) bool
         Whether the place lies in the picture.
     """
@@ -64,6 +70,7 @@ class LineWidths:
     width_mm: FloatArray
     left_mm: FloatArray
     right_mm: FloatArray
+    height: FloatArray
     inside: BoolImage
 
     @property
@@ -78,22 +85,26 @@ def measure_lines(
 ) -> tuple[list[LineWidths], Shade]:
     """Widths of all lines, and the optics by which half level was turned into diameter."""
     raw, profiles = [], []
+    typical = float(np.median([line.width_mm for line in lines]))
+    smooth = max(_SMOOTH * typical, 0.7e-3 * view.um_per_px)
     for line in lines:
         way = Way.of(line.points, line.step_mm)
         seen = profiles_along(cv2, picture.ink, view.matrix, way, line.reach_mm)
+        # What is smoothed here is part of the blur that the optics are fitted with.
+        seen = seen.smoothed(smooth)
         middle, found = middles(seen, line.width_mm)
-        left, right = _edges(seen, middle, found, line.width_mm)
-        raw.append(LineWidths(line, way, right - left, left, right, seen.inside))
-        profiles.append(_mean_profile(seen, (left + right) / 2))
+        left, right, height = _edges(seen, middle, found, line.width_mm)
+        raw.append(LineWidths(line, way, right - left, left, right, height, seen.inside))
+        profiles.append(_mean_profile(seen, (left + right) / 2, right - left))
     shade = _optics(raw, profiles, view.um_per_px * 1e-3)
     return [replace(one, width_mm=shade.diameter(one.width_mm)) for one in raw], shade
 
 
 def _edges(
     seen: Profiles, middle: FloatArray, found: BoolImage, width_mm: float
-) -> tuple[FloatArray, FloatArray]:
-    """Places left and right of the middle at which half of its height is passed, (n,), mm."""
-    left, right = np.full(len(middle), np.nan), np.full(len(middle), np.nan)
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places left and right of the middle at which half of its height is passed; the height."""
+    left, right, heights = (np.full(len(middle), np.nan) for _ in range(3))
     step, first = seen.step_mm, float(seen.across_mm[0])
     for k in np.flatnonzero(found).tolist():
         profile, at = seen.values[k], (float(middle[k]) - first) / step
@@ -108,25 +119,40 @@ def _edges(
             a, b = (float(edge) for edge in edges if edge is not None)
             at, wide = (a + b) / 2, (b - a) * step
         else:
-            left[k], right[k] = first + a * step, first + b * step
-    return left, right
+            left[k], right[k], heights[k] = first + a * step, first + b * step, height
+    return left, right, heights
 
 
 def _crossing(profile: FloatArray, at: float, level: float, side: int) -> float | None:
-    """First place from ``at`` on at which the profile falls below a level; in samples."""
+    """Where the profile falls below a level going out from ``at``; in samples.
+
+    Noise makes a first passage early and a last one late: their mean is neither.
+    """
     start = min(max(round(at), 0), len(profile) - 1)
     out = profile[start:] if side > 0 else profile[start::-1]
     below = out < level
-    k = int(below.argmax())
-    if not below.any() or k == 0:
+    first = int(below.argmax())
+    if not below.any() or first == 0:
         return None
-    return start + side * (k - 1 + float((out[k - 1] - level) / (out[k - 1] - out[k])))
+    # Another line's ink, farther out, isn't this one's: so far noise goes, and no farther.
+    near = below[: first + max(2, first // 2)]
+    last = len(near) - int(near[::-1].argmin()) if not near.all() else first
+    passed = [
+        k - 1 + float((out[k - 1] - level) / (out[k - 1] - out[k]))
+        for k in (first, min(last, len(out) - 1))
+        if out[k - 1] >= level > out[k]
+    ]
+    return start + side * float(np.mean(passed))
 
 
-def _mean_profile(seen: Profiles, middle: FloatArray) -> FloatArray | None:
-    """Mean of the profiles laid on their middles; None where too few were found."""
-    rows = np.flatnonzero(np.isfinite(middle))
-    if len(rows) < 5:
+def _mean_profile(seen: Profiles, middle: FloatArray, width: FloatArray) -> FloatArray | None:
+    """Mean of the profiles laid on their middles, where the line is as wide as it is mostly.
+
+    Other widths would look like blur. None where too few were found.
+    """
+    usual = np.nanmedian(width) if np.isfinite(width).any() else np.nan
+    rows = np.flatnonzero(np.abs(width - usual) < _EVEN * usual)
+    if len(rows) < _FEWEST_PLACES:
         return None
     across, step = seen.across_mm, seen.step_mm
     at = (across + middle[rows, None] - across[0]) / step
@@ -138,7 +164,7 @@ def _mean_profile(seen: Profiles, middle: FloatArray) -> FloatArray | None:
 def _optics(
     raw: Sequence[LineWidths], profiles: Sequence[FloatArray | None], px_mm: float
 ) -> Shade:
-    """From lines of all widths, the most even ones of each."""
+    """From lines of all widths."""
     known = [k for k, profile in enumerate(profiles) if profile is not None]
     if not known:
         return Shade(1e3, px_mm / 2, 0.0)
@@ -192,7 +218,7 @@ def measure_gaps(
     picture: Picture,
     view: View,
     gaps: Sequence[Crossing],
-    height: tuple[float, float],
+    contrast: float,
     wider_mm: float,
 ) -> list[GapWidth]:
     """How far each gap is open: how long the ways across it stay below half of the ink's height.
@@ -201,16 +227,16 @@ def measure_gaps(
     ----------
     cv2 : module
     picture, view, gaps
-    height : (ground, ink)
-        Brightness of both near the gaps.
+    contrast : float
+        Between ink and ground, in the picture's units; ink is what each way begins in.
     wider_mm : float, mm
         By how much a filament's diameter exceeds its width at half level.
     """
-    ground, ink = height
-    level = (ground + ink) / 2
     found = []
     for gap in gaps:
         wide = []
+        inks = sample(cv2, picture.ink, view, gap.lines[:, 0])
+        level = float(np.median(inks)) - contrast / 2
         for begin, end in gap.lines:
             length = float(np.hypot(*(end - begin)))
             steps = max(8, round(length / (view.um_per_px * 1e-3 * _GAP_STEP_PX)))
