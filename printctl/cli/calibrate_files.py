@@ -27,7 +27,8 @@ from sim.dryrun import dry_run
 class Job:
     """A test: where it goes, what it does, on what, from where.
 
-    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for.
+    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for;
+    ``flow_factor`` is the ink's, where the test writes with it as a print does.
     """
 
     path: Path
@@ -36,6 +37,7 @@ class Job:
     syringe: Syringe
     at_mm: tuple[float, float, float]
     doses: bool = False
+    flow_factor: float = 1.0
 
 
 def write_test(
@@ -58,7 +60,11 @@ def write_test(
     # A pneumatic head's flow is what will be weighed; its doses are times, so any will do here.
     flow = 1.0 if job.printer.pneumatic else None
     options = GcodeOptions(
-        start_mm=job.at_mm, relieve_ul=0.0, flow_ul_s=flow, standing_doses=flow is not None
+        start_mm=job.at_mm,
+        relieve_ul=0.0,
+        flow_factor=job.flow_factor,
+        flow_ul_s=flow,
+        standing_doses=flow is not None,
     )
     gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
     run = dry_run(gcode.data, job.printer, job.at_mm)

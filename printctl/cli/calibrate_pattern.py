@@ -30,7 +30,6 @@ from printctl.calibration.patterns import (
 from printctl.cli import set_up_options as mounting
 from printctl.cli.calibrate_options import numbers_of
 from printctl.cli.options import (
-    PrinterOption,
     SyringeOption,
     messages,
     print_lines,

@@ -41,7 +41,9 @@ def widths(
     ] = None,
     um_per_px: Annotated[
         float | None,
-        typer.Option("--um-per-px", min=0.01, max=1000, help="By a stage micrometer, not the frame."),
+        typer.Option(
+            "--um-per-px", min=0.01, max=1000, help="By a stage micrometer, not the frame."
+        ),
     ] = None,
     marks: Annotated[
         str | None,

@@ -72,9 +72,7 @@ def _path(
     cv2.polylines(image, [points], False, colour, thick, cv2.LINE_AA, _SHIFT)
 
 
-def _number(
-    cv2: Any, image: NDArray[np.uint8], seen: FloatArray, number: int, thick: int
-) -> None:
+def _number(cv2: Any, image: NDArray[np.uint8], seen: FloatArray, number: int, thick: int) -> None:
     size = max(image.shape) / 1800
     place = (round(float(seen[0]) + 6 * thick), round(float(seen[1]) - 6 * thick))
     for colour, wide in (((255, 255, 255), 4 * thick), ((0, 0, 0), thick)):

@@ -121,9 +121,9 @@ def profiles_along(
         for part in np.array_split(rows, len(rows) // 20_000 + 1)
     ])  # fmt: skip
     high, wide = image.shape
-    fits = ((rows >= 0) & (rows <= (wide - 1, high - 1))).all(axis=(1, 2))
+    fits = np.asarray(((rows >= 0) & (rows <= (wide - 1, high - 1))).all(axis=(1, 2)))
     mean = values.reshape(len(way.points), sub, -1).astype(np.float64).mean(axis=1)
-    inside = fits.reshape(len(way.points), sub).all(axis=1)
+    inside = np.asarray(fits.reshape(len(way.points), sub).all(axis=1), dtype=np.bool_)
     return Profiles(across, mean - _ground(mean, across), inside)
 
 
@@ -152,9 +152,7 @@ def middles(seen: Profiles, width_mm: float) -> tuple[FloatArray, BoolImage]:
     index = np.arange(seen.values.shape[1])
     broken = np.where(above, -1, index)
     left = np.where(index <= top[:, None], broken, -1).max(axis=1)
-    right = np.where(
-        (index >= top[:, None]) & ~above, index, seen.values.shape[1]
-    ).min(axis=1)
+    right = np.where((index >= top[:, None]) & ~above, index, seen.values.shape[1]).min(axis=1)
     own = (index > left[:, None]) & (index < right[:, None])
     weight = np.where(own, np.maximum(seen.values, 0.0), 0.0)
     total = np.maximum(weight.sum(axis=1), 1e-12)

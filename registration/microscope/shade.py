@@ -47,12 +47,28 @@ class Shade:
         Root mean square of what stays, of a profile's height.
     spread : float
         Relative deviation of all diameters together: μ and σ are known no better.
+    smoothed_mm : float, mm
+        Part of σ that measuring put in against noise.
     """
 
     per_mm: float
     blur_mm: float
     misfit: float
     spread: float = 0.0
+    smoothed_mm: float = 0.0
+
+    @property
+    def picture_blur_mm(self) -> float:
+        """σ of the picture itself."""
+        return math.sqrt(max(self.blur_mm**2 - self.smoothed_mm**2, 0.0))
+
+    @property
+    def least_gap_mm(self) -> float:
+        """Narrowest gap between opaque lines whose middle falls below half level.
+
+        There it is 2 − 2Φ(g/2σ) of the ink's height, Φ the normal distribution: g = 1.35 σ.
+        """
+        return 1.35 * self.picture_blur_mm
 
     def half_width(self, diameter_mm: FloatArray) -> FloatArray:
         """Width at half level of filaments, (n,), mm."""
@@ -125,7 +141,9 @@ def fit_shade(
             begin += [math.log(width), 0.0]
             low += [math.log(width / 3), -width]
             high += [math.log(width * 3), width]
-        solved = least_squares(residuals, begin, bounds=(low, high), x_scale="jac", ftol=1e-6, max_nfev=40)
+        solved = least_squares(
+            residuals, begin, bounds=(low, high), x_scale="jac", ftol=1e-6, max_nfev=40
+        )
         if found is None or solved.cost < found.cost:
             found = solved
     assert found is not None  # there is a start

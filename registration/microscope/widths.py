@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.ndimage import map_coordinates, uniform_filter1d
+from scipy.ndimage import map_coordinates
 
-from registration.dye.perspective import mapped, slopes
+from registration.dye.perspective import mapped
 from registration.microscope.picture import BoolImage, FloatArray, FloatImage, Picture
-from registration.microscope.profiles import LEAST_OF_INK, Profiles, Way, middles, profiles_along
+from registration.microscope.profiles import Profiles, Way, middles, profiles_along
 from registration.microscope.shade import MIDDLE, Shade, fit_shade
 from registration.microscope.view import View
 
@@ -96,7 +96,7 @@ def measure_lines(
         left, right, height = _edges(seen, middle, found, line.width_mm)
         raw.append(LineWidths(line, way, right - left, left, right, height, seen.inside))
         profiles.append(_mean_profile(seen, (left + right) / 2, right - left))
-    shade = _optics(raw, profiles, view.um_per_px * 1e-3)
+    shade = replace(_optics(raw, profiles, view.um_per_px * 1e-3), smoothed_mm=smooth)
     return [replace(one, width_mm=shade.diameter(one.width_mm)) for one in raw], shade
 
 

@@ -22,7 +22,8 @@ from printctl.errors import UsageError
 MOST: Final = 24
 _ACROSS: Final = 9
 """Ways across each gap."""
-_TOOTH_MM: Final = 10.0
+_TOOTH_MM: Final = 14.0
+"""Long enough for a lag to be over in its middle."""
 _BRANCH_MM: Final = 6.0
 _PILLAR_MM: Final = 2.0
 
@@ -40,7 +41,7 @@ def comb_pattern(bead: Bead, gaps_mm: Sequence[float], speed_mm_s: float) -> Pat
     for place, at in enumerate(y.tolist()):
         ends = (MARGIN_MM, MARGIN_MM + _TOOTH_MM)[:: -1 if place % 2 else 1]
         strokes.append(straight(place + 1, "tooth", [(x, at) for x in ends], speed_mm_s))
-    x = MARGIN_MM + np.linspace(0.3, 0.7, _ACROSS) * _TOOTH_MM
+    x = MARGIN_MM + np.linspace(0.35, 0.65, _ACROSS) * _TOOTH_MM
     asked = [
         Question(
             k + 1, gap, np.stack([np.column_stack([x, 0 * x + y[k + end]]) for end in (0, 1)], 1)
@@ -103,9 +104,7 @@ def bridge_pattern(
     for k, span in enumerate(spans):
         y = MARGIN_MM + k * row + _PILLAR_MM / 2
         path = [(MARGIN_MM, y), (MARGIN_MM + 2 * thick + span, y)]
-        strokes.append(
-            straight(k + 1, "bridge", path, speed_mm_s, z=layers * bead.layer_mm)
-        )
+        strokes.append(straight(k + 1, "bridge", path, speed_mm_s, z=layers * bead.layer_mm))
         asked.append(Question(k + 1, span))
     return Pattern("bridge", bead, size, tuple(strokes), tuple(asked))
 

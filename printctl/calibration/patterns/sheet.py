@@ -12,6 +12,7 @@ from printctl.calibration.patterns.plan import Pattern, Stroke
 _SCALE: Final = 5.0
 """Drawn larger than it is."""
 _SIDE_MM: Final = 30.0
+_RIGHT_MM: Final = 50.0
 _LINE_MM: Final = 4.2
 _STYLE: Final = (
     "text{font:2.6px sans-serif;fill:#222} .small{font-size:2.2px} "
@@ -25,7 +26,7 @@ def sheet_svg(written: Written) -> str:
     pattern = written.pattern
     x, y = (side * _SCALE for side in pattern.size_mm)
     legend = list(_legend(written))
-    wide, high = x + 2 * _SIDE_MM, y + 2 * _SIDE_MM + _LINE_MM * len(legend)
+    wide, high = x + _SIDE_MM + _RIGHT_MM, y + 2 * _SIDE_MM + _LINE_MM * len(legend)
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:g}mm" height="{high:g}mm" '
         f'viewBox="0 0 {wide:g} {high:g}"><style>{_STYLE}</style>'
@@ -79,11 +80,12 @@ def _labels(pattern: Pattern) -> Iterator[str]:
             said = f"{one.number}: {one.value:g} mm"
             yield f'<text class="small" x="{right:g}" y="{v:.2f}">{said}</text>'
         else:
-            role = "branch" if pattern.name == "joint" else "bridge"
-            stroke = next(s for s in pattern.of_role(role) if s.number == one.number)
-            u, v = _place(stroke.points[0 if role == "branch" else -1].tolist())
-            unit = "radii" if role == "branch" else "mm"
-            at = (u - 3, v - 3) if role == "branch" else (u + 4, v + 0.9)
+            joint = pattern.name == "joint"
+            strokes = pattern.of_role("branch", "bridge")
+            stroke = next(s for s in strokes if s.number == one.number)
+            u, v = _place(stroke.points[0 if joint else -1].tolist())
+            unit = "radii" if joint else "mm"
+            at = (u - 3, v - 3) if joint else (u + 4, v + 0.9)
             said = f"{one.number}: {one.value:g} {unit}"
             yield f'<text class="small" x="{at[0]:.2f}" y="{at[1]:.2f}">{said}</text>'
 

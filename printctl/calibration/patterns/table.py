@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from printctl.calibration.patterns.files import Written
-from printctl.calibration.patterns.plan import Pattern, Stroke
+from printctl.calibration.patterns.plan import FloatArray, Pattern, Stroke
 
 COLUMNS: Final = {
     "lines": ("line", "x_mm", "speed_mm_s", "flow", "expected_mm", "width_mm"),
@@ -50,7 +50,7 @@ def width_row(stroke: Stroke, x_mm: float, pattern: Pattern, swell: float | None
     return [f"{stroke.number}", f"{x_mm:.3f}", f"{speed:g}", f"{stroke.flow:g}", f"{expected:.4f}"]
 
 
-def speed_at(stroke: Stroke, x_mm: np.ndarray) -> np.ndarray:
+def speed_at(stroke: Stroke, x_mm: FloatArray) -> FloatArray:
     """Commanded speed at places along a stroke, (n,), mm/s."""
     ends = np.cumsum(np.linalg.norm(np.diff(stroke.points, axis=0), axis=1))
     at = np.searchsorted(ends - 1e-9, x_mm, side="left")
@@ -73,8 +73,14 @@ def _rows(pattern: Pattern, swell: float | None) -> list[list[str]]:
             for x in _places(stroke)
         ]
     wide = pattern.bead.width_mm * ((swell or 1.0) - 1.0)
-    more = {"comb": lambda gap: [f"{max(gap - wide, 0.0):.4f}"]}.get(pattern.name, lambda _: [])
-    return [[f"{one.number}", f"{one.value:g}", *more(one.value)] for one in pattern.questions]
+    return [
+        [
+            f"{one.number}",
+            f"{one.value:g}",
+            *([f"{max(one.value - wide, 0.0):.4f}"] if pattern.name == "comb" else []),
+        ]
+        for one in pattern.questions
+    ]
 
 
 def _places(stroke: Stroke) -> list[float]:

@@ -62,7 +62,9 @@ def factors(
     value, low, high = (math.sqrt(x) for x in (ratio.value, ratio.low, ratio.high))
     swelling = Estimate(value, low, high)
     _within(value, _SWELL, "swelling")
-    note = f"the flow factor {known.flow_factor:g} is taken as exact: its error isn't in the swelling"
+    note = (
+        f"the flow factor {known.flow_factor:g} is taken as exact: its error isn't in the swelling"
+    )
     change = {
         "swell_factor": Change(value, f"{swelling.text()}, 95 %"),
         "flow_factor": Change(known.flow_factor, f"{known.flow_factor:g}, as given"),

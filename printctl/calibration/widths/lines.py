@@ -92,7 +92,7 @@ def fit_lines(written: Written, widths: Widths, known: Known) -> Answer:
 
 _UNTOLD: Final = (
     "a plunger sets the flow, so these widths say nothing of the ink's viscosity, power law or "
-    "yield stress (viscosity_pa_s, flow_index, yield_stress_pa): that takes pressures or a rheometer",
+    "yield stress (viscosity_pa_s, flow_index, yield_stress_pa): these take pressures, a rheometer",
 )
 
 
@@ -130,9 +130,7 @@ def step_lag(pattern: Pattern, widths: Widths) -> tuple[Lag | None, str]:
         return None, f"no lag from the lines with steps: {exc}"
 
 
-def _share(
-    pattern: Pattern, lines: list[LineWidth], widths: Widths
-) -> tuple[Estimate, list[str]]:
+def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Estimate, list[str]]:
     """Cross-section over what was commanded, of all lines; and whether it follows Q/v."""
     speed = np.array([one.speed_mm_s for one in lines])
     flow = np.array([one.stroke.flow for one in lines])
@@ -207,8 +205,8 @@ def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, Change], 
     whole: dict[float, bool] = {}
     for one in lines:
         if one.stroke.flow >= 1:
-            held = widths.found.get(one.stroke.number, 0.0) >= HELD
-            whole[one.speed_mm_s] = whole.get(one.speed_mm_s, True) and held
+            good = widths.found.get(one.stroke.number, 0.0) >= HELD
+            whole[one.speed_mm_s] = whole.get(one.speed_mm_s, True) and good
     held = sorted(speed for speed, good in whole.items() if good)
     broken = sorted(speed for speed, good in whole.items() if not good)
     notes = [f"lines break or are missing at {', '.join(f'{v:g}' for v in broken)} mm/s"] * bool(
@@ -239,9 +237,7 @@ def _table(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> list[str
     return rows
 
 
-def shares_along(
-    pattern: Pattern, stroke: Stroke, widths: Widths
-) -> tuple[FloatArray, FloatArray]:
+def shares_along(pattern: Pattern, stroke: Stroke, widths: Widths) -> tuple[FloatArray, FloatArray]:
     """Time since a stroke's begin, s, and cross-section over the commanded one, both (n,)."""
     x, width = widths.of(stroke.number)
     kept = x <= END * stroke.length_mm

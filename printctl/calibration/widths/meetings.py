@@ -20,8 +20,8 @@ OPEN: Final = 0.8
 class _Bounds:
     """Neighbouring values between which the answer changes.
 
-    ``no`` is the nearest value at which it is still no (None if it never is), ``yes`` the first from
-    which on it is yes (None if it never is); ``mixed`` whether a yes stands among the no.
+    ``no`` is the nearest value at which it is still no (None if it never is), ``yes`` the first
+    from which on it is yes (None if it never is); ``mixed`` whether a yes stands among the no.
     """
 
     no: float | None
@@ -44,11 +44,12 @@ def _asked(written: Written, replies: Replies) -> FloatArray:
     return np.array([values[number] for number in replies.number.tolist()])
 
 
-def _interval(bounds: _Bounds, unit: str) -> dict[str, Estimate]:
+def _interval(name: str, bounds: _Bounds, unit: str) -> dict[str, Estimate]:
+    """The first yes, and how near the last no is; nothing where one of them is missing."""
     if bounds.no is None or bounds.yes is None:
         return {}
     low, high = sorted((bounds.no, bounds.yes))
-    return {"": Estimate(bounds.yes, low, high, unit)}
+    return {name: Estimate(bounds.yes, low, high, unit)}
 
 
 def fit_comb(written: Written, replies: Replies) -> Answer:
@@ -63,7 +64,7 @@ def fit_comb(written: Written, replies: Replies) -> Answer:
         state = "open" if part >= OPEN else "closed" if part <= 1 - OPEN else f"{part:.0%} open"
         table.append(f"{number:3}  {asked * 1e3:9.0f}  {seen * 1e3:8.0f}  {state}")
     notes, changes = [], {}
-    estimates = {f"smallest gap that stays open{k}": v for k, v in _interval(found, "mm").items()}
+    estimates = _interval("smallest gap that stays open", found, "mm")
     if found.yes is None:
         notes.append("every gap closed: print wider ones (--gaps); nothing is written")
     else:
@@ -141,7 +142,7 @@ def _yes_no(written: Written, replies: Replies, asked: _Question) -> Answer:
         f"{number:3}  {at:6g} {asked.unit}  {'yes' if yes else 'no'}"
         for number, at, yes in zip(replies.number, value, good, strict=True)
     ]
-    estimates = {asked.name: one for one in _interval(found, asked.unit).values()}
+    estimates = _interval(asked.name, found, asked.unit)
     notes = [] if found.yes is not None else [asked.ends[0]]
     if found.no is None:
         notes.append(asked.ends[1])

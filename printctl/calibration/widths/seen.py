@@ -119,8 +119,7 @@ def look(path: Path, written: Written, given: Given) -> Seen:
     wider = bead - float(shade.half_width(np.array([bead]))[0])
     found = measure_gaps(cv2, picture, view, gaps, contrast, wider)
     drawn = annotated(cv2, picture, view, target, [], list(zip(gaps, found, strict=True)))
-    least = 2.0 * shade.blur_mm + 1e-3 * view.um_per_px
-    replies = _replies(found, scale, least)
+    replies = _replies(found, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
     return Seen(None, replies, _table_of_gaps(written, replies), drawn, notes)
 
 
@@ -148,8 +147,7 @@ def _lines(pattern: Pattern, gaps: bool) -> list[Line]:
     strokes = pattern.of_role("line", "step", "spiral")
     reach = min(_REACH * width, 0.45 * _apart(strokes), 0.9 * MARGIN_MM)
     return [
-        Line(s.number, s.points[:, :2], pattern.bead.width_at(s.flow), reach, step)
-        for s in strokes
+        Line(s.number, s.points[:, :2], pattern.bead.width_at(s.flow), reach, step) for s in strokes
     ]
 
 
@@ -187,7 +185,8 @@ def _told(view: View, shade: Shade, pattern: Pattern) -> list[str]:
     kind = "opaque" if shade.opaque(width) else "lets light through"
     notes = [
         f"picture: {view.um_per_px:.3g} µm a pixel{', mirrored' if view.mirrored else ''}; frame "
-        f"straight to {view.off_mm * 1e3:.0f} µm; the ink {kind}, blur {shade.blur_mm * 1e3:.0f} µm"
+        f"straight to {view.off_mm * 1e3:.1f} µm; the ink {kind}, blur "
+        f"{shade.picture_blur_mm * 1e3:.0f} µm"
     ]
     if shade.misfit > _MISFIT:
         notes.append(

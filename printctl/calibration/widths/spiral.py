@@ -4,7 +4,8 @@ Cross-section over the commanded one, t seconds after the begin:
 
     G (1 + k t) (1 − c e^(−t/τ))
 
-with G = f s², k the drift, c what is missing at the begin: the prime fills some of it, so c is free.
+with G = f s², k the drift, c what is missing at the begin: the prime fills some of it, so c is
+free.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from printctl.calibration.widths.lines import shares_along
 from printctl.errors import UsageError
 
 _FEWEST: Final = 8
+_BLOB: Final = 3.0
+"""Widths from its begin in which a line has a shape of its own: the tip starts to move."""
 _STARTS: Final = (0.1, 0.5, 2.0)
 _UNRESOLVED: Final = 3.0
 _LAGS: Final = 5.0
@@ -41,7 +44,8 @@ def fit_spiral(written: Written, widths: Widths, known: Known) -> Answer:
     time, share = shares_along(pattern, stroke, widths)
     if len(time) < _FEWEST:
         raise UsageError(f"{len(time)} widths along the spiral; measure {_FEWEST} or more")
-    tau, notes = _begin(time, share)
+    blob = _BLOB * pattern.bead.width_mm / float(stroke.speed_mm_s[0])
+    tau, notes = _begin(time[time > blob], share[time > blob])
     settled = time >= (0.1 * time[-1] if tau is None else _LAGS * tau.value)
     if settled.sum() < _FEWEST:
         raise UsageError("the spiral's flow hasn't settled before it ends; print more turns")
@@ -64,6 +68,8 @@ def fit_spiral(written: Written, widths: Widths, known: Known) -> Answer:
 
 def _begin(time: FloatArray, share: FloatArray) -> tuple[Estimate | None, list[str]]:
     """τ from the line's thin begin; None where it isn't thin enough to tell."""
+    if len(time) < _FEWEST:
+        return None, [_UNTOLD]
 
     def model(p: FloatArray) -> FloatArray:
         return np.asarray(p[0] * (1 + p[1] * time) * (1 - p[2] * np.exp(-time / np.exp(p[3]))))
