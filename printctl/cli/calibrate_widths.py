@@ -97,8 +97,8 @@ def _pattern(file: Path, named: Path | None) -> Written:
         named = file.with_suffix(".json")
         if not named.is_file():
             raise UsageError(
-                f"{named} isn't there: name the file that `printctl calibrate pattern` wrote beside "
-                "the G-code (--pattern)"
+                f"{named} isn't there: name the file that `printctl calibrate pattern` wrote "
+                "beside the G-code (--pattern)"
             )
     return read_pattern(named)
 

@@ -129,7 +129,7 @@ def _split(cv2: Any, flat: FloatImage) -> tuple[float, BoolImage]:
     if high <= 0:
         return 0.0, flat > np.inf
     scaled = (np.clip(flat / high, 0, 1) * 255).astype(np.uint8)
-    level, mask = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    _, mask = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     ink = mask > 0
     if not ink.any() or ink.all():
         return 0.0, ink

@@ -3,9 +3,9 @@
 A filament of dyed ink that light goes through takes away 1 − e^(−μ c), c = 2√(r² − t²) the way
 through it at the distance t from its middle (Beer and Lambert). With a large μ that is a box, the
 shade of an opaque one; with a small μ half an ellipse, whose width at half level is 0.87 d. The
-picture's sharpness is a Gaussian of σ. μ and σ are one for the whole picture; they are fitted to the
-mean profiles of a few lines, with a diameter, place, height and ground of each (variable projection:
-the last three are linear). What half level means then follows.
+picture's sharpness is a Gaussian of σ. μ and σ are one for the whole picture; they are fitted to
+the mean profiles of a few lines, with a diameter, place, height and ground of each (variable
+projection: height and ground are linear). What half level means then follows.
 
 Not modelled: light that the filament bends (a clear one in a clear bath has dark edges and a bright
 middle), glare, a camera that isn't linear. A misfit says so.

@@ -1,9 +1,9 @@
 """Where a printed pattern lies in a picture: found by its frame, scaled by it.
 
 The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
-two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its corner
-farthest from the line between them. Three points give an affine view, mirrored or not; that one is
-taken in which most of the pattern lies on ink. Then the middles of the ink along all four sides
+two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its
+corner farthest from the line between them. Three points give an affine view, mirrored or not; that
+one is taken in which most of the pattern lies on ink. Then the middles of the ink along all four sides
 are measured, and the homography is fitted that lays them on the rectangle's sides: four straight
 lines, eight numbers.
 """
@@ -109,8 +109,8 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
     if share < LEAST_ON_INK:
         raise PictureError(
             "the pattern isn't found in the picture: at the best place "
-            f"{share:.0%} of it lies on ink ({LEAST_ON_INK:.0%} wanted). Have the whole frame in the "
-            "picture and nothing larger (crop the dish's rim); is it this pattern's picture "
+            f"{share:.0%} of it lies on ink ({LEAST_ON_INK:.0%} wanted). Have the whole frame in "
+            "the picture and nothing larger (crop the dish's rim); is it this pattern's picture "
             "(--pattern)? With the frame's corners marked by hand (--marks) it needn't be found"
         )
     return refined(cv2, picture, target, matrix)
@@ -169,7 +169,7 @@ def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatAr
     mask = picture.small.astype(np.uint8)
     side = max(3, round(max(mask.shape) * 0.004) | 1)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
     x, y = target.size_mm
     model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)

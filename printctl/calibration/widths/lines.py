@@ -168,7 +168,7 @@ def _follows(name: str, slope: Estimate) -> str:
         "speed": "drag, slip or threads that stretch at the fast end, a lag not over",
         "flow": "edges are read wider or narrower than they are, or a steady leak",
     }[name]
-    return f"the cross-section doesn't follow the {name}: beyond it {slope.text()} of its power ({why})"
+    return f"the cross-section doesn't follow the {name} (power beyond it: {slope.text()}): {why}"
 
 
 def _lags(lag: Lag | None) -> dict[str, Estimate]:

@@ -82,8 +82,8 @@ def gap_notes(context: RunContext) -> list[str]:
     if thinnest >= least:
         return []
     return [
-        f"the thinnest lumen is {thinnest:.3g} mm wide, and the smallest gap that {context.ink.name} "
-        f"leaves open is {least:g} mm (ink: smallest_gap_mm): it may close; widen it, or take a "
+        f"the thinnest lumen is {thinnest:.3g} mm wide, and the smallest gap that "
+        f"{context.ink.name} leaves open is {least:g} mm (ink: smallest_gap_mm): it may close; widen it, or take a "
         "thinner needle and measure anew (printctl calibrate pattern comb)"
     ]
 
