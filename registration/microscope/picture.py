@@ -93,7 +93,8 @@ def _chosen(cv2: Any, found: NDArray[Any], path: Path) -> Picture:
     size = [max(1, round(side * shrunk)) for side in found.shape[1::-1]]
     small = cv2.resize(found, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     best: tuple[float, int, float, BoolImage] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
-    for channel in range(3):
+    grey = all(np.array_equal(small[:, :, 0], small[:, :, other]) for other in (1, 2))
+    for channel in range(1 if grey else 3):
         plain = np.ascontiguousarray(small[:, :, channel])
         flat = plain - _ground(cv2, plain)
         sign = 1.0 if float((flat.astype(np.float64) ** 3).sum()) >= 0 else -1.0
@@ -111,15 +112,15 @@ def _chosen(cv2: Any, found: NDArray[Any], path: Path) -> Picture:
 
 
 def _ground(cv2: Any, plain: FloatImage) -> FloatImage:
-    """Light without ink: a wide median, at an eighth of the size for its speed."""
+    """Light without ink: a wide median, at a quarter of the size for its speed."""
     low, high = float(plain.min()), float(plain.max())
     scaled = ((plain - low) / max(high - low, 1e-9) * 255).astype(np.uint8)
     tiny = cv2.resize(scaled, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     side = max(3, int(_GROUND * min(tiny.shape)) | 1)
     wide = cv2.medianBlur(tiny, side)
-    back = cv2.resize(wide, plain.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    smooth = cv2.GaussianBlur(back.astype(np.float32), (0, 0), side)
-    return np.asarray(smooth / 255 * (high - low) + low)
+    smooth = cv2.GaussianBlur(wide.astype(np.float32), (0, 0), side / 4)
+    back = cv2.resize(smooth, plain.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(back / 255 * (high - low) + low)
 
 
 def _split(cv2: Any, flat: FloatImage) -> tuple[float, BoolImage]:

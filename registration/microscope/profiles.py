@@ -136,17 +136,28 @@ def _ground(values: FloatArray, across: FloatArray) -> FloatArray:
     return low[:, None] + (high - low)[:, None] * share
 
 
-def middles(seen: Profiles, width_mm: float) -> tuple[FloatArray, BoolImage]:
+def peaks(seen: Profiles, width_mm: float) -> FloatArray:
+    """Profiles (n, m) with what is much narrower than a line smoothed away."""
+    wide = max(3, round(0.5 * width_mm / seen.step_mm))
+    return np.asarray(uniform_filter1d(seen.values, wide, axis=1, mode="nearest"))
+
+
+def usual_height(seen: Profiles, width_mm: float) -> float:
+    """Height that a quarter of the places reach: of a line that is mostly missing, too."""
+    return float(np.percentile(peaks(seen, width_mm).max(axis=1), 75))
+
+
+def middles(seen: Profiles, width_mm: float, least: float = 0.0) -> tuple[FloatArray, BoolImage]:
     """Middle of the ink at each place, (n,), mm across, and whether there is some, (n,).
 
-    The centre of gravity of what is above half of the peak around it.
+    The centre of gravity of what is above half of the peak around it. Ink is what reaches a part of
+    the line's usual height, and ``least``.
     """
-    wide = max(3, round(0.5 * width_mm / seen.step_mm))
-    smooth = uniform_filter1d(seen.values, wide, axis=1, mode="nearest")
+    smooth = peaks(seen, width_mm)
     top = smooth.argmax(axis=1)
     height = smooth[np.arange(len(top)), top]
     usual = float(np.median(height))
-    found = seen.inside & (height > LEAST_OF_INK * usual) & (usual > 0)
+    found = seen.inside & (height > max(LEAST_OF_INK * usual, least)) & (height > 0)
     above = seen.values > 0.5 * height[:, None]
     # Only what hangs together with the peak.
     index = np.arange(seen.values.shape[1])

@@ -3,9 +3,9 @@
 The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
 two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its
 corner farthest from the line between them. Three points give an affine view, mirrored or not; that
-one is taken in which most of the pattern lies on ink. Then the middles of the ink along all four sides
-are measured, and the homography is fitted that lays them on the rectangle's sides: four straight
-lines, eight numbers.
+one is taken in which most of the pattern lies on ink. Then the middles of the ink along all four
+sides are measured, and the homography is fitted that lays them on the rectangle's sides: four
+straight lines, eight numbers.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 
 from registration.dye.perspective import mapped
 from registration.microscope.picture import BoolImage, FloatArray, FloatImage, Picture
-from registration.microscope.profiles import Profiles, Way, middles, profiles_along
+from registration.microscope.profiles import Profiles, Way, middles, profiles_along, usual_height
 from registration.microscope.shade import MIDDLE, Shade, fit_shade
 from registration.microscope.view import View
 
@@ -19,6 +19,8 @@ _MODELS: Final = 4
 """Lines whose mean profiles tell the picture's optics."""
 _EVEN: Final = 0.05
 _FEWEST_PLACES: Final = 5
+_LEAST_OF_ALL: Final = 0.25
+"""Of the usual height of all lines: less isn't ink."""
 _SMOOTH: Final = 0.1
 """Of a width: a Gaussian's deviation, against noise."""
 _GAP_STEP_PX: Final = 0.25
@@ -85,14 +87,19 @@ def measure_lines(
 ) -> tuple[list[LineWidths], Shade]:
     """Widths of all lines, and the optics by which half level was turned into diameter."""
     raw, profiles = [], []
-    typical = float(np.median([line.width_mm for line in lines]))
+    expected = [line.width_mm for line in lines]
+    typical = float(np.median(expected))
     smooth = max(_SMOOTH * typical, 0.7e-3 * view.um_per_px)
-    for line in lines:
-        way = Way.of(line.points, line.step_mm)
-        seen = profiles_along(cv2, picture.ink, view.matrix, way, line.reach_mm)
-        # What is smoothed here is part of the blur that the optics are fitted with.
-        seen = seen.smoothed(smooth)
-        middle, found = middles(seen, line.width_mm)
+    ways = [Way.of(line.points, line.step_mm) for line in lines]
+    # What is smoothed here is part of the blur that the optics are fitted with.
+    across = [
+        profiles_along(cv2, picture.ink, view.matrix, way, line.reach_mm).smoothed(smooth)
+        for way, line in zip(ways, lines, strict=True)
+    ]
+    heights = [usual_height(*pair) for pair in zip(across, expected, strict=True)]
+    least = _LEAST_OF_ALL * float(np.median(heights))
+    for line, way, seen in zip(lines, ways, across, strict=True):
+        middle, found = middles(seen, line.width_mm, least)
         left, right, height = _edges(seen, middle, found, line.width_mm)
         raw.append(LineWidths(line, way, right - left, left, right, height, seen.inside))
         profiles.append(_mean_profile(seen, (left + right) / 2, right - left))

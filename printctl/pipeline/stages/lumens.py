@@ -83,8 +83,9 @@ def gap_notes(context: RunContext) -> list[str]:
         return []
     return [
         f"the thinnest lumen is {thinnest:.3g} mm wide, and the smallest gap that "
-        f"{context.ink.name} leaves open is {least:g} mm (ink: smallest_gap_mm): it may close; widen it, or take a "
-        "thinner needle and measure anew (printctl calibrate pattern comb)"
+        f"{context.ink.name} leaves open is {least:g} mm (ink: smallest_gap_mm): it may "
+        "close; widen it, or take a thinner needle and measure it anew (printctl calibrate pattern "
+        "comb)"
     ]
 
 
