@@ -17,6 +17,7 @@ OUTER: Final = 0.25
 LEAST_OF_INK: Final = 0.4
 """Of a line's usual contrast that a place must have to be ink."""
 _STEP_PX: Final = 0.5
+_ALONG_PX: Final = 2.0
 _FEWEST_STEPS: Final = 12
 
 
@@ -88,9 +89,14 @@ class Profiles:
 
 
 def profiles_along(
-    cv2: Any, image: FloatImage, matrix: FloatArray, way: Way, reach_mm: float
+    cv2: Any,
+    image: FloatImage,
+    matrix: FloatArray,
+    way: Way,
+    reach_mm: float,
+    coarse: float = 1.0,
 ) -> Profiles:
-    """Sample across, averaging along over each place's own step.
+    """Sample across, averaging along over each place's own step; ``coarse`` times fewer samples.
 
     Raises
     ------
@@ -98,14 +104,14 @@ def profiles_along(
         When the reach is less than a few pixels.
     """
     px_per_mm = float(np.sqrt(abs(np.linalg.det(slopes(matrix, way.points[:1])[0]))))
-    count = round(2 * reach_mm * px_per_mm / _STEP_PX)
+    count = round(2 * reach_mm * px_per_mm / (_STEP_PX * coarse))
     if count < _FEWEST_STEPS:
         raise PictureError(
             f"a pixel is {1e3 / px_per_mm:.0f} µm, too coarse for what is to be measured "
             f"({reach_mm * 1e3:.0f} µm to either side); take a picture with more pixels"
         )
     across = np.linspace(-reach_mm, reach_mm, count | 1)
-    sub = max(1, round(way.step_mm * px_per_mm / 1.5))
+    sub = max(1, round(way.step_mm * px_per_mm / (_ALONG_PX * coarse)))
     shift = ((np.arange(sub) + 0.5) / sub - 0.5) * way.step_mm
     unit = np.column_stack([way.normals[:, 1], -way.normals[:, 0]])
     places = (

@@ -160,7 +160,9 @@ def _nearer(
 ) -> tuple[FloatArray, float]:
     """One round: measure the sides' middles within a part of the margin, and fit."""
     reach = max(part * target.margin_mm, 1.5 * target.width_mm)
-    pixels, side = _side_middles(cv2, picture, target, matrix, reach)
+    pixels, side = _side_middles(
+        cv2, picture, target, matrix, reach, 3.0 if part == _FIRST else 1.0
+    )
     return _fitted(target, matrix, pixels, side)
 
 
@@ -215,7 +217,12 @@ def _on_ink(picture: Picture, matrix: FloatArray, target: Target) -> float:
 
 
 def _side_middles(
-    cv2: Any, picture: Picture, target: Target, matrix: FloatArray, reach: float
+    cv2: Any,
+    picture: Picture,
+    target: Target,
+    matrix: FloatArray,
+    reach: float,
+    coarse: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Pixels of the middles of the ink along the four sides, (n, 2), and which side, (n,)."""
     pixels, which = [], []
@@ -223,7 +230,7 @@ def _side_middles(
         # A corner is seen from both sides, and an end is round: a little is left out.
         inner = side[0] + np.array([[0.06], [0.94]]) * (side[1] - side[0])
         way = Way.straight(inner[0], inner[1], max(target.width_mm, 0.2))
-        seen = profiles_along(cv2, picture.ink, matrix, way, reach)
+        seen = profiles_along(cv2, picture.ink, matrix, way, reach, coarse)
         at, found = middles(seen, target.width_mm)
         if found.mean() < LEAST_SIDES:
             name = ("left", "bottom", "right", "top")[number]

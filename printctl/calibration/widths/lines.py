@@ -146,7 +146,12 @@ def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Es
         if np.ptp(np.log(values)) > 0.05:
             columns.append(np.log(values / np.exp(np.log(values).mean())))
             names.append(name)
-    if names and len(y) > len(columns) + 1:
+    if names and len(y) <= len(columns) + 1:
+        notes.append(
+            f"{len(y)} lines are too few to ask whether the cross-section follows the "
+            f"{' and the '.join(names)} (--repeats)"
+        )
+    elif names:
         whole = fit_line(np.column_stack(columns), y, "widths", digit)
         for k, name in enumerate(names, start=1):
             notes.append(_follows(name, whole.estimate(k, "")))
