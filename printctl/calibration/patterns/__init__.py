@@ -6,6 +6,7 @@ from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern,
 from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
 from printctl.calibration.patterns.sheet import sheet_svg
 from printctl.calibration.patterns.table import (
+    CLEAR,
     COLUMNS,
     filled_text,
     sheet_text,
@@ -15,6 +16,7 @@ from printctl.calibration.patterns.table import (
 from printctl.calibration.patterns.toolpath import pattern_path
 
 __all__ = [
+    "CLEAR",
     "COLUMNS",
     "Asked",
     "Bead",

@@ -26,6 +26,8 @@ HINTS: Final = {
     "joint": "gap_mm between the branch's end and the trunk; 0 where they are joined",
     "bridge": "held: 1 where the line bridges the gap, 0 where it sank or broke",
 }
+CLEAR: Final = 1.0
+"""Widths to either side of a step of speed that aren't measured."""
 _PLAIN: Final = (0.55, 0.7, 0.85)
 _AFTER: Final = (0.03, 0.08, 0.15, 0.25, 0.4, 0.6, 0.8, 0.95)
 _STEADY: Final = (0.55, 0.75, 0.95)
@@ -70,7 +72,7 @@ def _rows(pattern: Pattern, swell: float | None) -> list[list[str]]:
         return [
             width_row(stroke, x, pattern, swell)
             for stroke in pattern.of_role("line", "step", "spiral")
-            for x in _places(stroke)
+            for x in _places(stroke, pattern.bead.width_mm)
         ]
     wide = pattern.bead.width_mm * ((swell or 1.0) - 1.0)
     return [
@@ -83,7 +85,7 @@ def _rows(pattern: Pattern, swell: float | None) -> list[list[str]]:
     ]
 
 
-def _places(stroke: Stroke) -> list[float]:
+def _places(stroke: Stroke, width_mm: float) -> list[float]:
     """Where to measure: where a line is steady, and close together after a change of speed."""
     length = stroke.length_mm
     if stroke.role == "line":
@@ -92,4 +94,5 @@ def _places(stroke: Stroke) -> list[float]:
         return (length * (np.arange(_SPIRAL) + 0.5) / _SPIRAL).tolist()
     stretch = length / 3
     parts = ((0, _STEADY), (1, _AFTER), (2, _AFTER))
-    return [stretch * (k + part) for k, which in parts for part in which]
+    clear = CLEAR * width_mm
+    return [stretch * k + max(stretch * part, clear) for k, which in parts for part in which]

@@ -18,7 +18,7 @@ import numpy as np
 from firmware_profiles import Needle, Syringe, load
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.lag import Lag, LagPattern, fit_lag
-from printctl.calibration.patterns import Pattern, Stroke, Written
+from printctl.calibration.patterns import CLEAR, Pattern, Stroke, Written
 from printctl.calibration.widths.answer import Answer, Change, FloatArray, Widths
 from printctl.calibration.widths.factors import Known, factors
 from printctl.errors import UsageError
@@ -123,7 +123,13 @@ def step_lag(pattern: Pattern, widths: Widths) -> tuple[Lag | None, str]:
     shape = LagPattern(
         slow, fast, length, bead.width_mm, bead.layer_mm, "round" if bead.round_bead else "flat"
     )
-    kept = x <= (2 + END) * length
+    # Thick ink is round at its end, and covers what lies beside it.
+    clear = CLEAR * bead.width_mm
+    kept = (
+        (x <= (2 + END) * length)
+        & (np.abs(x - length) >= clear)
+        & (np.abs(x - 2 * length) >= clear)
+    )
     try:
         return fit_lag(x[kept], width[kept], shape, widths.last_digit_mm), ""
     except UsageError as exc:

@@ -40,6 +40,7 @@ _REACH: Final = 2.6
 """Widths to either side of a line: a step's thick begin is twice as wide."""
 _POINTS_MM: Final = 0.25
 _MISFIT: Final = 0.05
+_VAGUE: Final = 0.02
 _SCALES: Final = 0.03
 _T95: Final = 1.96
 
@@ -188,6 +189,11 @@ def _told(view: View, shade: Shade, pattern: Pattern) -> list[str]:
         f"straight to {view.off_mm * 1e3:.1f} µm; the ink {kind}, blur "
         f"{shade.picture_blur_mm * 1e3:.0f} µm"
     ]
+    if _T95 * shade.spread > _VAGUE:
+        notes.append(
+            f"this picture leaves all widths uncertain by {_T95 * shade.spread:.0%} together: blur "
+            "and the ink's clearness can't be told apart; take a sharper one, or more pixels"
+        )
     if shade.misfit > _MISFIT:
         notes.append(
             f"the lines don't look like a filament's shade (misfit {shade.misfit:.0%} of its "
