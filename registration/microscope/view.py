@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from registration.dye.perspective import find_homography, mapped, slopes
@@ -29,6 +30,10 @@ _MOST_FOREIGN: Final = 0.4
 LEAST_SIDES: Final = 0.6
 """Of the places along each side at which its ink must be found."""
 _CANDIDATES: Final = 4
+_CLOSINGS: Final = (0.004, 0.015)
+"""Of the picture's side: a frame may be broken."""
+_ENOUGH: Final = 0.9
+"""On ink: no other view is looked at."""
 _UNEVEN: Final = 0.08
 """Difference of the scales along x and y, or cosine between them: a camera tilted by more."""
 _FIRST, _THEN = 0.9, 0.35
@@ -106,6 +111,8 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
         on_ink = _on_ink(picture, bent, target)
         if on_ink > share:
             share, matrix = on_ink, bent
+        if share > _ENOUGH:
+            break
     if share < LEAST_ON_INK:
         raise PictureError(
             "the pattern isn't found in the picture: at the best place "
@@ -168,20 +175,26 @@ def _nearer(
 
 def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
     """Affine views that lay the L on each of the largest things, both ways round."""
-    mask = picture.small.astype(np.uint8)
-    side = max(3, round(max(mask.shape) * 0.004) | 1)
+    x, y = target.size_mm
+    model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
+    for closing in _CLOSINGS:
+        for pixels in _largest(cv2, picture.small.astype(np.uint8), closing):
+            ends = _ell(pixels)
+            if ends is None:
+                continue
+            for order in ((0, 1, 2), (2, 1, 0)):
+                seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
+                yield np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+
+
+def _largest(cv2: Any, mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:
+    """Pixels (n, 2) of the largest things, breaks up to a part of the picture closed."""
+    side = max(3, round(max(mask.shape) * closing) | 1)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
-    x, y = target.size_mm
-    model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
     for label in (np.argsort(-extent)[:_CANDIDATES] + 1).tolist():
-        ends = _ell(np.argwhere(labels == label)[:, ::-1].astype(np.float64))
-        if ends is None:
-            continue
-        for order in ((0, 1, 2), (2, 1, 0)):
-            seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
-            yield np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+        yield np.argwhere(labels == label)[:, ::-1].astype(np.float64)
 
 
 def _ell(pixels: FloatArray) -> FloatArray | None:

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from firmware_profiles import Needle, Syringe, load
 from printctl.calibration.estimate import Estimate, fit_line
-from printctl.calibration.lag import Lag, LagPattern, fit_lag
+from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
 from printctl.calibration.patterns import CLEAR, Pattern, Stroke, Written
 from printctl.calibration.widths.answer import Answer, Change, FloatArray, Widths
 from printctl.calibration.widths.factors import Known, factors
@@ -131,9 +131,35 @@ def step_lag(pattern: Pattern, widths: Widths) -> tuple[Lag | None, str]:
         & (np.abs(x - 2 * length) >= clear)
     )
     try:
-        return fit_lag(x[kept], width[kept], shape, widths.last_digit_mm), ""
+        lag = fit_lag(x[kept], width[kept], shape, widths.last_digit_mm)
     except UsageError as exc:
         return None, f"no lag from the lines with steps: {exc}"
+    return _together(lag, x[kept], width[kept], shape), ""
+
+
+def _together(lag: Lag, x: FloatArray, width: FloatArray, shape: LagPattern) -> Lag:
+    """Widen the intervals where neighbouring places aren't independent, as in a picture.
+
+    A line's roughness is longer than the way between two places. With a correlation ρ from one to
+    the next (a first-order autoregression) n places are worth n (1 − ρ)/(1 + ρ).
+    """
+    rise, fall, factor = lag.rise_s, lag.fall_s, lag.flow_factor
+    off = width - expected_width(x, factor.value, rise.value, fall.value, shape)
+    follows = np.diff(x) > 0  # the next line begins at 0 again
+    rho = float((off[1:] * off[:-1])[follows].sum() / max(float((off**2).sum()), 1e-30))
+    wider = math.sqrt((1 + rho) / (1 - rho)) if 0 < rho < 1 else 1.0
+    rise, fall, factor = (_widened(one, wider) for one in (rise, fall, factor))
+    apart = abs(math.log(rise.value / fall.value))
+    half = math.hypot(*(math.log(one.high / one.low) / 2 for one in (rise, fall)))
+    return replace(
+        lag, rise_s=rise, fall_s=fall, flow_factor=factor, advance_s=rise, linear=apart <= half
+    )
+
+
+def _widened(one: Estimate, times: float) -> Estimate:
+    """An interval of a logarithm, widened."""
+    low, high = (one.value * (end / one.value) ** times for end in (one.low, one.high))
+    return Estimate(one.value, low, high, one.unit)
 
 
 def _share(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> tuple[Estimate, list[str]]:

@@ -116,6 +116,7 @@ def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
         Painted(
             np.array([bead.pieces.start[k, :2], bead.pieces.end[k, :2]]) - corner,
             np.full(2, 1.05 * bead.width_mm[k]),
+            round_ends=False,
         )
         for k in np.flatnonzero(bead.lays & bead.writes)
     ]

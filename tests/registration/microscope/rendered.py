@@ -11,10 +11,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Painted:
-    """A line: corners (k, 2), mm, and its width at each, mm."""
+    """A line: corners (k, 2), mm, and its width at each, mm; its ends are round, or cut straight.
+
+    Pieces of one line whose widths differ are cut straight, or a thick one's end would cover the
+    thin one beside it.
+    """
 
     corners: np.ndarray
     width_mm: np.ndarray
+    round_ends: bool = True
 
 
 @dataclass(frozen=True)
@@ -75,13 +80,16 @@ def paint(
             x = (back[0, 0] * u + back[0, 1] * v + back[0, 2]) / w
             y = (back[1, 0] * u + back[1, 1] * v + back[1, 2]) / w
             way = b - a
-            share = np.clip(((x - a[0]) * way[0] + (y - a[1]) * way[1]) / (way @ way), 0, 1)
+            beyond = ((x - a[0]) * way[0] + (y - a[1]) * way[1]) / (way @ way)
+            share = np.clip(beyond, 0, 1)
             away = np.hypot(x - a[0] - share * way[0], y - a[1] - share * way[1])
             radius = (wa + share * (wb - wa)) / 2
             if camera.per_mm is None:
                 own = np.clip((radius - away) / px + 0.5, 0, 1)
             else:
                 own = 2 * np.sqrt(np.maximum(radius**2 - away**2, 0))
+            if not line.round_ends:
+                own = np.where(np.abs(beyond - 0.5) <= 0.5, own, 0.0)
             part = thick[v0 : v0 + own.shape[0], u0 : u0 + own.shape[1]]
             np.maximum(part, own, out=part)
     shade = thick if camera.per_mm is None else 1 - np.exp(-camera.per_mm * thick)
