@@ -36,8 +36,9 @@ _ENOUGH: Final = 0.9
 """On ink: no other view is looked at."""
 _UNEVEN: Final = 0.08
 """Difference of the scales along x and y, or cosine between them: a camera tilted by more."""
-_FIRST, _THEN = 0.9, 0.35
-"""How far to either side of a frame's side is looked, of the frame's margin."""
+_FIRST: Final = (0.6, 0.9)
+_THEN: Final = (0.5, 0.35)
+"""How far to either side of a frame's side is looked, of the frame's margin: at first, then."""
 
 
 @dataclass(frozen=True)
@@ -103,14 +104,10 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
         When no frame is there, or what is in it isn't this pattern.
     """
     share, matrix = 0.0, np.eye(3)
-    for first in _first_views(cv2, picture, target):
-        try:
-            bent, _ = _nearer(cv2, picture, target, first, _FIRST)
-        except PictureError:  # no frame there
-            bent = first
-        on_ink = _on_ink(picture, bent, target)
+    for tried in _bent_views(cv2, picture, target):
+        on_ink = _on_ink(picture, tried, target)
         if on_ink > share:
-            share, matrix = on_ink, bent
+            share, matrix = on_ink, tried
         if share > _ENOUGH:
             break
     if share < LEAST_ON_INK:
@@ -145,7 +142,7 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
     PictureError
         When a side of the frame isn't there, or the view is of something else.
     """
-    for part in (_FIRST, _THEN):
+    for part in _THEN:
         matrix, off = _nearer(cv2, picture, target, matrix, part)
     _check_scales(target, matrix)
     _check_foreign(cv2, picture, target, matrix)
@@ -162,13 +159,28 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
     )
 
 
+def _bent_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
+    """First views, as they are and fitted to the frame, from as far as its margin lets.
+
+    Three corners say nothing of perspective: the fourth may be so far off that a frame's side is
+    out of a small reach, or another line within a large one.
+    """
+    for first in _first_views(cv2, picture, target):
+        yield first
+        for part in _FIRST:
+            try:
+                yield _nearer(cv2, picture, target, first, part)[0]
+            except PictureError:  # no frame there
+                continue
+
+
 def _nearer(
     cv2: Any, picture: Picture, target: Target, matrix: FloatArray, part: float
 ) -> tuple[FloatArray, float]:
     """One round: measure the sides' middles within a part of the margin, and fit."""
     reach = max(part * target.margin_mm, 1.5 * target.width_mm)
     pixels, side = _side_middles(
-        cv2, picture, target, matrix, reach, 3.0 if part == _FIRST else 1.0
+        cv2, picture, target, matrix, reach, 1.0 if part == _THEN[-1] else 3.0
     )
     return _fitted(target, matrix, pixels, side)
 
