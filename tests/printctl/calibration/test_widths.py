@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.bead import Mounting, predict_job
 from printctl.calibration.lag import LagPattern, expected_width
 from printctl.calibration.patterns import Written, read_pattern
+from printctl.calibration.widths import Known, fit_widths, typed_widths
 from printctl.cli.main import app
 from printctl.errors import UsageError
 from sim.dryrun import dry_run
@@ -93,6 +95,16 @@ def test_typed_widths_give_flow_factor_and_lag(tmp_path: Path) -> None:
     swelling = found["swelling (diameter over that written)"]
     assert swelling["low"] < math.sqrt(0.85 / 0.8) < swelling["high"]
     assert load(Ink, str(tmp_path / "swell.yaml")).flow_factor == 0.8
+
+
+def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
+    written = printed(tmp_path, "lines", *FEW)
+    sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)
+    vague = fit_widths(written, replace(sharp, optics=0.1), Known())
+    assert set(vague.changes) == {"lag"}
+    assert "aren't written" in vague.notes[-1]
+    factor = vague.estimates["flow factor"]
+    assert factor.low == pytest.approx(0.85 * math.exp(-0.2), rel=0.03)
 
 
 def test_a_cross_section_that_does_not_follow_the_speed_is_told(tmp_path: Path) -> None:
