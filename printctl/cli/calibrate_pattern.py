@@ -39,6 +39,8 @@ from printctl.errors import UsageError
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
 
+_BESIDE = (".svg", ".csv", ".json")
+
 
 def pattern(
     name: Annotated[
@@ -107,6 +109,11 @@ def pattern(
     It is printed with `printctl print`; `printctl calibrate widths` reads it.
     """
     place = three_numbers(at, "--at")
+    if output.suffix.lower() in _BESIDE:
+        raise UsageError(
+            f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
+            "it; end it in .gcode"
+        )
     tip = load(Needle, needle)
     wide = tip.inner_mm if width is None else width
     high = wide / 2 if layer is None else layer
@@ -197,7 +204,13 @@ def _write(job: _Job) -> None:
 def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
     start = ",".join(f"{value:g}" for value in job.at_mm)
     x, y = made.size_mm
-    beside = ", ".join(str(job.path.with_suffix(end)) for end in (".svg", ".csv", ".json"))
+    if not made.bead.round_bead:
+        messages().print(
+            f"note: lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above "
+            "it (--bath or --round for filaments in a bath)",
+            markup=False,
+        )
+    beside = ", ".join(str(job.path.with_suffix(end)) for end in _BESIDE)
     print_lines(
         f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
         f"and print it with --start {start}",

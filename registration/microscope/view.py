@@ -32,6 +32,8 @@ LEAST_SIDES: Final = 0.6
 _CANDIDATES: Final = 4
 _CLOSINGS: Final = (0.004, 0.015)
 """Of the picture's side: a frame may be broken."""
+_THINNEST_PX: Final = 3.0
+"""Width of the frame's lines, full size; thinner ones can't be measured."""
 _ENOUGH: Final = 0.9
 """On ink: no other view is looked at."""
 _UNEVEN: Final = 0.08
@@ -115,7 +117,8 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
             "the pattern isn't found in the picture: at the best place "
             f"{share:.0%} of it lies on ink ({LEAST_ON_INK:.0%} wanted). Have the whole frame in "
             "the picture and nothing larger (crop the dish's rim); is it this pattern's picture "
-            "(--pattern)? With the frame's corners marked by hand (--marks) it needn't be found"
+            f"(--pattern), with {_THINNEST_PX:g} pixels or more across a line? With the frame's "
+            "corners marked by hand (--marks) it needn't be found"
         )
     return refined(cv2, picture, target, matrix)
 
@@ -196,7 +199,10 @@ def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatAr
                 continue
             for order in ((0, 1, 2), (2, 1, 0)):
                 seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
-                yield np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+                view = np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
+                # A speck would hold all of a pattern that is small enough.
+                if target.width_mm * np.sqrt(abs(np.linalg.det(view))) >= _THINNEST_PX:
+                    yield view
 
 
 def _largest(cv2: Any, mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:

@@ -148,12 +148,13 @@ def test_a_print_that_does_not_fit_is_refused(
         (("joint", "--overlaps", "0,9"), "-4 to 2 radii"),
         (("bridge", "--height", "90"), "1 to 200"),
         (("lines", "--width", "0"), "--width"),
+        (("lines", "-o", "lines.csv"), "end it in .gcode"),
         (("lines", "--printer", "pneumatic_marlin"), "weigh its flow"),
     ],
 )
 def test_what_cannot_be_printed_is_named(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=says):
-        pattern(*words, "--needle", "25g", "-o", tmp_path / "job.gcode")
+        pattern("--needle", "25g", "-o", tmp_path / "job.gcode", *words)
 
 
 def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
