@@ -206,8 +206,8 @@ def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
     x, y = made.size_mm
     if not made.bead.round_bead:
         messages().print(
-            f"note: lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much above "
-            "it (--bath or --round for filaments in a bath)",
+            f"note: lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much "
+            "above it (--bath or --round for filaments in a bath)",
             markup=False,
         )
     beside = ", ".join(str(job.path.with_suffix(end)) for end in _BESIDE)
