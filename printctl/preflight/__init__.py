@@ -1,6 +1,6 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
-from printctl.preflight.check import Check, refuse_failed, warnings
+from printctl.preflight.check import Check, placed_failures, refuse_failed, warnings
 from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
@@ -60,6 +60,7 @@ __all__ = [
     "ink_use",
     "needle_check",
     "of_each_head",
+    "placed_failures",
     "read_written",
     "refuse_failed",
     "shaft_checks",

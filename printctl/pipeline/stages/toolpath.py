@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath import Toolpath
+from design.toolpath import Toolpath, joined
 from design.toolpath.embedded import (
+    Bundles,
     EmbeddedHeads,
     EmbeddedOptions,
     EmbeddedReport,
+    bundled,
     plan_embedded,
 )
 from design.toolpath.fresh import (
@@ -33,7 +36,8 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
-from firmware_profiles import Ink, Printer, Syringe
+from firmware_profiles import Bath, Ink, Printer, Syringe
+from printctl.errors import UsageError
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
@@ -45,6 +49,7 @@ from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
+from printctl.pipeline.priming import ABOVE_WALL_MM, primed
 from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
@@ -56,8 +61,6 @@ from printctl.recipe.making import Embedded, Fresh
 FloatArray = NDArray[np.float64]
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
-ABOVE_WALL_MM: Final = 2.0
-"""Between the dish's wall and the tips of heads that are changed."""
 
 
 def depends(context: RunContext) -> Any:
@@ -92,11 +95,14 @@ class Planned:
         Highest that the tip goes.
     report : callable
         How well it went, once the parts have been gone through.
+    bundles : Bundles or None
+        The strands that `parts` name as their sources; None for layers.
     """
 
     parts: Iterable[Toolpath]
     top_mm: float
     report: Callable[[], FreshReport | EmbeddedReport]
+    bundles: Bundles | None = None
 
 
 def plan(context: RunContext, *, compensated: bool = True) -> Planned:
@@ -111,24 +117,53 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             layers = FreshLayers(
                 written_solid(context), options[0], written_regions(context, part), options[1:]
             )
-            return Planned(layers, layers.top_mm, layers.report)
+            return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
             ahead = part.compensate_lag and compensated
-            heads = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
-            thinnest = float(context.network.radius.min())
-            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in heads))
-            embedded = plan_embedded(
-                context.written_network, EmbeddedHeads(heads, context.vessel_head)
+            choices = tuple(
+                embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads
             )
+            thinnest = float(context.network.radius.min())
+            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in choices))
+            bundles = written_bundles(context)
+            heads = EmbeddedHeads(choices, context.vessel_head[bundles.owner])
+            embedded = plan_embedded(bundles, heads)
             toolpath = embedded.toolpath
+            if part.prime is not None:
+                relief = relief_ul(context.loads[0]) if ahead else None
+                before = primed(context, toolpath, toolpath.top_mm, relief)
+                toolpath = joined([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
-            top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
-            return Planned([toolpath], top, lambda: embedded.report)
+            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
+
+
+def _after_priming(context: RunContext, planned: Planned) -> Planned:
+    """Layers, with what comes before the first of them where the recipe asks for it."""
+    if context.recipe.toolpath.prime is None:
+        return planned
+    parts = iter(planned.parts)
+    first = next(parts)
+    before = primed(context, first, planned.top_mm, None)
+    return replace(
+        planned,
+        parts=itertools.chain([joined([before, first])], parts),
+        top_mm=max(planned.top_mm, before.top_mm),
+    )
+
+
+def written_bundles(context: RunContext) -> Bundles:
+    """The written network as strands, none wider than one filament of its head may be."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        raise UsageError("layers have no strands; this is for embedded prints")
+    heads = [embedded_options(part, one, context.bath, ahead=False) for one in context.loads]
+    widest = np.array([one.widest_mm for one in heads])
+    return bundled(context.written_network, widest[context.vessel_head])
 
 
 def plain_job(context: RunContext) -> Gcode:
-    """The same job as if the ink had no lag."""
+    """The same job as if the ink had no lag; its lines name strands."""
     planned = plan(context, compensated=False)
     parts = stream_gcode(planned.parts, *_machine(context, ahead=False), planned.top_mm)
     return Gcode.joined(list(parts))
@@ -138,7 +173,13 @@ def written_regions(context: RunContext, part: Fresh) -> list[Region]:
     """The recipe's regions, which follow the part where it is compensated."""
     stretch = context.corrections.stretch
     made = (
-        make_region(region, number, context.recipe_folder, context.local_network)
+        make_region(
+            region,
+            number,
+            context.recipe_folder,
+            context.local_network,
+            context.recipe.print_scale,
+        )
         for number, region in enumerate(part.regions)
     )
     return [replace(region, solid=stretch.solid(region.solid)) for region in made]
@@ -170,15 +211,18 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
     ]
 
 
-def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> EmbeddedOptions:
+def embedded_options(part: Embedded, filled: Filled, bath: Bath, *, ahead: bool) -> EmbeddedOptions:
     """The planner's choices for a head, by its needle and ink; ``ahead`` of its lag or not."""
     return EmbeddedOptions(
         **needle_options(filled.needle),
+        recovery_s=bath.recovery_s or 0.0,
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,
         retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
+        dwell_s=filled.ink.dwell_s,
+        widest_filament_mm=part.widest_filament_mm,
         open_joints=part.open_joints,
     )
 
@@ -252,12 +296,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.2, "writing G-code")
     part = context.recipe.toolpath
     ahead = isinstance(part, Embedded) and part.compensate_lag
-    lines = save_gcode(
-        context.folder / GCODE,
-        context.folder / LINE_MAP,
-        stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm),
-        written_beside(context, ahead=ahead),
-    )
+    job = stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm)
+    beside: dict[str, NDArray[Any]] = {}
+    if planned.bundles is not None:
+        beside = written_beside(context, planned.bundles, ahead=ahead)
+        if not planned.bundles.is_plain:
+            job = planned.bundles.of_design(job, beside)
+    lines = save_gcode(context.folder / GCODE, context.folder / LINE_MAP, job, beside)
     facts, kept = compensation_facts(context)
     summary = {
         "method": context.recipe.toolpath.method,
@@ -269,12 +314,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return summary, [GCODE, LINE_MAP, *kept]
 
 
-def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
+def written_beside(
+    context: RunContext, bundles: Bundles, *, ahead: bool
+) -> dict[str, NDArray[Any]]:
     """What the map of an embedded job holds besides its lines, for the checks that read it."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         return {}
-    heads = [embedded_options(part, one, ahead=ahead) for one in context.loads]
+    heads = [embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads]
     found = written_arrays(
         context.written_network,
         context.place_mm,
@@ -284,6 +331,7 @@ def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any
             (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
             for one in heads
         ],
+        None if bundles.is_plain else np.bincount(bundles.owner) > 1,
     )
     return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 
