@@ -16,7 +16,7 @@ _TRAVEL_MM_S: Final = 10.0
 
 
 def pattern_path(pattern: Pattern, ink: Ink) -> Toolpath:
-    """Write each stroke: prime, write, relieve, lift, go to the next.
+    """Write each stroke: prime, wait as the ink asks, write, relieve, lift, go to the next.
 
     A bridge's sources are its layers, of others the strokes in their order: a print may be held
     between two of them.
@@ -32,6 +32,7 @@ def pattern_path(pattern: Pattern, ink: Ink) -> Toolpath:
             over = np.array([[*builder.tip[:2], up], [*stroke.points[0, :2], up], stroke.points[0]])
             builder.travel(over, _TRAVEL_MM_S, source)
         builder.plunge(ink.retract_ul, ink.plunger_ul_s, source)
+        builder.dwell(ink.dwell_s, source)
         way = np.linalg.norm(np.diff(stroke.points, axis=0), axis=1)
         volume = way * pattern.bead.area_mm2 * stroke.flow
         builder.write(stroke.points[1:], volume, stroke.speed_mm_s, source)

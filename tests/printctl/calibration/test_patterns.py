@@ -103,11 +103,13 @@ def test_comb_s_gaps_are_between_edges_and_joints_reach_into_the_trunk(tmp_path:
     np.testing.assert_allclose(ends, [0.4, 0.2, 0.0, -0.2])
 
 
-def test_an_ink_s_flow_factor_drives_the_plunger_farther(tmp_path: Path) -> None:
+def test_an_ink_s_flow_factor_and_dwell_are_a_print_s(tmp_path: Path) -> None:
     ink = tmp_path / "ink.yaml"
     shipped = Path("firmware_profiles/data/inks/collagen_fresh.yaml")
     ink.write_text(
-        (Path(__file__).parents[3] / shipped).read_text() + "flow_factor: 0.8\n", encoding="utf-8"
+        (Path(__file__).parents[3] / shipped).read_text(encoding="utf-8")
+        + "flow_factor: 0.8\ndwell_s: 1.5\n",
+        encoding="utf-8",
     )
     pushed = []
     for name, more in (("a", ()), ("b", ("--ink", ink))):
@@ -115,6 +117,8 @@ def test_an_ink_s_flow_factor_drives_the_plunger_farther(tmp_path: Path) -> None
         assert pattern("comb", "--needle", "25g", "-o", job, *more).exit_code == 0
         pushed.append(written(dry_run(job.read_bytes(), PRINTER, AT))[2].sum())
     assert pushed[0] / pushed[1] == pytest.approx(0.8, rel=2e-3)
+    # And it waits after each prime, as a print does: two strokes of the frame, eight teeth.
+    assert job.read_text().count("G4 ") == 10
 
 
 @pytest.mark.parametrize(
