@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -251,3 +252,32 @@ def test_another_print_s_sheet_and_answers_that_are_none_are_refused(tmp_path: P
     with pytest.raises(UsageError, match="--pattern"):
         (tmp_path / "q.csv").write_text("gap,gap_mm\n1,0\n")
         calibrate("widths", tmp_path / "q.csv")
+
+
+def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
+    """Lines 60 µm wider than commanded close gaps up to 60 µm, and reach 30 µm farther."""
+    asked = {
+        "comb": ("--gaps", "0.04,0.15,0.25,0.4"),
+        "joint": ("--overlaps", "-4,-3,-1,1"),
+    }
+    found: dict[str, Any] = {}
+    for name, words in asked.items():
+        written = printed(tmp_path, name, *words, "--round", "--width", "0.3")
+        lines = [
+            Painted(stroke.points[:, :2], np.full(len(stroke.points), 0.36))
+            for stroke in written.pattern.strokes
+        ]
+        camera = Camera(um_per_px=25, turn_deg=-20, mirrored=name == "joint", blur_px=1.0)
+        cv2.imwrite(str(tmp_path / "p.png"), paint(lines, camera, written.pattern.size_mm))
+        found[name], notes = answer(tmp_path / "p.png")
+        assert ("mirrored" in notes) == (name == "joint")
+        rows = (tmp_path / "p.widths.csv").read_text().splitlines()[3:]
+        found[name]["gaps"] = [float(row.split(",")[-1]) for row in rows]
+    gap = found["comb"]["smallest gap that stays open"]
+    assert (gap["low"], gap["value"]) == (0.04, 0.15)
+    assert found["comb"]["gaps"] == pytest.approx([0, 0.09, 0.19, 0.34], abs=0.012)
+    assert found["comb"]["teeth wider than commanded by"]["value"] == pytest.approx(0.06, abs=0.01)
+    # At -4 radii 4 · 0.15 mm from the trunk's surface; both are thicker, and ends are round.
+    ends = [4 * 0.15 - 0.03 - 0.18, 3 * 0.15 - 0.03 - 0.18, 0, 0]
+    assert found["joint"]["gaps"] == pytest.approx(ends, abs=0.015)
+    assert found["joint"]["least overlap that joins"]["value"] == -1
