@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.dye.perspective import mapped
+from registration.microscope.gaps import Crossing, GapWidth
 from registration.microscope.picture import FloatArray, Picture
-from registration.microscope.view import Target, View
-from registration.microscope.widths import Crossing, GapWidth, LineWidths
+from registration.microscope.target import Target, View
+from registration.microscope.widths import LineWidths
 
 _FRAME: Final = (200, 120, 0)
 _EDGE: Final = (0, 160, 0)

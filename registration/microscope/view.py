@@ -11,90 +11,28 @@ straight lines, eight numbers.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from registration.dye.perspective import find_homography, mapped, slopes
 from registration.errors import PictureError
-from registration.microscope.picture import BoolImage, FloatArray, Picture
+from registration.microscope.first_views import THINNEST_PX, first_views
+from registration.microscope.picture import FloatArray, Picture
 from registration.microscope.profiles import Way, middles, profiles_along
+from registration.microscope.target import Target, View
+from registration.microscope.view_checks import check_foreign, check_scales
 
 LEAST_ON_INK: Final = 0.6
 """Of the pattern's points that must lie on ink in the first view."""
-_MOST_FOREIGN: Final = 0.4
-"""Of the ink in the frame that may lie beside the pattern."""
 LEAST_SIDES: Final = 0.6
 """Of the places along each side at which its ink must be found."""
-_CANDIDATES: Final = 4
-_CLOSINGS: Final = (0.004, 0.015)
-"""Of the picture's side: a frame may be broken."""
-_THINNEST_PX: Final = 3.0
-"""Width of the frame's lines, full size; thinner ones can't be measured."""
 _ENOUGH: Final = 0.9
 """On ink: no other view is looked at."""
-_UNEVEN: Final = 0.08
-"""Difference of the scales along x and y, or cosine between them: a camera tilted by more."""
 _FIRST: Final = (0.6, 0.9)
 _THEN: Final = (0.5, 0.35)
 """How far to either side of a frame's side is looked, of the frame's margin: at first, then."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """What is looked for, in the pattern's own frame, y up.
-
-    Attributes
-    ----------
-    size_mm : (x, y), mm
-        Of the frame.
-    width_mm : float, mm
-        Of its lines, about.
-    margin_mm : float, mm
-        Between the frame and all else.
-    points : (n, 2) float64, mm
-        Along everything that is written.
-    """
-
-    size_mm: tuple[float, float]
-    width_mm: float
-    margin_mm: float
-    points: FloatArray
-
-    @property
-    def sides(self) -> list[FloatArray]:
-        """Left, bottom, right half, top half: begin and end, (2, 2) each, mm."""
-        x, y = self.size_mm
-        ends = [((0, y), (0, 0)), ((0, 0), (x, 0)), ((x, y / 2), (x, y)), ((x, y), (x / 2, y))]
-        return [np.array(side, dtype=np.float64) for side in ends]
-
-
-@dataclass(frozen=True)
-class View:
-    """Where it is.
-
-    Attributes
-    ----------
-    matrix : (3, 3) float64
-        From mm to pixels.
-    mirrored : bool
-        Whether it is seen from below, or the picture is flipped.
-    um_per_px : float
-        In the frame's middle.
-    off_mm : float, mm
-        Root mean square distance of the frame's ink from its straight sides.
-    on_ink : float
-        Share of the pattern that lies on ink.
-    """
-
-    matrix: FloatArray
-    mirrored: bool
-    um_per_px: float
-    off_mm: float
-    on_ink: float
 
 
 def find_view(cv2: Any, picture: Picture, target: Target) -> View:
@@ -117,7 +55,7 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
             "the pattern isn't found in the picture: at the best place "
             f"{share:.0%} of it lies on ink ({LEAST_ON_INK:.0%} wanted). Have the whole frame in "
             "the picture and nothing larger (crop the dish's rim); is it this pattern's picture "
-            f"(--pattern), with {_THINNEST_PX:g} pixels or more across a line? With the frame's "
+            f"(--pattern), with {THINNEST_PX:g} pixels or more across a line? With the frame's "
             "corners marked by hand (--marks) it needn't be found"
         )
     return refined(cv2, picture, target, matrix)
@@ -147,8 +85,8 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
     """
     for part in _THEN:
         matrix, off = _nearer(cv2, picture, target, matrix, part)
-    _check_scales(target, matrix)
-    _check_foreign(cv2, picture, target, matrix)
+    check_scales(target, matrix)
+    check_foreign(cv2, picture, target, matrix)
     middle = np.array([target.size_mm]) / 2
     slope = slopes(matrix, middle)[0]
     determinant = float(np.linalg.det(slope))
@@ -168,7 +106,7 @@ def _bent_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArr
     Three corners say nothing of perspective: the fourth may be so far off that a frame's side is
     out of a small reach, or another line within a large one.
     """
-    for first in _first_views(cv2, picture, target):
+    for first in first_views(cv2, picture, target):
         yield first
         for part in _FIRST:
             try:
@@ -186,51 +124,6 @@ def _nearer(
         cv2, picture, target, matrix, reach, 1.0 if part == _THEN[-1] else 3.0
     )
     return _fitted(target, matrix, pixels, side)
-
-
-def _first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
-    """Affine views that lay the L on each of the largest things, both ways round."""
-    x, y = target.size_mm
-    model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
-    for closing in _CLOSINGS:
-        for pixels in _largest(cv2, picture.small.astype(np.uint8), closing):
-            ends = _ell(pixels)
-            if ends is None:
-                continue
-            for order in ((0, 1, 2), (2, 1, 0)):
-                seen = (ends[list(order)] + 0.5) / picture.shrunk - 0.5
-                view = np.vstack([np.linalg.solve(model, seen).T, [0, 0, 1]])
-                # A speck would hold all of a pattern that is small enough.
-                if target.width_mm * np.sqrt(abs(np.linalg.det(view))) >= _THINNEST_PX:
-                    yield view
-
-
-def _largest(cv2: Any, mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:
-    """Pixels (n, 2) of the largest things, breaks up to a part of the picture closed."""
-    side = max(3, round(max(mask.shape) * closing) | 1)
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
-    extent = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
-    for label in (np.argsort(-extent)[:_CANDIDATES] + 1).tolist():
-        yield np.argwhere(labels == label)[:, ::-1].astype(np.float64)
-
-
-def _ell(pixels: FloatArray) -> FloatArray | None:
-    """End, corner and other end of an L, (3, 2) px; None of something too small or straight."""
-    if len(pixels) < 20:
-        return None
-    begin = pixels[np.argmax(np.hypot(*(pixels - pixels.mean(axis=0)).T))]
-    for _ in range(3):
-        end = pixels[np.argmax(np.hypot(*(pixels - begin).T))]
-        begin, end = end, begin
-    way = end - begin
-    length = float(np.hypot(*way))
-    if length < 10:
-        return None
-    across = np.abs((pixels - begin) @ np.array([-way[1], way[0]])) / length
-    if across.max() < 0.1 * length:
-        return None
-    return np.array([begin, pixels[np.argmax(across)], end])
 
 
 def _on_ink(picture: Picture, matrix: FloatArray, target: Target) -> float:
@@ -307,43 +200,3 @@ def _through(pixels: FloatArray, places: FloatArray) -> FloatArray:
         np.column_stack([none, none, none, u, v, one, -y * u, -y * v]),
     ])  # fmt: skip
     return np.append(np.linalg.solve(rows, np.concatenate([x, y])), 1.0).reshape(3, 3)
-
-
-def _check_scales(target: Target, matrix: FloatArray) -> None:
-    """A camera looks down nearly straight; a very uneven view is of another rectangle."""
-    x, y = target.size_mm
-    slope = slopes(matrix, np.array([[x, y]]) / 2)[0]
-    along = np.hypot(*slope)
-    uneven = abs(float(along[0] / along[1]) - 1.0)
-    skew = abs(float(slope[:, 0] @ slope[:, 1] / (along[0] * along[1])))
-    if max(uneven, skew) > _UNEVEN:
-        raise PictureError(
-            f"the frame that is found isn't {x:g} by {y:g} mm seen from above (scales along its "
-            f"sides differ by {uneven:.0%}, its angle is off by {np.degrees(skew):.0f} degrees): "
-            "is it another pattern's picture (--pattern)? Else hold the camera straight"
-        )
-
-
-def _check_foreign(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> None:
-    """Ink within the frame that isn't this pattern's."""
-    high, wide = picture.small.shape
-    x, y = target.size_mm
-    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
-
-    def small(places: FloatArray) -> FloatArray:
-        return (mapped(matrix, places) + 0.5) * picture.shrunk - 0.5
-
-    inside = np.zeros((high, wide), np.uint8)
-    cv2.fillPoly(inside, [np.round(small(corners)).astype(np.int32)], 1)
-    own = np.zeros((high, wide), np.uint8)
-    px = picture.shrunk * float(np.sqrt(abs(np.linalg.det(slopes(matrix, corners[:1])[0]))))
-    radius = max(2, round(1.6 * target.width_mm * px))
-    for u, v in np.round(small(target.points)).astype(np.int64).tolist():
-        cv2.circle(own, (u, v), radius, 1, -1)
-    ink: BoolImage = picture.small & (inside > 0)
-    foreign = float((ink & (own == 0)).sum()) / max(float(ink.sum()), 1.0)
-    if foreign > _MOST_FOREIGN:
-        raise PictureError(
-            f"{foreign:.0%} of the ink within the frame isn't where this pattern has lines "
-            f"({_MOST_FOREIGN:.0%} at most): is it another pattern's picture (--pattern)?"
-        )

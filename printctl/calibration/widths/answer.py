@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from printctl.calibration.estimate import Estimate
 
 FloatArray = NDArray[np.float64]
+END: Final = 0.93
+"""Of a line's length: beyond lies what its end does."""
 
 
 @dataclass(frozen=True)
