@@ -1,7 +1,13 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
 from printctl.preflight.check import Check, refuse_failed, warnings
-from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
+from printctl.preflight.dish_checks import (
+    WALL_CLEARANCE_MM,
+    Standing,
+    dish_checks,
+    floor_check,
+    unknown_dish,
+)
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
@@ -13,6 +19,7 @@ from printctl.preflight.material_checks import (
     held_check,
     temperature_checks,
 )
+from printctl.preflight.same_as_alone import same_as_alone
 from printctl.preflight.set_up import SetUp, file_checks
 from printctl.preflight.setup_checks import (
     needle_check,
@@ -25,6 +32,7 @@ from printctl.preflight.shaft_checks import (
     shaft_clearance,
     shaft_lines,
     unmapped_check,
+    volumes,
 )
 from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
@@ -35,8 +43,10 @@ from printctl.preflight.viability_checks import (
     viability_checks,
     viability_facts,
 )
+from printctl.preflight.well_checks import Wells, well_checks
 
 __all__ = [
+    "WALL_CLEARANCE_MM",
     "Budget",
     "Check",
     "InkUse",
@@ -44,6 +54,7 @@ __all__ = [
     "PrintTime",
     "SetUp",
     "Standing",
+    "Wells",
     "accepted_text",
     "bath_checks",
     "budget_of",
@@ -62,6 +73,7 @@ __all__ = [
     "of_each_head",
     "read_written",
     "refuse_failed",
+    "same_as_alone",
     "shaft_checks",
     "shaft_clearance",
     "shaft_lines",
@@ -73,6 +85,8 @@ __all__ = [
     "unmapped_check",
     "viability_checks",
     "viability_facts",
+    "volumes",
     "warnings",
+    "well_checks",
     "written_arrays",
 ]

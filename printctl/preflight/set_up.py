@@ -12,6 +12,7 @@ from printctl.preflight.gcode_checks import gcode_checks
 from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
 from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
 from printctl.preflight.setup_checks import syringe_checks
+from printctl.preflight.shaft_checks import volumes
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import PrintTime, budget_of, viability_checks
 from sim.dryrun import DryRun
@@ -52,18 +53,18 @@ class SetUp:
 def file_checks(run: DryRun, setup: SetUp) -> list[Check]:
     """Every check of a dry run, passed or not; what can't be looked at is a warning."""
     checks = gcode_checks(run, setup.printer)
+    loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
+    ink_ul = float(volumes(run, setup.printer, loads).sum())
     missing = [
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
     ]
     if setup.printer.heads:
         checks += of_each_head(
-            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, setup.load_of(k))
+            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul)
         )
-        needles = [setup.load_of(k).needle for k in range(setup.printer.head_count)]
-        checks += head_checks(run, setup.printer, setup.standing, needles)
+        checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
-        load = Loaded(setup.syringe, setup.ink, setup.needle)
-        checks += _of_head(run, setup.printer, setup, load)
+        checks += _of_head(run, setup.printer, setup, loads[0], ink_ul)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
     if setup.standing is None:
@@ -71,8 +72,10 @@ def file_checks(run: DryRun, setup: SetUp) -> list[Check]:
     return checks + ([_unnamed(missing)] if missing else [])
 
 
-def _of_head(run: DryRun, printer: Printer, setup: SetUp, load: Loaded) -> list[Check]:
-    """Checks of what one head holds, and of its needle's way."""
+def _of_head(
+    run: DryRun, printer: Printer, setup: SetUp, load: Loaded, ink_ul: float
+) -> list[Check]:
+    """Checks of what one head holds, and of its needle's way; all heads write ``ink_ul``."""
     checks = [
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
@@ -87,7 +90,7 @@ def _of_head(run: DryRun, printer: Printer, setup: SetUp, load: Loaded) -> list[
             floor_check(run, setup.bath, printer.z_mm.low),
         ]
     if load.needle is not None and setup.standing is not None:
-        checks += dish_checks(run, setup.standing, load.needle)
+        checks += dish_checks(run, setup.standing, load.needle, ink_ul)
     return checks
 
 

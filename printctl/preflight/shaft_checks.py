@@ -48,6 +48,7 @@ def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) ->
         (needle.tip_outer_mm or needle.outer_mm) / 2,
         needle.cone_mm or 0.0,
         needle.length_mm,
+        needle.hub_outer_mm / 2 if needle.hub_outer_mm else None,
         clearance_mm=clearance_mm,
     )
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import InitVar, asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from design.toolpath.embedded import (
     EmbeddedReport,
     plan_embedded,
 )
+from design.toolpath.file import save_toolpath
 from design.toolpath.fresh import (
     Compensation,
     FreshLayers,
@@ -33,6 +35,7 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
+from design.toolpath.toolpath import joined
 from firmware_profiles import Ink, Printer, Syringe
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
@@ -56,6 +59,8 @@ from printctl.recipe.making import Embedded, Fresh
 FloatArray = NDArray[np.float64]
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
+PATH: Final = "toolpath.npz"
+"""Kept of a well, to be laid into the plate's job."""
 ABOVE_WALL_MM: Final = 2.0
 """Between the dish's wall and the tips of heads that are changed."""
 
@@ -130,7 +135,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
 def plain_job(context: RunContext) -> Gcode:
     """The same job as if the ink had no lag."""
     planned = plan(context, compensated=False)
-    parts = stream_gcode(planned.parts, *_machine(context, ahead=False), planned.top_mm)
+    parts = stream_gcode(planned.parts, *machine(context, ahead=False), planned.top_mm)
     return Gcode.joined(list(parts))
 
 
@@ -216,7 +221,7 @@ def gcode_options(
     )
 
 
-def _machine(
+def machine(
     context: RunContext, *, ahead: bool
 ) -> tuple[Printer, Syringe, FloatArray, GcodeOptions]:
     """What the writer is told besides the path."""
@@ -231,11 +236,15 @@ def _machine(
 
 @dataclass
 class Count:
-    """What the parts of a path add up to."""
+    """What the parts of a path add up to; the parts themselves where they are ``wanted``."""
 
     moves: int = 0
     length_mm: float = 0.0
     written_ul: float = 0.0
+    wanted: InitVar[bool] = False
+
+    def __post_init__(self, wanted: bool) -> None:
+        self._kept: list[Toolpath] | None = [] if wanted else None
 
     def along(self, parts: Iterable[Toolpath]) -> Iterator[Toolpath]:
         """Hand the parts on, counted."""
@@ -243,19 +252,28 @@ class Count:
             self.moves += len(part)
             self.length_mm += float(part.lengths.sum())
             self.written_ul += part.written_ul
+            if self._kept is not None:
+                self._kept.append(part)
             yield part
+
+    def keep(self, path: Path) -> list[str]:
+        """Write the parts to a file as one, if they were wanted; its name."""
+        if self._kept is None:
+            return []
+        save_toolpath(path, joined(self._kept))
+        return [path.name]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Plan, write, map: FRESH layer by layer."""
-    planned, count = plan(context), Count()
+    planned, count = plan(context), Count(wanted=context.stand is not None)
     report(0.2, "writing G-code")
     part = context.recipe.toolpath
     ahead = isinstance(part, Embedded) and part.compensate_lag
     lines = save_gcode(
         context.folder / GCODE,
         context.folder / LINE_MAP,
-        stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm),
+        stream_gcode(count.along(planned.parts), *machine(context, ahead=ahead), planned.top_mm),
         written_beside(context, ahead=ahead),
     )
     facts, kept = compensation_facts(context)
@@ -266,7 +284,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         **facts,
         "plan": plan_facts(planned.report()),
     }
-    return summary, [GCODE, LINE_MAP, *kept]
+    return summary, [GCODE, LINE_MAP, *kept, *count.keep(context.folder / PATH)]
 
 
 def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
