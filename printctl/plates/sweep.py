@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from firmware_profiles import Ink
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe, parse_recipe
+from registration.report.wording import label_and_unit
 
 DESIGN: Final = ("tissue", "vasculature", "solid", "toolpath")
 INK: Final = ("flow_factor", "retract_ul", "plunger_ul_s")
@@ -37,8 +38,8 @@ class Point:
 
     @property
     def label(self) -> str:
-        """For people, in one line: the last word of each key and its value."""
-        return ", ".join(f"{key.rpartition('.')[2]} {_text(v)}" for key, v in self.values.items())
+        """For people, in one line: what each key is about, its value and unit."""
+        return ", ".join(_words(key, value) for key, value in self.values.items())
 
     @property
     def ink(self) -> dict[str, Any]:
@@ -50,8 +51,10 @@ class Point:
         }
 
 
-def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _words(key: str, value: Any) -> str:
+    name, unit = label_and_unit(key.rpartition(".")[2])
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{name[:1].lower()}{name[1:]} {text} {unit}".rstrip()
 
 
 def points(sweep: Mapping[str, Sequence[Any]], combine: str) -> list[Point]:

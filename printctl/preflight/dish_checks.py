@@ -35,12 +35,15 @@ class Standing:
         Height of its floor, printer's frame.
     bath_mm : float or None, mm
         Depth of the bath; None where nobody said it.
+    bath_key : str
+        Where that is said, for messages.
     """
 
     dish: Dish
     centre_mm: tuple[float, float]
     floor_mm: float
     bath_mm: float | None = None
+    bath_key: str = "printer.bath_depth_mm"
 
     @property
     def area_mm2(self) -> float:
@@ -215,7 +218,7 @@ def _depth(run: DryRun, standing: Standing, needle: Needle, ink_ul: float) -> li
             dish.wall_mm,
             "mm",
             risen <= dish.wall_mm,
-            "printer.bath_depth_mm",
+            standing.bath_key,
             f"{dish.name} would run over; fill less or take a higher dish",
         ),
         Check(
@@ -225,7 +228,7 @@ def _depth(run: DryRun, standing: Standing, needle: Needle, ink_ul: float) -> li
             "mm",
             top <= surface + _TINY_MM,
             f"line {int(run.program.line[row])}" if row >= 0 else "",
-            "it would write in the air; fill the dish higher (bath_depth_mm) or lower the part",
+            "it would write in the air; fill more (bath_depth_mm) or lower the part",
         ),
         Check(
             "deepest tip below the bath's surface, against the needle",

@@ -20,14 +20,13 @@ _WELL: Final = (
     Column("variant", "Variant"),
 )
 _DONE: Final = (
-    Column("copy", "Copy"),
+    Column("ink_ul", "Ink", "µL"),
+    Column("begins_s", "Begins", "s"),
+    Column("lasts_s", "Lasts", "s"),
     Column("x_mm", "x", "mm"),
     Column("y_mm", "y", "mm"),
     Column("first_line", "From line"),
     Column("last_line", "To line"),
-    Column("ink_ul", "Ink", "µL"),
-    Column("begins_s", "Begins", "s"),
-    Column("lasts_s", "Lasts", "s"),
 )
 _SCANNED: Final = (
     Column("outcome", "Scan", kind="text"),
@@ -77,8 +76,8 @@ def well_table(wells: Sequence[Mapping[str, Any]]) -> Table:
     rows = [
         {**row, **{f"v{k}": row["values"].get(key) for k, key in enumerate(keys)}} for row in wells
     ]
-    scanned = _SCANNED if any(row.get("outcome") for row in wells) else ()
-    return make_table("wells", rows, (*_WELL, *swept, *_DONE, *scanned), order="as printed")
+    columns = (*_WELL, *swept, Column("copy", "Copy"), *_SCANNED, *_DONE)
+    return make_table("wells", rows, columns, order="as printed")
 
 
 def _kind(values: Sequence[Any]) -> Any:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from design.toolpath.gcode.job import Gcode
+
+_PLAIN: Final = str.maketrans({";": ",", "\n": " ", "µ": "u", "°": " deg "})
+"""What would end a comment, or is no ASCII."""
 
 
 def labelled(gcode: Gcode, labels: Mapping[int, str], comment: str = ";") -> Gcode:
@@ -29,7 +33,7 @@ def labelled(gcode: Gcode, labels: Mapping[int, str], comment: str = ";") -> Gco
     for move, text in sorted(labels.items()):
         later = moves[gcode.line_move[moves] >= move]
         row = int(later[0]) if len(later) else int(moves[-1]) + 1 if len(moves) else 0
-        clean = text.replace(";", ",").replace("//", "/").replace("\n", " ")
+        clean = text.translate(_PLAIN).replace("//", "/")
         parts += [gcode.data[at : places[row]], f"{comment}{clean}\n".encode("ascii", "replace")]
         at = int(places[row])
         rows.append(row)

@@ -23,7 +23,8 @@ def cut_stage(run: PlateRun) -> Stage:
 
     def depends(context: RunContext) -> Any:
         record = run.whole.manifest.stages["print"]
-        return [record.outputs, record.summary["state"]]
+        assert context.stand is not None
+        return [context.stand.well, record.outputs, record.summary["state"]]
 
     def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
         whole = run.whole.manifest.stages["print"].summary
@@ -32,6 +33,8 @@ def cut_stage(run: PlateRun) -> Stage:
         assert context.stand is not None
         motion = ExecutedMotion.load(run.whole.folder / EXECUTED)
         found = motion_in_well(motion, run.standing, context.stand.well)
+        # The way down to the part: a file is held against a motion from where both begin.
+        found.start[0] = context.start_mm
         found.save(context.folder / EXECUTED)
         lasted = float(found.time_end[-1] - found.time_start[0])
         return {**whole, "blocks": len(found), "duration_s": lasted}, [EXECUTED]

@@ -135,13 +135,16 @@ def _checks(
 
 def _as_alone(run: PlateRun, program: Program, of_line: NDArray[np.int64]) -> list[Check]:
     """Hold each well against the run that checked what is printed in it."""
+    whole = run.whole
     jobs = {context.folder.name: _alone(context) for context in run.runs.values()}
     checks = []
     for number, well in enumerate(run.wells):
         of = run.run_of(well)
         rows = of_line[program.line - 1] == number
         moved = place_of(run, well) - of.place_mm
-        checks.append(same_as_alone(well.name, (program, rows), jobs[of.folder.name], moved))
+        checks.append(
+            same_as_alone(well.name, (program, rows), jobs[of.folder.name], moved, whole.printer)
+        )
     failed = [check for check in checks if not check.passed]
     return failed or [max(checks, key=lambda check: check.value)]
 

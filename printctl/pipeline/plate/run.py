@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any
 
+from printctl.errors import SafetyError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.plate.cut import cut_stage
@@ -76,7 +77,11 @@ def _job(whole: RunContext) -> PlateRun:
 
 def _each(run: PlateRun, stages: Sequence[Stage], what: str) -> None:
     for context in run.runs.values():
-        run_as_one(context, stages, run.whole.bars, f"{context.title} {what}")
+        try:
+            run_as_one(context, stages, run.whole.bars, f"{context.title} {what}")
+        except SafetyError as exc:
+            well = next(well for well in run.wells if well.name == context.title)
+            raise SafetyError(f"well {well.name} ({well.label}): {exc}") from exc
 
 
 def _tell_the_same(run: PlateRun) -> None:

@@ -146,7 +146,9 @@ def standing(context: RunContext) -> Standing | None:
         return None
     x, y, _ = context.start_mm.tolist()
     centre = part.dish_centre_mm or (x, y)
-    return Standing(context.dish, centre, context.printer.z_mm.low, context.bath_depth_mm)
+    key = "printer.bath_depth_mm" if context.stand is None else "plate.bath_depth_mm"
+    floor = context.printer.z_mm.low
+    return Standing(context.dish, centre, floor, context.bath_depth_mm, key)
 
 
 def shaft(context: RunContext, run: DryRun) -> Clearance | None:
