@@ -33,6 +33,7 @@ from printctl.preflight.shaft_checks import (
     shaft_lines,
     unmapped_check,
     volumes,
+    written_ul,
 )
 from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
@@ -44,6 +45,7 @@ from printctl.preflight.viability_checks import (
     viability_facts,
 )
 from printctl.preflight.well_checks import Wells, well_checks
+from printctl.preflight.well_map import read_wells, well_arrays
 
 __all__ = [
     "WALL_CLEARANCE_MM",
@@ -71,6 +73,7 @@ __all__ = [
     "ink_use",
     "needle_check",
     "of_each_head",
+    "read_wells",
     "read_written",
     "refuse_failed",
     "same_as_alone",
@@ -87,6 +90,8 @@ __all__ = [
     "viability_facts",
     "volumes",
     "warnings",
+    "well_arrays",
     "well_checks",
     "written_arrays",
+    "written_ul",
 ]

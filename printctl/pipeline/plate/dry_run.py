@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
+from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE, place_of
@@ -22,9 +24,9 @@ from printctl.plates import Well
 from printctl.preflight import (
     Check,
     PrintTime,
-    Wells,
     bath_checks,
     gcode_checks,
+    read_wells,
     refuse_failed,
     same_as_alone,
     shaft_checks,
@@ -113,17 +115,13 @@ def _well_of_line(path: Path) -> NDArray[np.int64]:
 def _checks(
     run: PlateRun, found: DryRun, of_line: NDArray[np.int64], times: Sequence[dict[str, Any]]
 ) -> list[Check]:
-    whole, standing = run.whole, run.standing
-    names = standing.plate.wells
-    wells = Wells(
-        names,
-        np.array([standing.centre_mm(name) for name in names]),
-        standing.dish,
-        standing.floor_mm,
-        standing.bath_mm,
-        standing.safe_z_mm,
-        {row["well"]: row["ink_ul"] for row in times},
-    )
+    whole = run.whole
+    inks = volumes(found, whole.printer, alone.loaded(whole))
+    wells = read_wells(whole.folder / LINE_MAP, found.program.line, inks)
+    if wells is None:
+        raise PrintctlError(f"{LINE_MAP} names no wells; take it away and run again")
+    # What comes out where the swept factor is the true one, as for every other check.
+    wells = replace(wells, ink_ul={row["well"]: row["ink_ul"] for row in times})
     return [
         *gcode_checks(found, whole.printer),
         *alone.of_mounted(whole, found, whole.printer, 0),

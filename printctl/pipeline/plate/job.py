@@ -19,7 +19,8 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, PATH, machine, written_beside
-from printctl.plates import Well
+from printctl.plates import StandingPlate, Well
+from printctl.preflight import well_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 
@@ -67,7 +68,8 @@ def _depends(run: PlateRun) -> Any:
         [[well.name, well.label, well.copy, run.folder_of(well)] for well in run.wells],
         [run.standing.centre_mm(well.name) for well in run.wells],
         [place_of(run, well).tolist() for well in run.wells],
-        run.standing.safe_z_mm,
+        [run.standing.safe_z_mm, run.standing.bath_mm, run.standing.turned_deg],
+        run.standing.plate.model_dump(mode="json"),
         whole.start_mm.tolist(),
         [one.model_dump(mode="json") for one in (whole.printer, whole.syringe, whole.profile_ink)],
         [context.ink_changes.get("flow_factor") for context in run.runs.values()],
@@ -180,6 +182,7 @@ def _beside(run: PlateRun, laid: Laid) -> dict[str, NDArray[Any]]:
         "well": np.concatenate(laid.well_of_line),
         "wells": np.array([well.name for well in run.wells]),
         "labels": np.array([well.label for well in run.wells]),
+        **_plate(run.standing),
     }
     if isinstance(run.whole.recipe.toolpath, Fresh):
         return found
@@ -191,6 +194,18 @@ def _beside(run: PlateRun, laid: Laid) -> dict[str, NDArray[Any]]:
     for name in ("overlap_radii", "clearance_mm"):
         found[name] = np.array(max(float(one[name]) for one in each))
     return found | {"place_mm": np.zeros(3)}
+
+
+def _plate(standing: StandingPlate) -> dict[str, NDArray[Any]]:
+    names = standing.plate.wells
+    return well_arrays(
+        names,
+        np.array([standing.centre_mm(name) for name in names]),
+        standing.dish,
+        standing.floor_mm,
+        standing.bath_mm,
+        standing.safe_z_mm,
+    )
 
 
 _NETWORK: Final = ("nodes", "vessel_nodes", "offset", "points", "radius")

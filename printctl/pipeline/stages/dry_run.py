@@ -46,8 +46,8 @@ from printctl.preflight import (
     unknown_dish,
     viability_checks,
     viability_facts,
-    volumes,
     warnings,
+    written_ul,
 )
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
@@ -78,7 +78,7 @@ def depends(context: RunContext) -> Any:
 def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
     printer, dish = context.printer, standing(context)
-    ink_ul = float(volumes(run, printer, loaded(context)).sum())
+    ink_ul = written_ul(run, printer, loaded(context))
     common = [
         *bath_checks(context.bath),
         *([] if dish else [unknown_dish()]),
