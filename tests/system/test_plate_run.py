@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
 from copy import deepcopy
 from math import hypot, sqrt
 from pathlib import Path
@@ -17,13 +18,14 @@ from rich.console import Console
 
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
-from firmware_profiles import Bath, Ink, Needle, Printer, Syringe, load
+from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.pipeline.run import toolpath_recipe
+from printctl.plates import assigned
 from printctl.preflight import SetUp, file_checks
-from printctl.recipe import parse_recipe
+from printctl.recipe import load_recipe, parse_recipe
 from sim.dryrun import dry_run
-from tests.system.cli import printctl
+from tests.system.cli import ROOT, printctl
 
 FORK = VesselNetwork.from_segments(
     np.array([[0.5, 3, 2], [3.0, 3, 2], [5.5, 1.2, 2.4], [5.5, 4.6, 1.4]]),
@@ -215,10 +217,19 @@ def test_a_way_lowered_by_hand_and_a_short_needle_are_found_in_the_file(printed:
 ONE = {"sweep": {}, "wells": ["C3"], "scanned": None}
 
 
-def test_a_well_that_runs_over_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_well_that_runs_over_is_refused_by_name(printed: Path, tmp_path: Path) -> None:
     """191.6 mm² and 17.4 mm deep: 3 µL of ink are more than a bath of 17.39 mm leaves room for."""
-    with pytest.raises(SafetyError, match=r"well C3 \(copy 1\).*\n.*would run over"):
-        run(tmp_path, recipe(plate={**ONE, "bath_depth_mm": 17.39}))
+    shutil.copytree(printed, tmp_path / "run")  # with its design, which doesn't change
+    with pytest.raises(SafetyError, match=r"well B2 \(flow factor 1\).*\n.*would run over"):
+        run(tmp_path, recipe(plate={"bath_depth_mm": 17.39}))
+
+
+def test_the_shipped_example_fills_six_wells() -> None:
+    example = load_recipe(ROOT / "examples" / "wells_sweep.yaml")
+    assert example.plate is not None
+    wells = assigned(example.plate, load(Plate, example.plate.profile))
+    assert [well.name for well in wells] == ["A1", "A2", "A3", "B1", "B2", "B3"]
+    assert wells[-1].label == "flow factor 0.9, write speed 8 mm/s"
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,12 @@ from printctl.pipeline.plate.cut import cut_stage
 from printctl.pipeline.plate.dry_run import dry_run_stage
 from printctl.pipeline.plate.fit import check_fit
 from printctl.pipeline.plate.job import job_stage
+from printctl.pipeline.plate.printing import print_stage
 from printctl.pipeline.plate.results import collect_plate, write_results, write_table
 from printctl.pipeline.plate.wells import PlateRun, make_folders, plate_run
 from printctl.pipeline.sequences import DESIGN, JOB
 from printctl.pipeline.stage import Stage, run_as_one, run_stages
-from printctl.pipeline.stages import printing, registration, report, scan
+from printctl.pipeline.stages import registration, report, scan
 from printctl.pipeline.stages.toolpath import PATH
 
 
@@ -45,7 +46,7 @@ def run_plate(whole: RunContext, pdf: bool = False) -> dict[str, Any]:
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
     run = _job(whole)
-    run_stages(whole, (printing.STAGE,), whole.bars)
+    run_stages(whole, (print_stage(run),), whole.bars)
     after = (cut_stage(run), scan.STAGE, registration.STAGE)
     scans = {}
     for name in run.scanned:
