@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from printctl.recipe.making import Embedded, PrinterPart, ToolpathPart
 from printctl.recipe.parts import Part
 
 Millimetres = Annotated[float, Field(allow_inf_nan=False)]
-WellName = Annotated[str, Field(min_length=2, max_length=7)]
+WellName = Annotated[str, Field(min_length=2, max_length=8)]
+
+
+def _several(value: Any) -> Any:
+    """Names in one line as a list of them: A1, B1..B3."""
+    if not isinstance(value, str) or value == "all":
+        return value
+    return value.replace(",", " ").split()
+
+
+WellNames = Annotated[Literal["all"] | tuple[WellName, ...] | None, BeforeValidator(_several)]
 _ALONE = ("dish", "dish_centre_mm", "bath_depth_mm", "place_mm")
 
 
@@ -18,7 +28,7 @@ class PlatePart(Part):
     """A part in each of several wells, in one job."""
 
     profile: str = Field(description="Shipped name or path of a .yaml.")
-    wells: Literal["all"] | tuple[WellName, ...] | None = Field(
+    wells: WellNames = Field(
         default=None,
         description="Names and blocks (A1, B1..B3, A1..D2); by default as many as are asked for, "
         "from A1 along the rows.",
@@ -46,7 +56,7 @@ class PlatePart(Part):
     turned_deg: Literal[0, 90, 180, 270] = Field(
         default=0, description="Seen from above, against the clock; at 0 A1 is behind on the left."
     )
-    scanned: Literal["all"] | tuple[WellName, ...] | None = Field(
+    scanned: WellNames = Field(
         default=None,
         description="Wells whose scan is held against the design; by default the first one alone.",
     )

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from string import ascii_uppercase
 from typing import Any, Final
 from xml.sax.saxutils import escape
 
 from firmware_profiles import Plate
-from registration.report.svg import ACCENT, INK, MUTED, PAPER, RULE
+from registration.report.svg import ACCENT, INK, MUTED, RULE
 
 GOOD: Final = "#17714a"
 BAD: Final = "#ad3517"
 _SCALE: Final = 6.0
 """Pixels for a millimetre."""
 _EDGE_MM: Final = 5.0
-_PALEST, _DARKEST = 0.12, 0.62
+_PALEST, _DARKEST = 0.08, 0.5
 _FONT: Final = "Inter, Helvetica Neue, Segoe UI, Arial, Liberation Sans, sans-serif"
 
 
@@ -93,38 +95,41 @@ def _well(plate: Plate, name: str, row: Mapping[str, Any] | None, count: int) ->
 
 
 def _way(plate: Plate, wells: Sequence[str]) -> str:
-    """The order, as a line from well to well with a dot where it begins."""
-    if len(wells) < 2:
-        return ""
-    places = [_at(plate, well) for well in wells]
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-    x, y = places[0]
-    return (
-        f'<polyline points="{line}" fill="none" stroke="{MUTED}" stroke-width="1.5" '
-        f'stroke-dasharray="5 4"/><circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{MUTED}"/>'
-    )
+    """The order, as lines from rim to rim with a dot where the first begins."""
+    reach = 0.55 * min(plate.well_x_mm, plate.well_y_mm) * _SCALE
+    found: list[str] = []
+    for one, other in pairwise(wells):
+        (x0, y0), (x1, y1) = _at(plate, one), _at(plate, other)
+        share = reach / math.hypot(x1 - x0, y1 - y0)
+        if not found:
+            dot = f'cx="{x0 + share * (x1 - x0):.1f}" cy="{y0 + share * (y1 - y0):.1f}" r="4.5"'
+            found.append(f'<circle {dot} fill="{MUTED}"/>')
+        found.append(
+            f'<line x1="{x0 + share * (x1 - x0):.1f}" y1="{y0 + share * (y1 - y0):.1f}" '
+            f'x2="{x1 - share * (x1 - x0):.1f}" y2="{y1 - share * (y1 - y0):.1f}" '
+            f'stroke="{MUTED}" stroke-width="2"/>'
+        )
+    return "".join(found)
 
 
 def _names(plate: Plate, row: Mapping[str, Any]) -> str:
     """Number of the variant in the well, and its label where there is room."""
     x, y = _at(plate, str(row["well"]))
     room = plate.well_x_mm * _SCALE
-    size = min(30.0, 0.36 * room)
-    number = _text(x, y - 0.08 * room, size, INK, str(row["variant"]), halo=True)
+    size = min(30.0, 0.4 * room)
     words = str(row["label"]).split(", ")
-    small = min(15.0, 1.75 * room / max(len(word) for word in words))
+    small = min(15.0, 1.6 * room / max(len(word) for word in words))
     if small < 7.0 or len(words) * small > 0.4 * room:
-        return number
+        return _text(x, y + 0.35 * size, size, INK, str(row["variant"]))
     lines = [
-        _text(x, y + 0.08 * room + (k + 0.9) * small * 1.15, small, INK, word, halo=True)
+        _text(x, y + 0.02 * room + (k + 0.9) * small * 1.15, small, INK, word)
         for k, word in enumerate(words)
     ]
-    return number + "".join(lines)
+    return _text(x, y - 0.12 * room, size, INK, str(row["variant"])) + "".join(lines)
 
 
-def _text(x: float, y: float, size: float, colour: str, text: str, halo: bool = False) -> str:
-    around = f' stroke="{PAPER}" stroke-width="3" paint-order="stroke"' if halo else ""
+def _text(x: float, y: float, size: float, colour: str, text: str) -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size:.1f}" text-anchor="middle" '
-        f'fill="{colour}"{around}>{escape(text)}</text>'
+        f'fill="{colour}">{escape(text)}</text>'
     )

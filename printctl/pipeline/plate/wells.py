@@ -111,7 +111,11 @@ def _run_of(
         title=well.name,
         siblings=before,
     )
-    found.manifest.facts = run_facts(found) | {"well": well.name, "varied": dict(well.point.values)}
+    found.manifest.facts = run_facts(found) | {
+        "well": well.name,
+        "label": well.label,
+        "varied": dict(well.point.values),
+    }
     for other in before:
         if other.recipe.tissue == found.recipe.tissue and "tissue" in vars(other):
             vars(found)["tissue"] = other.tissue  # made once; it may take seconds

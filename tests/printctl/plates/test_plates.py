@@ -179,6 +179,7 @@ def test_copies_follow_each_other_in_whole_rounds() -> None:
     }  # fmt: skip
     assert where(wells="all") == {name: (0, k + 1) for k, name in enumerate(PLATE.wells)}
     assert where() == {"A1": (0, 1)}
+    assert list(where(wells="B2, C1..C2")) == ["B2", "C1", "C2"]
 
 
 @pytest.mark.parametrize(
