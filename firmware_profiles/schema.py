@@ -355,6 +355,11 @@ class Ink(Facts):
     )
     retract_ul: NonNegative = Field(description="Plunger relief at the end of a written path.")
     plunger_ul_s: Positive = Field(description="Flow while priming and relieving.")
+    dwell_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = Field(
+        default=0.0,
+        description="Pause after a prime, until the ink flows, where vessels or a prime line are "
+        "written.",
+    )
     viability_min: Positive | None = Field(
         default=None,
         description="How long the ink may take from the syringe's filling to the print's end for "

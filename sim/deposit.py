@@ -24,7 +24,7 @@ deposit nothing; their sum is given as `standing_ul`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -80,6 +80,23 @@ class Deposit:
         size = np.array(self.volume.shape[::-1]) * self.voxel_mm
         low = self.origin_mm - self.voxel_mm / 2
         return np.array([low, low + size])
+
+    def within(self, box_mm: FloatArray) -> Deposit:
+        """What lies in a box (2, 3), mm, by whole voxels: a scanner's field.
+
+        Raises
+        ------
+        DepositError
+            When the box holds none of it.
+        """
+        size = self.volume.shape[::-1]
+        low, high = np.round((box_mm - self.bounds_mm[0]) / self.voxel_mm).astype(np.int64)
+        low, high = np.maximum(low, 0), np.minimum(high, size)
+        if np.any(low >= high):
+            raise DepositError("no ink was deposited in the scanner's field")
+        (i0, j0, k0), (i1, j1, k1) = low.tolist(), high.tolist()
+        volume = np.ascontiguousarray(self.volume[k0:k1, j0:j1, i0:i1])
+        return replace(self, volume=volume, origin_mm=self.origin_mm + low * self.voxel_mm)
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def tube_mesh(
     """
     direction = np.diff(points, axis=0)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    unit = _rings(direction, facets)
+    unit = unit_rings(direction, facets)
     # Each ring as seen from the piece that follows it (the last: from the piece before).
     rings = points[:, None] + area_factor(facets) * radius[:, None, None] * unit
     head, head_apex = _cap(ends[0], points[0], -direction[0], radius[0], rings[0], facets)
@@ -52,7 +52,7 @@ def tube_mesh(
     return vertices, _faces(len(stack), facets)
 
 
-def _rings(direction: FloatArray, facets: int) -> FloatArray:
+def unit_rings(direction: FloatArray, facets: int) -> FloatArray:
     """Vectors from the axis to each ring's vertices for radius 1, (k + 1, facets, 3).
 
     At a bend the frame is carried on by reflection in the bisecting plane: it leaves the ring's

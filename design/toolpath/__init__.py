@@ -1,6 +1,6 @@
 """What the needle does: moves as values, and the rooms that make and write them."""
 
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath, joined
 
-__all__ = ["MoveBuilder", "MoveKind", "Toolpath"]
+__all__ = ["MoveBuilder", "MoveKind", "Toolpath", "joined"]

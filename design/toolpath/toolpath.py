@@ -90,6 +90,11 @@ class Toolpath:
         return np.linalg.norm(self.end - self.start, axis=1)
 
     @property
+    def top_mm(self) -> float:
+        """Highest that the tip goes, mm."""
+        return max(float(self.end[:, 2].max()), float(self.start[0, 2]))
+
+    @property
     def written_ul(self) -> float:
         """Ink written into the part, µL (retractions and their primes cancel)."""
         return float(self.volume_ul.sum())

@@ -75,11 +75,6 @@ def led_to(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpat
     return joined([way, toolpath]), len(way)
 
 
-def top_mm(toolpath: Toolpath) -> float:
-    """Highest that its tip goes, mm."""
-    return max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
-
-
 def written_ul(toolpath: Toolpath) -> float:
     """Ink of its writing moves alone, µL."""
     return float(toolpath.volume_ul[toolpath.kind == MoveKind.WRITE].sum())

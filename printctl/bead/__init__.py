@@ -1,7 +1,8 @@
 """What a job will leave in the bath, in tables, pictures and voxels: `sim.bead` on files."""
 
+from printctl.bead.bundles import of_bundles
 from printctl.bead.filaments import written_filaments
-from printctl.bead.files import Wanted, write_prediction
+from printctl.bead.files import PLAYED, Wanted, write_prediction
 from printctl.bead.lag import LagSaid, lag_of
 from printctl.bead.predict import Mounting, Predicted, predict_job
 from printctl.bead.summary import prediction_facts, prediction_lines
@@ -9,6 +10,7 @@ from printctl.bead.vessels import VesselDiameters, vessel_diameters
 from printctl.bead.warn import bead_warnings
 
 __all__ = [
+    "PLAYED",
     "LagSaid",
     "Mounting",
     "Predicted",
@@ -16,6 +18,7 @@ __all__ = [
     "Wanted",
     "bead_warnings",
     "lag_of",
+    "of_bundles",
     "predict_job",
     "prediction_facts",
     "prediction_lines",

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
+from printctl.bead.play import played
 from printctl.bead.predict import Predicted
 from printctl.bead.tables import write_bead_csv, write_layers_csv, write_vessels_csv
 from printctl.bead.time_line import write_time_line
 from printctl.bead.vessels import VesselDiameters
 from printctl.bead.volumes import write_surface, write_voxels
+from registration.report.play import save_played, write_play_html
 from sim.bead import laid_deposit, swell
+
+PLAY_PAGE: Final = "dry_run.html"
+"""The page with the slider."""
+PLAYED: Final = "predicted_play.npz"
+"""The same for the report."""
 
 Held = tuple[int, VesselDiameters, VesselDiameters | None]
 
@@ -28,16 +36,29 @@ class Wanted:
         Of voxels and surface; neither without.
     window_s : (from, to) or None, s
         Of the time line; the whole without.
+    title : str
+        Of the page.
+    keep_play : bool
+        Whether the page's data are kept for a report.
+    remarks : tuple of (int, str)
+        Lines of the file, 0 for none, and what was found there otherwise; for the page.
     """
 
     voxel_mm: float | None = None
     window_s: tuple[float, float] | None = None
+    title: str = "Dry run"
+    keep_play: bool = False
+    remarks: tuple[tuple[int, str], ...] = ()
 
 
 def write_prediction(
-    folder: Path, all_heads: Sequence[Predicted], vessels: Sequence[Held], wanted: Wanted
+    folder: Path,
+    all_heads: Sequence[Predicted],
+    vessels: Sequence[Held],
+    facts: Sequence[Mapping[str, Any]],
+    wanted: Wanted,
 ) -> list[str]:
-    """Write tables, a time line for each head, and voxels where they are wanted.
+    """Write tables, a page to play, a time line for each head, and voxels where they are wanted.
 
     Parameters
     ----------
@@ -46,6 +67,8 @@ def write_prediction(
     all_heads : sequence of Predicted
     vessels : sequence of (head, with lag, without lag)
         Empty where the network isn't known.
+    facts : sequence of mapping
+        `prediction_facts` of each head.
     wanted : Wanted
 
     Returns
@@ -69,6 +92,7 @@ def write_prediction(
     if any(one.of_vessels is False for one in all_heads):
         names.append("predicted_layers.csv")
         write_layers_csv(folder / names[-1], list(all_heads))
+    names += _write_play(folder, all_heads, vessels, facts, wanted)
     for one in all_heads:
         head = "" if len(all_heads) == 1 else f"_head{one.head}"
         names.append(f"time_line{head}.png")
@@ -79,3 +103,21 @@ def write_prediction(
             write_surface(folder / f"predicted{head}.ply", laid)
             names += [f"predicted{head}.nrrd", f"predicted{head}.ply"]
     return names
+
+
+def _write_play(
+    folder: Path,
+    all_heads: Sequence[Predicted],
+    vessels: Sequence[Held],
+    facts: Sequence[Mapping[str, Any]],
+    wanted: Wanted,
+) -> list[str]:
+    if not any(np.any(one.bead.lays & one.bead.writes) for one in all_heads):
+        return []
+    held = {head: late for head, late, _ in vessels}
+    shown = played(all_heads, facts, held, wanted.remarks)
+    write_play_html(folder / PLAY_PAGE, shown, wanted.title)
+    if not wanted.keep_play:
+        return [PLAY_PAGE]
+    save_played(folder / PLAYED, shown)
+    return [PLAY_PAGE, PLAYED]

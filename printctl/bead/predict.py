@@ -15,6 +15,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
 from printctl.bead.lag import LagSaid, lag_of
 from printctl.errors import UsageError
 from printctl.gcode_view.line_map import LineMap
+from printctl.gcode_view.widths import cross_sections
 from printctl.lumens.heads import of_heads
 from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
@@ -66,6 +67,11 @@ class Predicted:
     ahead_s : float, s
         Lag that the file itself drives the plunger ahead of; 0 for none. The prompt bead is then
         none that anybody asks for.
+    asked_mm2 : (n,) float64, mm²
+        Cross-section that the file asks for in each of the bead's pieces, E over way; NaN where it
+        doesn't say one: elsewhere, driven ahead of a lag, or where a valve lets the ink out.
+    of_strands : bool
+        Whether some vessels are written as several strands side by side.
     """
 
     head: int
@@ -77,7 +83,9 @@ class Predicted:
     source: IntArray
     prompt_source: IntArray
     of_vessels: bool | None
-    ahead_s: float = 0.0
+    ahead_s: float
+    asked_mm2: FloatArray
+    of_strands: bool = False
 
 
 def predict_job(
@@ -172,7 +180,27 @@ def _of_head(
     most = 0.0 if advance is None else advance.most_s
     ahead_s = 0.0 if line_map is None else line_map.lag_s
     both = (late, prompt, lag, most, late_of, prompt_of)
-    return Predicted(number, mounted, *both, of_vessels, ahead_s)
+    of_strands = line_map is not None and line_map.strand is not None
+    said = printer.pneumatic is None and ahead_s == 0
+    asked = _asked(run, motion, late, area) if said else np.full(len(late), np.nan)
+    return Predicted(number, mounted, *both, of_vessels, ahead_s, asked, of_strands)
+
+
+def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> FloatArray:
+    """E over way of each written piece's command times the plunger's area, (n,), mm².
+
+    Over a window of `SMOOTHING_MM` at least, as the bead itself has it: short lines round E.
+    """
+    program = run.program
+    before = np.vstack([program.start[None, :3], program.target[:-1, :3]])
+    way = np.linalg.norm(program.target[:, :3] - before, axis=1)
+    push = np.diff(program.plunger, prepend=0.0) * area_mm2
+    those = np.flatnonzero((way > 1e-9) & (push > 0))
+    section = np.full(len(way), np.nan)
+    begins = np.diff(those, prepend=-2) != 1
+    section[those] = cross_sections(way[those], push[those], begins, SMOOTHING_MM)
+    row = np.minimum(np.searchsorted(program.command, motion.line), len(program) - 1)
+    return np.where(bead.writes, section[row[np.maximum(bead.pieces.block, 0)]], np.nan)
 
 
 def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:

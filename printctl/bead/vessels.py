@@ -39,6 +39,8 @@ class VesselDiameters:
     worst_line : (v,) int64
     within : (v,) float64
         Share of the length within `WITHIN`.
+    piece_mm : (n,) float64, mm
+        Designed diameter beside each of the bead's pieces; NaN where it isn't held against one.
     """
 
     vessel: IntArray
@@ -50,6 +52,7 @@ class VesselDiameters:
     worst_at_mm: FloatArray
     worst_line: IntArray
     within: FloatArray
+    piece_mm: FloatArray
 
     def facts(self) -> dict[str, Any]:
         """The whole in a few numbers: JSON-ready."""
@@ -98,6 +101,7 @@ def vessel_diameters(
     length = bead.pieces.length[rows]
     vessels, first = np.unique(source[rows], return_index=True)
     found, reach = [], _joint_radius(network)
+    beside = np.full(len(bead), np.nan)
     for vessel, own in zip(
         vessels.tolist(), np.split(np.arange(len(rows)), first[1:]), strict=True
     ):
@@ -105,6 +109,7 @@ def vessel_diameters(
         inside = np.isfinite(along)
         if not inside.any():
             continue
+        beside[rows[own]] = designed
         kept = own[inside]
         wide = bead.width_mm[rows[kept]] * swell
         found.append(
@@ -116,10 +121,10 @@ def vessel_diameters(
     table = np.array(found, dtype=np.float64).reshape(-1, 9).T
     columns = {name: table[k] for k, name in enumerate(_COLUMNS)}
     whole = {name: columns.pop(name).astype(np.int64) for name in ("vessel", "worst_line")}
-    return VesselDiameters(**whole, **columns)
+    return VesselDiameters(**whole, **columns, piece_mm=beside)
 
 
-_COLUMNS: Final = tuple(field.name for field in fields(VesselDiameters))
+_COLUMNS: Final = tuple(one.name for one in fields(VesselDiameters) if one.name != "piece_mm")
 
 
 def _on_axis(

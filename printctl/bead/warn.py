@@ -143,10 +143,14 @@ def _of_widths(found: Predicted) -> Iterator[BeadWarning]:
         yield BeadWarning(
             sort,
             int(bead.line[row]),
-            f"{length:.3g} mm are written {what} by a {'fifth' if sort == 'thin' else 'quarter'} "
+            f"{_way(length)} are written {what} by a {'fifth' if sort == 'thin' else 'quarter'} "
             f"and more; worst here, {bead.width_mm[row]:.3f} mm for {asked[row]:.3f}",
             found.lag.how == "measured",
         )
+
+
+def _way(length_mm: float) -> str:
+    return f"{length_mm:.3g} mm" if length_mm < 999.5 else f"{length_mm * 1e-3:.3g} m"
 
 
 def _asked_mm(bead: Bead, prompt: Bead) -> np.ndarray:
@@ -165,6 +169,8 @@ def _of_pressure(found: Predicted) -> Iterator[BeadWarning]:
     if needle is None:
         return
     pressure = bead.pressure_pa * 1e-3
+    if np.isnan(pressure).all():  # no ink comes (a firmware that refuses to push cold)
+        return
     row = int(np.nanargmax(pressure))
     limit = mounted.syringe.max_pressure_kpa
     if limit is not None and pressure[row] > limit:

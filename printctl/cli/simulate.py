@@ -31,7 +31,7 @@ from printctl.cli.set_up_options import (
 )
 from printctl.cli.shaft_file import file_shaft
 from printctl.cli.simulate_bead import BeadSaid, predicted, tell
-from printctl.preflight import file_checks, refuse_failed, warnings
+from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from sim.dryrun import dry_run
 
 
@@ -69,7 +69,9 @@ def simulate(
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     said = BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
-    bead = predicted(file, gcode, run, mounted, said) if said.asks else None
+    bead = None
+    if said.asks:
+        bead = predicted(file, gcode, run, mounted, said, placed_failures(checks))
     if as_json:
         print_json(
             {

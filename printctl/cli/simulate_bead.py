@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +51,16 @@ class BeadSaid:
 
 
 def predicted(
-    file: Path, gcode: bytes, run: DryRun, setup: SetUp, said: BeadSaid
+    file: Path,
+    gcode: bytes,
+    run: DryRun,
+    setup: SetUp,
+    said: BeadSaid,
+    remarks: tuple[tuple[int, str], ...] = (),
 ) -> list[dict[str, Any]]:
     """Predict, write what is wanted, and give a dict for each head.
+
+    `remarks` are lines of the file and what was found there otherwise, for the page.
 
     Raises
     ------
@@ -61,7 +68,7 @@ def predicted(
         For options without what they belong to; when nothing is written, or the part's place
         can't be told.
     """
-    wanted = _wanted(said)
+    wanted = replace(_wanted(said), title=file.name, remarks=remarks)
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, notes = read_line_map(file, lines)
     for note in notes:
@@ -75,7 +82,7 @@ def predicted(
         own = {head: pair for head, *pair in held}.get(one.head, (None, None))
         facts.append(prediction_facts(one, setup.bath, *own))
     if said.out is not None:
-        written = write_prediction(said.out, heads, held, wanted)
+        written = write_prediction(said.out, heads, held, facts, wanted)
         facts[0]["files"] = [str(said.out / name) for name in written]
     return facts
 
@@ -115,6 +122,11 @@ def _against_design(
         raise UsageError(
             "--network: which line is of which vessel stands in FILE.map.npz beside the file, "
             "which isn't there or counts layers; printctl toolpath writes it"
+        )
+    if any(one.of_strands for one in heads):
+        raise UsageError(
+            "--network: the file writes vessels as several strands side by side, and one strand is "
+            "no vessel; the run's dry_run.json has their predicted diameters"
         )
     network = read_designed(said.network, said.unit)
     place = place_of_filaments(

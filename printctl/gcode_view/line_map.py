@@ -29,12 +29,15 @@ class LineMap:
         Why each line is there, a `MoveKind`; -1 for none. None where the map doesn't say it.
     lag_s : float, s
         Lag of the ink's flow that the plunger is driven ahead of; 0 for none.
+    strand : (n,) int64 or None
+        Of vessels written as several strands, which one; None where each is one filament.
     """
 
     source: IntArray
     of_vessels: bool
     kind: IntArray | None = None
     lag_s: float = 0.0
+    strand: IntArray | None = None
 
 
 KINDS: Final = tuple(kind.name.lower() for kind in MoveKind)
@@ -58,6 +61,7 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
             source, counts = found["source"].astype(np.int64), str(found["source_kind"])
             kind = found["kind"].astype(np.int64) if "kind" in found else None
             lag_s = float(found["lag_s"]) if "lag_s" in found else 0.0
+            strand = found["strand"].astype(np.int64) if "strand" in found else None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None, (f"{path.name} beside the file can't be read and is left out.",)
     if source.shape != (lines,):
@@ -67,4 +71,4 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
         )
     if kind is not None and (kind.shape != source.shape or kind.max(initial=-1) >= len(KINDS)):
         kind = None
-    return LineMap(source, counts == "vessel", kind, lag_s), ()
+    return LineMap(source, counts == "vessel", kind, lag_s, strand), ()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.errors import ToolpathError
+from design.hemodynamics import scaled_network
 from design.solids import Solid, surface_genus
 from design.toolpath.correction import check_outside, check_walls
 from printctl.compensation import CompensationFile, MadeWith, changes_line, save_compensation
@@ -52,7 +53,9 @@ def check_compensation(context: RunContext, wall_mm: float) -> None:
         # A filament is as thick as its tube is wide, whichever way the part is stretched.
         check_walls(context.network, context.written_network, wall_mm)
     if context.recipe.solid.tubes is None:
-        check_outside(context.network, local, context.tissue.grid, wall_mm)
+        scale = 1 / context.recipe.print_scale  # the tissue's grid has the design's size
+        designed = scaled_network(local, scale)
+        check_outside(context.designed_network, designed, context.tissue.grid, wall_mm * scale)
 
 
 def _check_design(context: RunContext, made: CompensationFile) -> None:

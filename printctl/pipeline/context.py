@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics import FlowConditions, at_same_shear, scaled_network
 from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections
+from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.errors import UsageError
@@ -32,6 +34,7 @@ from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan
+from printctl.recipe.parts import FlowPart
 
 SIMULATED_PORT = "simulated"
 
@@ -172,7 +175,7 @@ class RunContext:
 
     @cached_property
     def tissue(self) -> Tissue:
-        """The tissue, made anew from its source."""
+        """The tissue in the design's size, made anew from its source."""
         return make_tissue(self.recipe.tissue, self.recipe_folder)
 
     @cached_property
@@ -180,15 +183,30 @@ class RunContext:
         """What the recipe says of the scan; by default OCT, or micro-CT for what is too deep."""
         if self.recipe.scan is not None:
             return self.recipe.scan
-        low, high = self.tissue.bounds
+        low, high = self.bounds
         if high[2] - low[2] > LIGHT_REACHES_MM or isinstance(self.recipe.toolpath, Embedded):
             return SimulatedScan(simulated="microct", voxel_um=(80, 80, 80))
         return SimulatedScan(simulated="oct")
 
     @cached_property
     def network(self) -> VesselNetwork:
-        """The network, as it stands in the run folder."""
+        """The network in the print's size, as it stands in the run folder."""
         return read_network_csv(self.folder / NETWORK, unit="mm")
+
+    @cached_property
+    def designed_network(self) -> VesselNetwork:
+        """The same in the design's size."""
+        return scaled_network(self.network, 1 / self.recipe.print_scale)
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of the tissue in the print's size, (2, 3), mm."""
+        return self.tissue.bounds * self.recipe.print_scale
+
+    @cached_property
+    def conditions(self) -> FlowConditions:
+        """What drives the print's flow: the recipe's, at the wall shear of the design's size."""
+        return at_same_shear(designed_conditions(self.recipe.flow), self.recipe.print_scale)
 
     @cached_property
     def lumen(self) -> Solid:
@@ -219,7 +237,7 @@ class RunContext:
 
     @cached_property
     def local_network(self) -> VesselNetwork:
-        """The network with its lumens corrected, in the design's size."""
+        """The network with its lumens corrected, not yet stretched."""
         return self.corrections.locally(self.network)
 
     @cached_property
@@ -230,7 +248,7 @@ class RunContext:
     @cached_property
     def written_bounds(self) -> NDArray[np.float64]:
         """Lowest and highest corner of the tissue as it is written, (2, 3), mm."""
-        return self.corrections.stretch.points(self.tissue.bounds)
+        return self.corrections.stretch.points(self.bounds)
 
     @cached_property
     def place_mm(self) -> NDArray[np.float64]:
@@ -241,7 +259,7 @@ class RunContext:
         """
         if self.recipe.printer.place_mm is not None:
             return np.array(self.recipe.printer.place_mm)
-        low, high = self.tissue.bounds
+        low, high = self.bounds
         centre = None if self.stand is None else self.stand.centre_mm
         return default_place(low, high, self.printer, self.bath, centre)
 
@@ -252,7 +270,7 @@ class RunContext:
         Touched off by the operator: homing is blocked while the needle stands in the bath. The
         point lies above the middle of the part, clear of it.
         """
-        low, high = self.tissue.bounds + self.place_mm
+        low, high = self.bounds + self.place_mm
         top = self.written_bounds[1, 2] + self.place_mm[2]
         clear = top + 5.0 if self.stand is None else max(top + 5.0, self.stand.safe_z_mm)
         above = min(clear, self.printer.z_mm.high)
@@ -266,6 +284,15 @@ class RunContext:
         if self.stand is None:
             return over_part
         return max(over_part, self.stand.safe_z_mm - self.printer.z_mm.low)
+
+
+def designed_conditions(part: FlowPart) -> FlowConditions:
+    """The recipe's words on flow in the design's units."""
+    return FlowConditions(
+        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
+        inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN,
+        outlet_pressure_pa=part.outlet_pressure_mmhg * PA_PER_MMHG,
+    )
 
 
 def default_place(

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from design.toolpath.embedded import Bundles
 from printctl.bead import (
     Mounting,
     Predicted,
     VesselDiameters,
     Wanted,
+    of_bundles,
     predict_job,
     prediction_facts,
     vessel_diameters,
@@ -19,7 +21,7 @@ from printctl.bead import (
 )
 from printctl.gcode_view.line_map import LineMap, read_line_map
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.stages.toolpath import GCODE, plain_job
+from printctl.pipeline.stages.toolpath import GCODE, plain_job, written_bundles
 from printctl.recipe.making import Embedded
 from sim.bead import Bead, swell
 from sim.dryrun import DryRun, dry_run
@@ -27,15 +29,25 @@ from sim.executed import ExecutedMotion
 from sim.valve_blocks import with_commands
 
 
-def predicting(context: RunContext, run: DryRun, gcode: bytes) -> tuple[list[Any], list[str]]:
-    """Predict, write tables and time lines, and give facts of each head, JSON-ready."""
+def predicting(
+    context: RunContext, run: DryRun, gcode: bytes, remarks: tuple[tuple[int, str], ...] = ()
+) -> tuple[list[Any], list[str]]:
+    """Predict, write tables, page and time lines, and give facts of each head, JSON-ready.
+
+    `remarks` are lines of the file and what was found there otherwise, for the page.
+    """
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, _ = read_line_map(context.folder / GCODE, lines)
     heads = _predicted(context, run, gcode, line_map)
-    held = [(one.head, *_both(context, one)) for one in heads] if _embedded(context) else []
-    files = write_prediction(context.folder, heads, held, Wanted())
+    held = []
+    if _embedded(context):
+        bundles = written_bundles(context)
+        strand = None if line_map is None else line_map.strand
+        held = [(one.head, *_both(context, bundles, one, strand)) for one in heads]
     by_head = {head: pair for head, *pair in held}
     facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
+    wanted = Wanted(title=context.recipe.name, keep_play=True, remarks=remarks)
+    files = write_prediction(context.folder, heads, held, facts, wanted)
     if compensates(context):
         facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()
     return facts, files
@@ -69,16 +81,29 @@ def _predicted(
     return predict_job(run, gcode, context.printer, mountings, line_map)
 
 
-def _both(context: RunContext, one: Predicted) -> tuple[VesselDiameters, VesselDiameters | None]:
-    late = _held(context, one, one.bead, one.source)
+def _both(
+    context: RunContext, bundles: Bundles, one: Predicted, strand: np.ndarray | None
+) -> tuple[VesselDiameters, VesselDiameters | None]:
+    late = _held(context, bundles, one, one.bead, _strands(one.bead, one.source, strand))
     if one.bead is one.prompt or one.ahead_s > 0:
         return late, None
-    return late, _held(context, one, one.prompt, one.prompt_source)
+    source = _strands(one.prompt, one.prompt_source, strand)
+    return late, _held(context, bundles, one, one.prompt, source)
 
 
-def _held(context: RunContext, one: Predicted, bead: Bead, source: np.ndarray) -> VesselDiameters:
+def _strands(bead: Bead, source: np.ndarray, strand: np.ndarray | None) -> np.ndarray:
+    """Strand of each piece; its vessel where each is one filament."""
+    if strand is None:
+        return source
+    return np.where(bead.line > 0, strand[np.clip(bead.line - 1, 0, len(strand) - 1)], -1)
+
+
+def _held(
+    context: RunContext, bundles: Bundles, one: Predicted, bead: Bead, source: np.ndarray
+) -> VesselDiameters:
     factor = swell(one.mounting.ink)[0]
-    return vessel_diameters(bead, source, context.written_network, context.place_mm, factor)
+    found = vessel_diameters(bead, source, bundles.network, context.place_mm, factor)
+    return found if bundles.is_plain else of_bundles(found, bundles.owner)
 
 
 def _uncompensated(context: RunContext) -> VesselDiameters:
@@ -88,4 +113,4 @@ def _uncompensated(context: RunContext) -> VesselDiameters:
     run = dry_run(plain.data, context.printer, (x, y, z))
     plain_map = LineMap(plain.line_source, True, plain.line_kind)
     one = _predicted(context, run, plain.data, plain_map)[0]
-    return _held(context, one, one.bead, one.source)
+    return _held(context, written_bundles(context), one, one.bead, one.source)

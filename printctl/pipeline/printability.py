@@ -14,7 +14,7 @@ from printctl.recipe.making import Fresh
 
 @dataclass(frozen=True)
 class Printability:
-    """Limits of the recipe's way of printing.
+    """Limits of the recipe's way of printing, in the design's size.
 
     Attributes
     ----------
@@ -37,18 +37,22 @@ class Printability:
 def printability(context: RunContext, asked_mm: float | None = None) -> Printability:
     """The limits, for lumens of at least ``asked_mm`` in diameter where that is given.
 
+    All in the design's size, which a recipe may have printed larger or smaller (`print_scale`).
+
     FRESH: two layers and one line for a lumen, two lines for a wall. Embedded: the thinnest
     filament of the needle, and room for the needle's tip beside the next filament; the widest is
     what the plunger can fill or the bath's yield stress holds, whichever is less.
     """
-    part = context.recipe.toolpath
+    part, size = context.recipe.toolpath, 1 / context.recipe.print_scale
+    asked_mm = None if asked_mm is None else asked_mm / size
+    printed = "" if size == 1 else f", printed {1 / size:g} times the design's size"
     if isinstance(part, Fresh):
         lines = FreshOptions(
             layer_height_mm=part.layer_um * 1e-3, line_width_mm=part.line_um * 1e-3
         )
         lumen = max(lines.smallest_lumen_mm, asked_mm or 0.0)
-        says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm"
-        return Printability(lumen, None, lines.smallest_wall_mm, says)
+        says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm{printed}"
+        return Printability(lumen * size, None, lines.smallest_wall_mm * size, says)
     needle = context.needle
     filament = EmbeddedOptions(**needle_options(needle))
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
@@ -57,9 +61,10 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     by = "the bath's yield stress holds" if held < filled else "the plunger's flow fills"
     says = (
         f"needle of {needle.inner_mm:g} mm bore and {needle.outer_mm:g} mm outside; at most "
-        f"{min(held, filled):.3g} mm, which {by}"
+        f"{min(held, filled):.3g} mm, which {by}{printed}"
     )
-    return Printability(lumen, min(held, filled), filament.smallest_wall_mm(lumen / 2), says)
+    wall = filament.smallest_wall_mm(lumen / 2)
+    return Printability(lumen * size, min(held, filled) * size, wall * size, says)
 
 
 def needle_options(needle: Needle) -> dict[str, Any]:

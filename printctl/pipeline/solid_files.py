@@ -80,13 +80,13 @@ def _step_body(context: RunContext) -> StepBody | None:
     fitted = part.tubes or part.inlets or part.outlets or part.texts
     if fitted or tissue.keep_out or tissue.keep_within:
         return None
-    low, high = context.tissue.bounds
+    low, high = context.bounds
     if isinstance(tissue, Block):
         return StepBody("block", tuple(low.tolist()), tuple(high.tolist()))
     if isinstance(tissue, Cylinder):
         # Its polygon's bounds aren't quite the circle's.
         x, y = (0.5 * (low + high))[:2].tolist()
-        half = 0.5 * tissue.diameter_mm
+        half = 0.5 * tissue.diameter_mm * context.recipe.print_scale
         return StepBody(
             "cylinder", (x - half, y - half, float(low[2])), (x + half, y + half, float(high[2]))
         )

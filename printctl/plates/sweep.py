@@ -15,12 +15,17 @@ from printctl.recipe import Recipe, parse_recipe
 from registration.report.wording import label_and_unit
 
 DESIGN: Final = ("tissue", "vasculature", "solid", "toolpath")
-INK: Final = ("flow_factor", "retract_ul", "plunger_ul_s")
+INK: Final = ("flow_factor", "retract_ul", "plunger_ul_s", "dwell_s")
 """Keys of the ink's profile that a job's lines follow from."""
-_ONE_MACHINE: Final = ("toolpath.method", "toolpath.needle", "toolpath.compensate_lag")
+_ONE_JOB: Final = (
+    "toolpath.method",
+    "toolpath.needle",
+    "toolpath.compensate_lag",
+    "toolpath.prime",
+)
 _OTHERS: Final = (
-    "a sweep varies what is printed: tissue.…, vasculature.…, solid.…, toolpath.…, seed, and of "
-    f"the ink's profile {', '.join(f'ink.{key}' for key in INK)}"
+    "a sweep varies what is printed: tissue.…, vasculature.…, solid.…, toolpath.…, seed, "
+    f"print_scale, and of the ink's profile {', '.join(f'ink.{key}' for key in INK)}"
 )
 
 
@@ -81,11 +86,11 @@ def points(sweep: Mapping[str, Sequence[Any]], combine: str) -> list[Point]:
 
 def _check_key(key: str) -> None:
     section, _, inside = key.partition(".")
-    if key in _ONE_MACHINE:
+    if any(f"{key}.".startswith(f"{one}.") for one in _ONE_JOB):
         raise RecipeError(f"plate.sweep: {key} can't differ from well to well within one job")
     if section == "ink" and inside not in INK:
         raise RecipeError(f"plate.sweep: {key} isn't among what can be varied; {_OTHERS}")
-    if key == "seed" or section == "ink" or (section in DESIGN and inside):
+    if key in ("seed", "print_scale") or section == "ink" or (section in DESIGN and inside):
         return
     raise RecipeError(f"plate.sweep: {key} isn't among what can be varied; {_OTHERS}")
 

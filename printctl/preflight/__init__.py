@@ -1,6 +1,6 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
-from printctl.preflight.check import Check, refuse_failed, warnings
+from printctl.preflight.check import Check, placed_failures, refuse_failed, warnings
 from printctl.preflight.dish_checks import (
     WALL_CLEARANCE_MM,
     Standing,
@@ -73,6 +73,7 @@ __all__ = [
     "ink_use",
     "needle_check",
     "of_each_head",
+    "placed_failures",
     "read_wells",
     "read_written",
     "refuse_failed",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -66,6 +67,16 @@ class Check:
 def warnings(checks: list[Check]) -> list[str]:
     """What a person must know before the print begins."""
     return [check.sentence() for check in checks if not check.passed and not check.refuses]
+
+
+def placed_failures(checks: list[Check]) -> tuple[tuple[int, str], ...]:
+    """Line of the G-code (0 for none) and sentence of each check that didn't pass."""
+    failed = [check for check in checks if not check.passed]
+    lines = [re.search(r"\bline (\d+)", check.place) for check in failed]
+    return tuple(
+        (int(line[1]) if line else 0, check.sentence())
+        for line, check in zip(lines, failed, strict=True)
+    )
 
 
 def refuse_failed(checks: list[Check]) -> None:

@@ -51,6 +51,7 @@ def written_arrays(
     overlap_radii: float,
     clearance_mm: float,
     needles_mm: Sequence[tuple[float, float, float]],
+    bundled: NDArray[np.bool_] | None = None,
 ) -> dict[str, NDArray[Any]]:
     """What the map of an embedded job is to hold, so that its file can be checked by itself.
 
@@ -62,8 +63,11 @@ def written_arrays(
         From there to the printer's.
     overlap_radii, clearance_mm, needles_mm
         As in `Written`.
+    bundled : (v,) bool or None
+        Vessels written as several strands.
     """
     return {
+        **({} if bundled is None else {"bundled": bundled}),
         **{f"network_{name}": getattr(network, name) for name in _NETWORK},
         "place_mm": np.asarray(place_mm, dtype=np.float64),
         "overlap_radii": np.array(overlap_radii),
@@ -97,7 +101,8 @@ def read_written(path: Path) -> Written | None:
 
 def written_of(data: Mapping[str, NDArray[Any]]) -> Written:
     """What the arrays of a map say: ``source`` and ``kind`` of each line, and `written_arrays`."""
-    network = WrittenNetwork(*(data[f"network_{name}"] for name in _NETWORK))
+    arrays = {name: data[f"network_{name}"] for name in _NETWORK}
+    network = WrittenNetwork(**arrays, bundled=data.get("bundled"))
     writes = data["kind"] == MoveKind.WRITE
     return Written(
         LineSources(data["source"].astype(np.int64), writes),

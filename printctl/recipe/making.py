@@ -10,6 +10,7 @@ from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
 from printctl.recipe.heads import HeadPart, check_heads
 from printctl.recipe.parts import Part, Point, Seed, given
+from printctl.recipe.priming import PrimePart
 from printctl.recipe.regions import FillingPart, RegionPart
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
@@ -48,6 +49,7 @@ class Fresh(FillingPart):
     )
     compensate: CompensationPart = CompensationPart()
     compensation: CompensationName = None
+    prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
     write_speed_mm_s: Speed = 20.0
     travel_speed_mm_s: Speed = 40.0
 
@@ -84,11 +86,17 @@ class Embedded(Part):
         default=0,
         description="How many joints may stay without an overlap; more are refused.",
     )
+    widest_filament_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
+        default=None,
+        description="Wider vessels are written as strands side by side. By default what the "
+        "plunger's flow fills at the slowest speed.",
+    )
     compensate_lag: bool = Field(
         default=False,
         description="Drive the plunger ahead of the ink's measured lag (`lag` of its profile).",
     )
     compensation: CompensationName = None
+    prime: PrimePart | None = Field(default=None, description="Before the part; nothing without.")
 
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""

@@ -27,6 +27,11 @@ class Recipe(Part):
     schema_version: Literal[1] = Field(alias="schema")
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
     seed: Seed = 1
+    print_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(
+        default=1.0,
+        description="Printed over designed length. Tissue and vessels are said in the design's "
+        "size, all from the solid on in the print's.",
+    )
     tissue: TissuePart
     vasculature: NetworkPart
     flow: FlowPart = FlowPart()

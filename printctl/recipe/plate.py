@@ -92,6 +92,11 @@ def check_plate(printer: PrinterPart, toolpath: ToolpathPart) -> None:
             "plate and printer.heads: a job over a plate is written by one head; other heads would "
             "stand in wells beside it, which isn't planned for; take a printer with one"
         )
+    if toolpath.prime is not None:
+        raise ValueError(
+            "plate and toolpath.prime: nothing is purged or written before the part on a plate; "
+            "leave prime out"
+        )
     if isinstance(toolpath, Embedded) and toolpath.compensate_lag:
         raise ValueError(
             "plate and toolpath.compensate_lag: the plunger isn't driven ahead of the lag across "

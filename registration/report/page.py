@@ -17,6 +17,7 @@ from design.network import VesselNetwork
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
+from registration.report.added import AddedSection
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.gauging_figures import (
     curve_figure,
@@ -49,6 +50,7 @@ def write_report_html(
     surfaces: Sequence[ReportSurface],
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
+    play: AddedSection | None = None,
 ) -> None:
     """Write the report as one HTML file that opens offline.
 
@@ -69,6 +71,8 @@ def write_report_html(
         Caption to SVG or PNG. A prefix names the section: ``toolpath/Layer 12 of 50``; the
         sections are `PLACES`, and anything else goes into a section of its own. What is here of
         `all_figures` isn't drawn again.
+    play : AddedSection, optional
+        The slider over the predicted print (`registration.report.play.play_section`).
 
     Raises
     ------
@@ -77,7 +81,7 @@ def write_report_html(
     OSError
         When the file can't be written.
     """
-    write_text(path, report_html(data, surfaces, network, figures or {}))
+    write_text(path, report_html(data, surfaces, network, figures or {}, play))
 
 
 def report_html(
@@ -85,9 +89,11 @@ def report_html(
     surfaces: Sequence[ReportSurface],
     network: VesselNetwork | None,
     figures: Mapping[str, bytes],
+    play: AddedSection | None = None,
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
-    modules = import_map()
+    modules = import_map(play.folders if play else ())
+    entries = f"{ENTRY} {play.entry}" if play else ENTRY
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
         packed = beside.submit(view_data, data, surfaces, network)
         drawn = all_figures(data, network, figures)
@@ -95,9 +101,11 @@ def report_html(
     context = {
         "data": data,
         "style": style(),
-        "policy": content_policy([modules, ENTRY]),
+        "policy": content_policy([modules, entries]),
         "modules": modules,
-        "entry": Markup(ENTRY),
+        "entry": Markup(entries),
+        "own_style": play and play.style,
+        "play": play and play.context,
         "view": view,
         "figures": placed_figures(drawn),
         **section_context(data),

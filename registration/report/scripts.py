@@ -22,15 +22,21 @@ _VENDORED: Final = {"three": "three.module.min.js", "three/orbit": "OrbitControl
 ENTRY: Final = 'import "report/main";'
 
 
+Folders = tuple[tuple[str, Path], ...]
+"""Names of a page's own modules and where they lie."""
+
+
 @cache
-def import_map() -> str:
-    """Import map of all modules of the report's page, as JSON."""
+def import_map(own: Folders = ()) -> str:
+    """Import map of all modules of the report's page, and of further folders, as JSON."""
     vendored = {name: _HERE / "vendor" / file for name, file in _VENDORED.items()}
-    return _as_map(vendored | _modules("report", _STATIC))
+    return _as_map(vendored | _modules("report", _STATIC) | _own(own))
 
 
 @cache
-def module_map(shared: tuple[str, ...], name: str = "", folder: Path | None = None) -> str:
+def module_map(
+    shared: tuple[str, ...], name: str = "", folder: Path | None = None, more: Folders = ()
+) -> str:
     """Import map of a page with few of the report's modules, as JSON.
 
     Parameters
@@ -39,9 +45,15 @@ def module_map(shared: tuple[str, ...], name: str = "", folder: Path | None = No
         Of the report's modules, each under ``report/``.
     name, folder : str, Path or None
         All modules of the page's own folder, each under ``name/``.
+    more : tuple of (str, Path)
+        Further ones.
     """
-    files = {f"report/{one}": _STATIC / f"{one}.js" for one in shared}
-    return _as_map(files | ({} if folder is None else _modules(name, folder)))
+    own = more if folder is None else ((name, folder), *more)
+    return _as_map({f"report/{one}": _STATIC / f"{one}.js" for one in shared} | _own(own))
+
+
+def _own(folders: Folders) -> dict[str, Path]:
+    return {name: path for one in folders for name, path in _modules(*one).items()}
 
 
 def _modules(name: str, folder: Path) -> dict[str, Path]:

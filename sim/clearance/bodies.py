@@ -97,6 +97,8 @@ class Joints(NamedTuple):
     radius_mm : float, mm
         The thinnest needle's at its tip, without its clearance.
     overlap_radii : float
+    lumen_mm : (v,) float64, mm
+        Radius of a lumen that is written as several strands: joints reach by it. 0 for others.
     """
 
     begin: IntArray
@@ -106,3 +108,4 @@ class Joints(NamedTuple):
     wide: FloatArray
     radius_mm: float
     overlap_radii: float
+    lumen_mm: FloatArray

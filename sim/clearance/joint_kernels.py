@@ -1,7 +1,8 @@
 """Kernels: whether ink belongs to the joint at which a needle writes, or that it comes from or to.
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
-vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's.
+vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the
+lumen's where a vessel is several filaments side by side.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ WIDEST_MM: Final = 0.1
 def _reach(i: int, j: int, role: int, tips: Tips, ink: Ink, joints: Joints) -> float:
     """J, mm: how far a joint goes."""
     radius = max(ink.radius[j, 0], ink.radius[j, 1], tips.radius[i, role])
+    for vessel in (ink.vessel[j], tips.vessel[i, role]):
+        if vessel >= 0:
+            radius = max(radius, joints.lumen_mm[vessel])
     return float(np.sqrt(2.0) * (joints.radius_mm + radius) + joints.overlap_radii * radius)
 
 

@@ -56,7 +56,9 @@ def joints_of(
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     other, own, there = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
-    joints = Joints(begin, other.astype(np.int64), own, there, wide, radius_mm, overlap_radii)
+    met = other.astype(np.int64)
+    lumens = network.lumen_mm
+    joints = Joints(begin, met, own, there, wide, radius_mm, overlap_radii, lumens)
     return joints, _told(network, found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -32,6 +32,8 @@ class WrittenNetwork:
         Points of vessel ``i`` are ``offset[i]:offset[i + 1]``.
     points : (p, 3) float64, mm
     radius : (p,) float64, mm
+    bundled : (v,) bool or None
+        Vessels that are written as several strands around their axes; None for none.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class WrittenNetwork:
     offset: IntArray
     points: FloatArray
     radius: FloatArray
+    bundled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         vessels, points = len(self.vessel_nodes), len(self.points)
@@ -55,6 +58,7 @@ class WrittenNetwork:
             and self.offset.shape == (vessels + 1,)
             and (np.diff(self.offset) >= 2).all()
             and (vessels == 0 or int(self.offset[-1]) == points)
+            and (self.bundled is None or self.bundled.shape == (vessels,))
             and self.vessel_nodes.min(initial=0) >= 0
             and self.vessel_nodes.max(initial=-1) < len(self.nodes)
         )
@@ -71,9 +75,14 @@ class WrittenNetwork:
 
     def moved(self, by_mm: FloatArray) -> WrittenNetwork:
         """The same, elsewhere."""
-        return WrittenNetwork(
-            self.nodes + by_mm, self.vessel_nodes, self.offset, self.points + by_mm, self.radius
-        )
+        return replace(self, nodes=self.nodes + by_mm, points=self.points + by_mm)
+
+    @property
+    def lumen_mm(self) -> FloatArray:
+        """Widest radius of each bundled vessel, (v,), mm; 0 of one written as one filament."""
+        if self.bundled is None or not self.vessel_count:
+            return np.zeros(self.vessel_count)
+        return np.where(self.bundled, np.maximum.reduceat(self.radius, self.offset[:-1]), 0.0)
 
     @cached_property
     def arc(self) -> FloatArray:

@@ -200,3 +200,17 @@ def test_a_grid_too_large_is_refused_with_its_size() -> None:
 def test_impossible_voxels_are_refused(voxel: float) -> None:
     with pytest.raises(DepositError, match="voxel_mm"):
         deposit(hatch(), AREA, voxel)
+
+
+def test_a_scanner_s_field_holds_whole_voxels_of_the_same_ink() -> None:
+    found = deposit(hatch(), AREA, 0.02)
+    box = np.array([[11.0, 10.5, -1.0], [12.5, 11.0, 0.13]])
+    part = found.within(box)
+    assert np.all(np.abs(part.bounds_mm[0] - np.maximum(box[0], found.bounds_mm[0])) <= 0.011)
+    assert np.all(np.abs(part.bounds_mm[1] - np.minimum(box[1], found.bounds_mm[1])) <= 0.011)
+    assert part.volume_mm3 < found.volume_mm3 / 4
+    first = np.round((part.origin_mm - found.origin_mm) / found.voxel_mm).astype(int)[::-1]
+    whole = tuple(slice(a, a + n) for a, n in zip(first, part.volume.shape, strict=True))
+    assert np.array_equal(part.volume, found.volume[whole])
+    with pytest.raises(DepositError, match="scanner's field"):
+        found.within(box + 50.0)

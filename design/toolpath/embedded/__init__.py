@@ -1,5 +1,6 @@
 """Embedded writing: filaments along the vessels' centrelines inside a bath."""
 
+from design.toolpath.embedded.bundles import Bundles, bundled
 from design.toolpath.embedded.filament import check_vessels
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.held import held_diameter_mm
@@ -8,12 +9,14 @@ from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 
 __all__ = [
+    "Bundles",
     "Crossing",
     "EmbeddedHeads",
     "EmbeddedOptions",
     "EmbeddedPlan",
     "EmbeddedReport",
     "Merged",
+    "bundled",
     "check_vessels",
     "embedded_toolpath",
     "held_diameter_mm",

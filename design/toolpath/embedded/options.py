@@ -43,6 +43,8 @@ class EmbeddedOptions:
         Pause after a prime, until the ink flows.
     open_joints : int
         How many joints may stay without an overlap; more are refused.
+    widest_filament_mm : float or None, mm
+        Wider vessels are asked for as strands (`bundles`); None for what `largest_lumen_mm` says.
     """
 
     needle_inner_mm: float = 0.16
@@ -62,6 +64,7 @@ class EmbeddedOptions:
     plunger_ul_s: float = 0.4
     dwell_s: float = 0.0
     open_joints: int = 0
+    widest_filament_mm: float | None = None
 
     def __post_init__(self) -> None:
         require_positive(
@@ -129,3 +132,8 @@ class EmbeddedOptions:
     def largest_lumen_mm(self) -> float:
         """Thickest filament, mm: what `max_flow_ul_s` fills at `min_speed_mm_s`."""
         return math.sqrt(4 * self.max_flow_ul_s / (math.pi * self.min_speed_mm_s))
+
+    @property
+    def widest_mm(self) -> float:
+        """Diameter of the widest filament, mm, from which on a vessel is a bundle of strands."""
+        return min(self.widest_filament_mm or math.inf, self.largest_lumen_mm)

@@ -8,11 +8,13 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
+from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import broken, ordered
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.lumens import Lumens
 from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
@@ -50,10 +52,12 @@ class Scene:
     meetings: Meetings
     collisions: Touches
     needle: Needle
+    lumens: Lumens
 
     @staticmethod
-    def of(network: VesselNetwork, heads: EmbeddedHeads) -> Scene:
+    def of(bundles: Bundles, heads: EmbeddedHeads) -> Scene:
         """Cut the vessels, and find where they meet."""
+        network = bundles.network
         needle = Needle(
             *heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
         )
@@ -61,8 +65,10 @@ class Scene:
         elements = elements_of(network, heads.tip_mm / 2)
         squares = squares_of(elements, needle.shaft_mm)
         nodes = at_nodes(network, elements)
+        lumens = Lumens(bundles, elements, needle)
         collisions = touches(elements, squares, nodes, needle)
-        return Scene(elements, squares, with_touches(nodes, collisions), collisions, needle)
+        meetings = with_touches(nodes, collisions)
+        return Scene(elements, squares, meetings, collisions, needle, lumens)
 
     def met(self, rules: Rules, passes: list[Pass], joined: Joined, network: VesselNetwork) -> Met:
         """What the shaft meets: elements written out of turn, and overlaps."""
@@ -71,9 +77,11 @@ class Scene:
         brushed = np.array(joined.brushed, dtype=np.int64).reshape(-1, 3)
         first, second = np.append(first, brushed[:, 0]), np.append(second, brushed[:, 1])
         bare = np.append(bare, brushed[:, 2] > 0)
+        apart = ~self.lumens.one_body(first, second)
+        deep, near = bare & apart, ~bare & apart
         return Met(
-            crossings=_by_vessels(self.elements, first[bare], second[bare]),
-            grazes=_by_vessels(self.elements, first[~bare], second[~bare]),
+            crossings=_by_vessels(self.elements, first[deep], second[deep]),
+            grazes=_by_vessels(self.elements, first[near], second[near]),
             merged=_merged(network, self.collisions),
         )
 
@@ -83,8 +91,10 @@ def embedded_toolpath(network: VesselNetwork, options: EmbeddedOptions) -> Toolp
     return plan_embedded(network, options).toolpath
 
 
-def plan_embedded(network: VesselNetwork, options: EmbeddedOptions | EmbeddedHeads) -> EmbeddedPlan:
-    """Plan the writing of ``network`` and say what couldn't be avoided.
+def plan_embedded(
+    written: VesselNetwork | Bundles, options: EmbeddedOptions | EmbeddedHeads
+) -> EmbeddedPlan:
+    """Plan the writing of a network and say what couldn't be avoided.
 
     Vessels are cut into short elements; of two of which one stands in the shaft's way while the
     other is written the order is fixed (`rules`), and passes are laid through them (`schedule`) so
@@ -94,24 +104,32 @@ def plan_embedded(network: VesselNetwork, options: EmbeddedOptions | EmbeddedHea
     Q = π d² v / 4; the speed is the highest that speed and flow limits allow. Of several heads
     (`EmbeddedHeads`) each writes its own vessels; the widest of their shafts is kept clear.
 
+    Of `Bundles` the path's sources and the heads' vessels are strands; the report tells of the
+    design's vessels.
+
     Raises
     ------
     ToolpathError
         When a vessel is too thin for the needle or too thick for flow and speed, or when a joint
         can't be closed and `EmbeddedOptions.open_joints` doesn't allow that.
     """
+    bundles = Bundles.plain(written) if isinstance(written, VesselNetwork) else written
+    network = bundles.network
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
-    scene = Scene.of(network, heads)
-    rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    scene = Scene.of(bundles, heads)
+    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    rules = scene.lumens.without(found)
     joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
+    joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)
     writer = FilamentWriter(scene.elements, passes[0], heads)
     writer.write_all(passes, joined)
     met = scene.met(rules, passes, joined, network)
     toolpath = writer.builder.build()
-    return EmbeddedPlan(toolpath, _report(toolpath, scene.elements, passes, joined, writer, met))
+    report = _report(toolpath, scene.elements, passes, joined, writer, met)
+    return EmbeddedPlan(toolpath, scene.lumens.told(report))
 
 
 def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:

@@ -57,7 +57,7 @@ def one_way(rules: Rules, vessel: IntArray) -> Rules:
     Between two vessels that bar each other the sum over all such pairs decides: were it each pair
     by itself, the two would have to be written in turns, cut at every change.
     """
-    first, vessels = _owners(rules), int(vessel.max()) + 1
+    first, vessels = owners(rules), int(vessel.max()) + 1
     back = _places(_keys(rules.after, first, vessel), _keys(first, rules.after, vessel))
     mutual = back >= 0
     one, other = vessel[first[mutual]], vessel[rules.after[mutual]]
@@ -72,12 +72,29 @@ def one_way(rules: Rules, vessel: IntArray) -> Rules:
     return _rules(first[kept], rules.after[kept], rules.harm[kept], len(vessel))
 
 
+def owners(rules: Rules) -> IntArray:
+    """The element that goes first, of each rule, (m,)."""
+    return np.repeat(np.arange(len(rules.begin) - 1), np.diff(rules.begin))
+
+
+def barring_each_other(rules: Rules) -> NDArray[np.bool_]:
+    """Whether another rule says the opposite of each, (m,)."""
+    first, count = owners(rules), rules.begin[:-1]
+    return _places(_keys(rules.after, first, count), _keys(first, rules.after, count)) >= 0
+
+
+def kept(rules: Rules, rows: NDArray[np.bool_]) -> Rules:
+    """Only some of the rules, by a mask (m,)."""
+    first = owners(rules)[rows]
+    return _rules(first, rules.after[rows], rules.harm[rows], len(rules.begin) - 1)
+
+
 def with_more(rules: Rules, first: IntArray, after: IntArray) -> Rules:
     """The rules, and that each element of `first` (k,) goes before that of `after` (k,).
 
     Of those that say the opposite of a rule, or of each other, the rule or the first is kept.
     """
-    owner, count = _owners(rules), rules.begin[:-1]
+    owner, count = owners(rules), rules.begin[:-1]
     known = _keys(owner, rules.after, count)
     old = _places(_keys(first, after, count), known) >= 0
     old |= _places(_keys(after, first, count), known) >= 0
@@ -92,10 +109,6 @@ def with_more(rules: Rules, first: IntArray, after: IntArray) -> Rules:
         np.append(rules.harm, np.zeros(len(more))),
         len(count),
     )
-
-
-def _owners(rules: Rules) -> IntArray:
-    return np.repeat(np.arange(len(rules.begin) - 1), np.diff(rules.begin))
 
 
 def _rules(first: IntArray, after: IntArray, harm: FloatArray, count: int) -> Rules:

@@ -98,7 +98,7 @@ def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
         breaks = np.diff(travels[writes + 1]) > 0
     name = "LAYER_END" if layers else "PASS_END"
     found: list[tuple[int, str]] = []
-    for at in np.flatnonzero(breaks).tolist():
+    for at in np.flatnonzero(breaks & (source[:-1] >= 0)).tolist():  # a prime line is neither
         free, relieved = _lifted(toolpath, int(writes[at]), int(writes[at + 1]))
         found.append((free, f";{name}:{source[at]}"))
         if relieved:

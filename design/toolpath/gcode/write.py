@@ -54,8 +54,8 @@ def write_gcode(
         than the firmware takes, one move that pushes more than E can hold, or a speed that a
         pneumatic head's flow asks for and printer or ink don't bear.
     """
-    top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
-    return Gcode.joined(list(stream_gcode([toolpath], printer, syringe, place_mm, options, top)))
+    parts = stream_gcode([toolpath], printer, syringe, place_mm, options, toolpath.top_mm)
+    return Gcode.joined(list(parts))
 
 
 def stream_gcode(

@@ -15,7 +15,7 @@ from design.files import write_text
 from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.plate.job import NOWHERE, place_of
+from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import dry_run as alone
@@ -139,7 +139,7 @@ def _as_alone(run: PlateRun, program: Program, of_line: NDArray[np.int64]) -> li
     for number, well in enumerate(run.wells):
         of = run.run_of(well)
         rows = of_line[program.line - 1] == number
-        moved = place_of(run, well) - of.place_mm
+        moved = run.place_of(well) - of.place_mm
         checks.append(
             same_as_alone(well.name, (program, rows), jobs[of.folder.name], moved, whole.printer)
         )

@@ -43,10 +43,11 @@ def reach_mm(context: RunContext, dish: Dish) -> NDArray[np.float64]:
     """How far the tip goes from the part's middle: (1,) all around, or (2,) along x and y, mm."""
     if isinstance(context.recipe.toolpath, Fresh):
         stretch = context.corrections.stretch
-        points = stretch.points(np.asarray(context.tissue.vertices, dtype=np.float64))
+        corners = np.asarray(context.tissue.vertices, dtype=np.float64)
+        points = stretch.points(corners * context.recipe.print_scale)
     else:
         points = context.written_network.points
-    off = points[:, :2] - context.tissue.bounds.mean(axis=0)[:2]
+    off = points[:, :2] - context.bounds.mean(axis=0)[:2]
     if dish.shape == "round":
         return np.linalg.norm(off, axis=1).max(keepdims=True)
     return np.abs(off).max(axis=0)

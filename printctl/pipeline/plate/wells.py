@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_profiles import Plate, load
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
@@ -61,6 +64,13 @@ class PlateRun:
     def first_of(self, variant: int) -> Well:
         """The first well of a variant, as the recipe names them."""
         return next(well for well in self.wells if well.variant == variant and well.copy == 1)
+
+    def place_of(self, well: Well) -> NDArray[np.float64]:
+        """Where a well's part has its origin, printer's frame, (3,), mm."""
+        of = self.run_of(well)
+        assert of.stand is not None
+        moved = np.subtract(self.standing.centre_mm(well.name), of.stand.centre_mm)
+        return np.asarray(np.round(of.place_mm + np.append(moved, 0.0), 3))
 
     def folder_of(self, well: Well) -> str:
         """Name of the folder of `run_of`, in the plate's."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from design.files import write_text
 from firmware_profiles import Printer
+from printctl.bead import PLAYED
 from printctl.link.job import parse_job
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
@@ -36,6 +37,7 @@ from printctl.preflight import (
     ink_use,
     needle_check,
     of_each_head,
+    placed_failures,
     read_written,
     refuse_failed,
     shaft_checks,
@@ -72,6 +74,7 @@ def depends(context: RunContext) -> Any:
         [at.dish_centre_mm, context.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
         context.compensation_digest,
+        PLAYED,  # a run folder from before it gets one
     ]
 
 
@@ -208,7 +211,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "checks": [check.as_dict() for check in checks],
     }
     report(0.5, "predicting what will lie in the bath")
-    predicted, files = predicting(context, run, data)
+    predicted, files = predicting(context, run, data, placed_failures(checks))
     found = summary | {"predicted": predicted}
     write_text(context.folder / CHECKS, json.dumps(found, indent=1) + "\n")
     refuse_failed(checks)

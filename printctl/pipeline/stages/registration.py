@@ -19,7 +19,6 @@ from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.flow import conditions
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.pipeline.tracing import by_layer, made_by, read_job
@@ -89,7 +88,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
 def _options(context: RunContext) -> RegistrationOptions:
     """What the recipe says of the scan and of what flows."""
-    flow, part = conditions(context.recipe.flow), context.scan_part
+    flow, part = context.conditions, context.scan_part
     if not isinstance(part, FileScan):
         return RegistrationOptions(flow=flow)
     walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)

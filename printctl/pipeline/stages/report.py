@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
+from printctl.bead import PLAYED
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.pipeline.artefacts import HTML, JSON, PDF
@@ -22,6 +23,7 @@ from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.pdf import write_report_pdf
+from registration.report.play import load_played, play_section
 
 _SECTIONS = {
     "tissue": "tissue",
@@ -65,7 +67,7 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
     place = np.eye(4)
     place[:3, 3] = context.place_mm
     return {
-        "tissue_to_part": np.eye(4).tolist(),
+        "tissue_to_part": np.diag([*[context.recipe.print_scale] * 3, 1.0]).tolist(),
         "part_to_printer": place.tolist(),
         "scan_to_part": registration["transform_scan_to_part"],
         "unit": "mm",
@@ -89,7 +91,9 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     drawn = figures(context)
     if pdf:  # once for both; the page alone draws while it packs
         drawn = all_figures(data, context.network, drawn)
-    write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn)
+    play = context.folder / PLAYED
+    shown = play_section(load_played(play)) if play.is_file() else None
+    write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn, shown)
     if pdf:
         told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
         write_report_pdf(context.folder / PDF, told, context.network, drawn)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from design.files import write_text
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import Filled, RunContext
@@ -43,6 +45,9 @@ TRUTH = "scan_truth.json"
 
 _NAMES = {"oct": "OCT", "microct": "micro-CT"}
 
+FIELD_MM = 1.5
+"""A scanner looks at the part and so far around it, not at the line that primed the needle."""
+FIELD_SIDES = np.array([[-1.0], [1.0]])
 _FINEST_DEPOSIT_MM = 0.02
 _DEPOSIT_PER_SCAN_VOXEL = 0.625
 """The deposit is laid somewhat finer than it is scanned, so that its own voxels don't show."""
@@ -128,6 +133,8 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     else:
         gcode = (context.folder / GCODE).read_bytes()
         ink = pneumatic_deposit(motion, gcode, context.printer, more * context.flow_ul_s, fine)
+    if context.recipe.toolpath.prime is not None:
+        ink = ink.within(context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES)
     if part.defects:
         ink = with_defects(
             ink, scan_defects(part.defects, context.written_network, context.place_mm)

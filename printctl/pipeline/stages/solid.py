@@ -8,7 +8,7 @@ from typing import Any
 
 from design.network import VesselNetwork
 from design.solids import read_solid, surface_genus, validate_file
-from design.vasculature import PLANAR_DIMPLES
+from design.vasculature import PLANAR_DIMPLES, Dimple
 from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_build import Built, build
@@ -29,10 +29,16 @@ def built_solids(context: RunContext, network: VesselNetwork | None = None) -> B
     ``network`` is put in the design's place where it is given.
     """
     named = isinstance(context.recipe.vasculature, NamedNetwork)
-    marks = [(mark.centre_mm, mark.diameter_mm) for mark in PLANAR_DIMPLES] if named else []
+    scale = context.recipe.print_scale
+    marks = [_scaled(mark, scale) for mark in PLANAR_DIMPLES] if named else []
     tissue = read_solid(context.folder / SURFACE, unit="mm")
     vessels = context.network if network is None else network
     return build(context.recipe.solid, vessels, tissue, body_genus(context), marks)
+
+
+def _scaled(mark: Dimple, scale: float) -> tuple[tuple[float, float, float], float]:
+    x, y, z = mark.centre_mm
+    return (x * scale, y * scale, z * scale), mark.diameter_mm * scale
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -18,22 +18,23 @@ def depends(context: RunContext) -> Any:
     part = context.recipe.tissue
     found = part.model_dump(mode="json")
     found["digests"] = context.digests(part.files())
-    return found
+    return [found, context.recipe.print_scale]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
-    """Prepare the tissue, keep its surface, and say what was done to it on the way."""
-    tissue = context.tissue
-    write_stl(context.folder / SURFACE, Solid(tissue.vertices, tissue.faces))
+    """Prepare the tissue, keep its surface in the print's size, and say what was done to it."""
+    tissue, scale = context.tissue, context.recipe.print_scale
+    write_stl(context.folder / SURFACE, Solid(tissue.vertices * scale, tissue.faces))
     for note in tissue.notes:
         context.bars.remark("tissue", note)
     extent = tissue.bounds[1] - tissue.bounds[0]
+    notes = [*tissue.notes, *([f"Printed {scale:g} times this size."] if scale != 1 else [])]
     summary = {
         "name": context.recipe.tissue.label,
         "volume_mm3": tissue.volume_mm3,
         "extent_mm": extent.tolist(),
         "faces": len(tissue.faces),
-        "notes": list(tissue.notes),
+        "notes": notes,
         "mean_demand": tissue.demand.mean_weight,
     }
     return summary, [SURFACE]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import InitVar, asdict, dataclass, replace
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath import Toolpath
+from design.toolpath import Toolpath, joined
 from design.toolpath.embedded import (
+    Bundles,
     EmbeddedHeads,
     EmbeddedOptions,
     EmbeddedReport,
+    bundled,
     plan_embedded,
 )
 from design.toolpath.file import save_toolpath
@@ -35,8 +38,8 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
-from design.toolpath.toolpath import joined
 from firmware_profiles import Ink, Printer, Syringe
+from printctl.errors import UsageError
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
@@ -48,6 +51,7 @@ from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
+from printctl.pipeline.priming import ABOVE_WALL_MM, primed
 from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
@@ -61,8 +65,6 @@ FloatArray = NDArray[np.float64]
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
 PATH: Final = "toolpath.npz"
 """Kept of a well, to be laid into the plate's job."""
-ABOVE_WALL_MM: Final = 2.0
-"""Between the dish's wall and the tips of heads that are changed."""
 
 
 def depends(context: RunContext) -> Any:
@@ -97,11 +99,14 @@ class Planned:
         Highest that the tip goes.
     report : callable
         How well it went, once the parts have been gone through.
+    bundles : Bundles or None
+        The strands that `parts` name as their sources; None for layers.
     """
 
     parts: Iterable[Toolpath]
     top_mm: float
     report: Callable[[], FreshReport | EmbeddedReport]
+    bundles: Bundles | None = None
 
 
 def plan(context: RunContext, *, compensated: bool = True) -> Planned:
@@ -116,24 +121,51 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             layers = FreshLayers(
                 written_solid(context), options[0], written_regions(context, part), options[1:]
             )
-            return Planned(layers, layers.top_mm, layers.report)
+            return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
             ahead = part.compensate_lag and compensated
-            heads = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
+            choices = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
             thinnest = float(context.network.radius.min())
-            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in heads))
-            embedded = plan_embedded(
-                context.written_network, EmbeddedHeads(heads, context.vessel_head)
-            )
+            check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in choices))
+            bundles = written_bundles(context)
+            heads = EmbeddedHeads(choices, context.vessel_head[bundles.owner])
+            embedded = plan_embedded(bundles, heads)
             toolpath = embedded.toolpath
+            if part.prime is not None:
+                relief = relief_ul(context.loads[0]) if ahead else None
+                before = primed(context, toolpath, toolpath.top_mm, relief)
+                toolpath = joined([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
-            top = max(float(toolpath.end[:, 2].max()), float(toolpath.start[0, 2]))
-            return Planned([toolpath], top, lambda: embedded.report)
+            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
+
+
+def _after_priming(context: RunContext, planned: Planned) -> Planned:
+    """Layers, with what comes before the first of them where the recipe asks for it."""
+    if context.recipe.toolpath.prime is None:
+        return planned
+    parts = iter(planned.parts)
+    first = next(parts)
+    before = primed(context, first, planned.top_mm, None)
+    return replace(
+        planned,
+        parts=itertools.chain([joined([before, first])], parts),
+        top_mm=max(planned.top_mm, before.top_mm),
+    )
+
+
+def written_bundles(context: RunContext) -> Bundles:
+    """The written network as strands, none wider than one filament of its head may be."""
+    part = context.recipe.toolpath
+    if isinstance(part, Fresh):
+        raise UsageError("layers have no strands; this is for embedded prints")
+    heads = [embedded_options(part, one, ahead=False) for one in context.loads]
+    widest = np.array([one.widest_mm for one in heads])
+    return bundled(context.written_network, widest[context.vessel_head])
 
 
 def plain_job(context: RunContext) -> Gcode:
-    """The same job as if the ink had no lag."""
+    """The same job as if the ink had no lag; its lines name strands."""
     planned = plan(context, compensated=False)
     parts = stream_gcode(planned.parts, *machine(context, ahead=False), planned.top_mm)
     return Gcode.joined(list(parts))
@@ -143,7 +175,13 @@ def written_regions(context: RunContext, part: Fresh) -> list[Region]:
     """The recipe's regions, which follow the part where it is compensated."""
     stretch = context.corrections.stretch
     made = (
-        make_region(region, number, context.recipe_folder, context.local_network)
+        make_region(
+            region,
+            number,
+            context.recipe_folder,
+            context.local_network,
+            context.recipe.print_scale,
+        )
         for number, region in enumerate(part.regions)
     )
     return [replace(region, solid=stretch.solid(region.solid)) for region in made]
@@ -184,6 +222,8 @@ def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> Embedded
         overlap_radii=part.overlap_radii,
         retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
+        dwell_s=filled.ink.dwell_s,
+        widest_filament_mm=part.widest_filament_mm,
         open_joints=part.open_joints,
     )
 
@@ -270,12 +310,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.2, "writing G-code")
     part = context.recipe.toolpath
     ahead = isinstance(part, Embedded) and part.compensate_lag
-    lines = save_gcode(
-        context.folder / GCODE,
-        context.folder / LINE_MAP,
-        stream_gcode(count.along(planned.parts), *machine(context, ahead=ahead), planned.top_mm),
-        written_beside(context, ahead=ahead),
-    )
+    job = stream_gcode(count.along(planned.parts), *machine(context, ahead=ahead), planned.top_mm)
+    beside: dict[str, NDArray[Any]] = {}
+    if planned.bundles is not None:
+        beside = written_beside(context, planned.bundles, ahead=ahead)
+        if not planned.bundles.is_plain:
+            job = planned.bundles.of_design(job, beside)
+    lines = save_gcode(context.folder / GCODE, context.folder / LINE_MAP, job, beside)
     facts, kept = compensation_facts(context)
     summary = {
         "method": context.recipe.toolpath.method,
@@ -287,7 +328,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return summary, [GCODE, LINE_MAP, *kept, *count.keep(context.folder / PATH)]
 
 
-def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any]]:
+def written_beside(
+    context: RunContext, bundles: Bundles, *, ahead: bool
+) -> dict[str, NDArray[Any]]:
     """What the map of an embedded job holds besides its lines, for the checks that read it."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
@@ -302,6 +345,7 @@ def written_beside(context: RunContext, *, ahead: bool) -> dict[str, NDArray[Any
             (one.needle_outer_mm, one.tip_outer_mm or one.needle_outer_mm, one.cone_mm)
             for one in heads
         ],
+        None if bundles.is_plain else np.bincount(bundles.owner) > 1,
     )
     return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from design.hemodynamics import scaled_network
 from design.lattices import LatticeOptions, build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
@@ -32,6 +33,9 @@ from printctl.recipe.growth import (
 )
 from printctl.recipe.lattice import LatticeNetwork
 
+DESIGNED = "network_designed.csv"
+"""In the design's size, where the print's is another."""
+
 
 def depends(context: RunContext) -> Any:
     """The section, the seed, the user's files where it names some, and what can be printed."""
@@ -42,20 +46,24 @@ def depends(context: RunContext) -> Any:
         # What can be printed is said by the toolpath's section and its needle.
         limits = printability(context, part.smallest_diameter_mm)
         found["limits_mm"] = [limits.lumen_mm, limits.widest_mm, limits.wall_mm]
-    return [found, context.recipe.seed]
+    return [found, context.recipe.seed, context.recipe.print_scale]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
-    """Make the network and write it; later stages read the file."""
+    """Make the network and write it in the print's size; later stages read the file."""
     network, more = make_network(context)
     for note in more.get("notes", ()):
         context.bars.remark("vasculature", note)
-    write_network_csv(context.folder / NETWORK, network)
-    return summarise(network) | more, [NETWORK]
+    scale, names = context.recipe.print_scale, [NETWORK]
+    write_network_csv(context.folder / NETWORK, scaled_network(network, scale))
+    if scale != 1:
+        write_network_csv(context.folder / DESIGNED, network)
+        names.append(DESIGNED)
+    return summarise(network) | more, names
 
 
 def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
-    """The network that the recipe asks for, in the tissue's frame, and what is said of it."""
+    """The network that the recipe asks for, in the design's size, and what is said of it."""
     part = context.recipe.vasculature
     notes: tuple[str, ...] = ()
     match part:

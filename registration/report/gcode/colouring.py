@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from registration.picture.colours import TREE_COLOURS
-from registration.report.gcode.job import FloatArray, GcodeColour, GcodeJob
+from registration.report.gcode.job import FloatArray, GcodeJob
 
 _KNOWN: Final = {
     "external perimeter": "#d55e00", "outer wall": "#d55e00", "wall-outer": "#d55e00",
@@ -29,7 +29,8 @@ class Colouring:
 
     Attributes
     ----------
-    key : GcodeColour
+    key : str
+        A `GcodeColour`, or of a prediction (`registration.report.play`) also ``off`` and ``head``.
     name, unit : str
     limits : tuple of 2 floats
         Where the scale ends; values beyond take the colour of its end. Of the places of `labels`
@@ -38,7 +39,7 @@ class Colouring:
         Of kinds, which have no scale.
     """
 
-    key: GcodeColour
+    key: str
     name: str
     unit: str = ""
     limits: tuple[float, float] = (0.0, 1.0)
@@ -50,12 +51,14 @@ def colourings(job: GcodeJob) -> list[Colouring]:
     """Those that say something of this job."""
     writes, found = job.writes, []
     if not np.isnan(job.width_mm[writes]).all():
-        limits = _limits(job.width_mm[writes], job.way_mm[writes])
+        limits = usual_span(job.width_mm[writes], job.way_mm[writes])
         found.append(Colouring("width", "Line width", "mm", limits))
     named = np.unique(job.kind[writes])
     if (named >= 0).any():
         found.append(Colouring("kind", "Kind of line", "", (0.0, 1.0), *_kinds(job)))
-    found.append(Colouring("speed", "Speed, as fed", "mm/s", _limits(job.speed_mm_s[writes], None)))
+    found.append(
+        Colouring("speed", "Speed, as fed", "mm/s", usual_span(job.speed_mm_s[writes], None))
+    )
     found.append(Colouring("order", "Order of writing", "", (0.0, 1.0)))
     z = job.end[writes, 2]
     if job.layers.passes:
@@ -65,8 +68,15 @@ def colourings(job: GcodeJob) -> list[Colouring]:
     return found
 
 
-def _limits(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
-    """All but the outermost hundredths of the written way; never a span of mere rounding."""
+def usual_span(values: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
+    """All but the outermost hundredths of the written way; never a span of mere rounding.
+
+    Parameters
+    ----------
+    values : (n,) float64
+    weights : (n,) float64 or None
+        Way of each; without it the span is that of all values.
+    """
     order = np.argsort(values)
     weight = np.ones(len(values)) if weights is None else weights[order]
     share = np.cumsum(weight) / weight.sum()

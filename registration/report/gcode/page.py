@@ -15,7 +15,7 @@ from registration.picture.colours import NO_DATA, samples
 from registration.report.errors import ReportError
 from registration.report.gcode.chunks import Packed, pack_job
 from registration.report.gcode.colouring import colourings
-from registration.report.gcode.job import Act, GcodeColour, GcodeJob, layer_sums
+from registration.report.gcode.job import Act, GcodeJob, layer_sums
 from registration.report.page import environment, style
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
@@ -25,7 +25,8 @@ MAX_MOVES: Final = 12_000_000
 MAX_TEXT_BYTES: Final = 120_000_000
 """Of a file whose lines go into the page; of a larger one only their numbers do."""
 
-_STATIC: Final = Path(__file__).parent / "static"
+GCODE_STATIC: Final = Path(__file__).parent / "static"
+"""The page's scripts, some of which `registration.report.play` takes too."""
 _ENTRY: Final = 'import "gcode/main";'
 
 
@@ -35,12 +36,13 @@ class GcodePage:
 
     Attributes
     ----------
-    colour : GcodeColour
+    colour : str
+        Key of a colouring, a `GcodeColour`.
     layer : int
         From 0.
     """
 
-    colour: GcodeColour
+    colour: str
     layer: int = 0
 
 
@@ -68,13 +70,13 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         )
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
-    modules = module_map(("theme", "unpack"), "gcode", _STATIC)
+    modules = module_map(("theme", "unpack"), "gcode", GCODE_STATIC)
     context = {
         "title": job.name,
         "facts": _facts(job),
         "notes": [*job.notes, *_left_out(job, with_text)],
         "style": style(),
-        "own_style": Markup((_STATIC / "gcode.css").read_text(encoding="utf-8")),
+        "own_style": Markup((GCODE_STATIC / "gcode.css").read_text(encoding="utf-8")),
         "policy": content_policy([modules, _ENTRY]),
         "modules": modules,
         "entry": Markup(_ENTRY),

@@ -13,11 +13,11 @@ from printctl.pipeline.printability import needle_options, printability
 from printctl.recipe.making import Embedded, Fresh
 
 
-def context(part: Embedded | Fresh, **bath: float) -> Any:
+def context(part: Embedded | Fresh, print_scale: float = 1.0, **bath: float) -> Any:
     """As much of a run's context as is asked."""
     ink = load(Ink, "gelatin_sacrificial")
     return SimpleNamespace(
-        recipe=SimpleNamespace(toolpath=part),
+        recipe=SimpleNamespace(toolpath=part, print_scale=print_scale),
         needle=load(Needle, part.needle),
         ink=ink,
         bath=load(Bath, "cell_matrix").model_copy(update=bath),
@@ -36,6 +36,15 @@ def test_a_weak_bath_limits_the_widest_vessel() -> None:
     # 0.02 Pa / (0.07 × 20 kg/m³ × 9.81 m/s²)
     assert limits.widest_mm == pytest.approx(1.456, rel=1e-3)
     assert "1.46 mm, which the bath's yield stress holds" in limits.says
+
+
+def test_limits_are_said_in_the_design_s_size() -> None:
+    part = Embedded(method="embedded")
+    small, large = printability(context(part), 0.3), printability(context(part, 4.0), 0.3 / 4)
+    assert large.lumen_mm == pytest.approx(small.lumen_mm / 4)
+    assert large.widest_mm == pytest.approx((small.widest_mm or 0) / 4)
+    assert large.wall_mm == pytest.approx(small.wall_mm / 4)
+    assert "printed 4 times the design's size" in large.says
 
 
 def test_layers_have_no_widest_lumen() -> None:

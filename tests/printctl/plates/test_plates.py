@@ -154,6 +154,7 @@ def test_a_grid_holds_every_pair_and_a_list_only_those_named() -> None:
     ("sweep", "words"),
     [
         ({"toolpath.needle": ("30g", "25g")}, "can't differ from well to well"),
+        ({"toolpath.prime.line_mm": (5, 10)}, "can't differ from well to well"),
         ({"printer.bath": ("a", "b")}, "isn't among what can be varied"),
         ({"scan.seed": (1, 2)}, "isn't among what can be varied"),
         ({"ink.viscosity_pa_s": (1, 2)}, "isn't among what can be varied"),

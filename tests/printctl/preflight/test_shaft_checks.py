@@ -15,6 +15,7 @@ from rich.console import Console
 from design.network import VesselNetwork
 from design.network_csv import write_network_csv
 from design.toolpath import Toolpath
+from design.toolpath.embedded import Bundles
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
@@ -167,7 +168,8 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, allowed: int
 ) -> None:
     path = written(0, 1)
-    planned = stage.Planned([path], 8.0, lambda: NoReport())  # type: ignore[arg-type, return-value]
+    own = Bundles.plain(NETWORK)
+    planned = stage.Planned([path], 8.0, lambda: NoReport(), own)  # type: ignore[arg-type, return-value]
     monkeypatch.setattr(stage, "plan", lambda _: planned)
     write_network_csv(tmp_path / "two.csv", NETWORK)
     recipe = {

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from design.toolpath.embedded import EmbeddedOptions, plan_embedded
-from design.toolpath.gcode import GcodeOptions, write_gcode
+from design.toolpath.embedded import EmbeddedOptions, bundled, plan_embedded
+from design.toolpath.gcode import Gcode, GcodeOptions, stream_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
 from printctl.preflight.head_checks import Loaded
@@ -46,3 +47,27 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
     assert deep <= told
     assert found.summary()["written_pieces"] > len(net.vessel_nodes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int) -> None:
+    options = replace(EmbeddedOptions(), open_joints=99)
+    net = random_tree(5 + 2 * seed, 20.0, seed, 0.3)
+    made = bundled(net, np.full(net.vessel_count, 1.2 * float(net.radius.max())))
+    assert not made.is_plain
+    plan = plan_embedded(made, options)
+    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+    ink = load(Ink, "gelatin_sacrificial")
+    told = GcodeOptions(start_mm=START, flow_factor=ink.flow_factor)
+    beside: dict[str, Any] = {}
+    job = stream_gcode([plan.toolpath], printer, syringe, PLACE, told, plan.toolpath.top_mm)
+    whole = Gcode.joined(list(made.of_design(job, beside)))
+    strands = np.bincount(made.owner) > 1
+    beside |= written_arrays(net, PLACE, options.overlap_radii, 0.05, [NEEDLE], strands)
+    lines = {"source": whole.line_source, "kind": whole.line_kind}
+    run = dry_run(whole.data, printer, START)
+    found = shaft_clearance(run, printer, [Loaded(syringe, ink, None)], written_of(lines | beside))
+    named = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
+    deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
+    assert deep <= named
+    assert found.summary()["written_pieces"] > len(made.owner)

@@ -45,20 +45,26 @@ export function startHands(view) {
   });
 }
 
-function drag(view, held, event, before, now) {
+export function drag(view, held, event, before, now) {
   const [du, dv] = [now[0] - before[0], now[1] - before[1]];
   view.fitted = false;
   if (held.size === 2) {
     const other = [...held].find(([id]) => id !== event.pointerId)[1];
     const apart = (a) => Math.hypot(a[0] - other[0], a[1] - other[1]);
     view.camera.zoom(apart(now) / Math.max(apart(before), 1), ...other);
-  } else if (view.passes && (event.buttons === 2 || event.altKey)) {
+  } else if (turns(view, event)) {
     view.camera.look(view.camera.azimuth - 0.4 * du, view.camera.elevation + 0.4 * dv);
   } else view.camera.pan(du, dv);
   view.draw();
 }
 
-function zoom(view, factor, [u, v] = view.camera.size.map((x) => x / 2)) {
+// Where there is no right button (a tablet) a plain stroke may turn; then Shift pans.
+function turns(view, event) {
+  if (!view.passes) return false;
+  return event.buttons === 2 || event.altKey || (view.turnsByDrag && !event.shiftKey);
+}
+
+export function zoom(view, factor, [u, v] = view.camera.size.map((x) => x / 2)) {
   view.fitted = false;
   view.camera.zoom(factor, u, v);
   view.draw();

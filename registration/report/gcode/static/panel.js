@@ -2,6 +2,7 @@
 import { short } from "gcode/colours";
 import { fit } from "gcode/hands";
 import { soon } from "gcode/soon";
+import { tellScale } from "gcode/scalebar";
 import { layerNumbers, list, moveNumbers } from "gcode/words";
 
 const PLAY_FRAMES = 600;
@@ -68,7 +69,7 @@ function tell(view, noun) {
   at("move-tag").textContent = `${short(view.move)} of ${short(view.rows)} moves`;
   at("numbers").replaceChildren(...list(layerNumbers(view.layers, k, view.passes)));
   at("legend").replaceChildren(view.colours.legend(kindsThere(view)));
-  tellScale(view.camera.scale);
+  tellScale(view.camera.scale, at("scalebar"));
   tellMove(view);
 }
 
@@ -92,13 +93,4 @@ function tellMove(view) {
   title.textContent = `${said.title}, line ${said.line}`;
   facts.append(...list(said.facts));
   at("line").replaceChildren(title, facts);
-}
-
-function tellScale(scale) {
-  const room = 120 / scale;
-  const ten = 10 ** Math.floor(Math.log10(room));
-  const length = [5, 2, 1].map((x) => x * ten).find((x) => x <= room) ?? ten;
-  at("scalebar").querySelector("i").style.width = `${length * scale}px`;
-  at("scalebar").querySelector("span").textContent =
-    length < 1 ? `${short(1000 * length)} µm` : `${short(length)} mm`;
 }

@@ -2,6 +2,7 @@
 import { Camera } from "gcode/camera";
 import { Colours } from "gcode/colours";
 import { Painter } from "gcode/draw";
+import { hues } from "gcode/hues";
 import { ACT, Chunks } from "gcode/moves";
 import { nearest } from "gcode/pick";
 import { soon } from "gcode/soon";
@@ -93,10 +94,7 @@ export class View {
 
   paint() {
     const { painter, part, shown, colours } = this;
-    const style = getComputedStyle(document.documentElement);
-    painter.theme = Object.fromEntries(
-      ["paper", "ink", "muted", "way", "lifted", "prime", "retract", "mark", "rim", "ground"].map(
-        (name) => [name, style.getPropertyValue(`--${name === "mark" ? "hot" : name}`).trim()]));
+    painter.theme = hues();
     const finer = devicePixelRatio || 1;
     const context = painter.context;
     context.setTransform(finer, 0, 0, finer, 0, 0);

@@ -1,0 +1,175 @@
+"""Vessels wider than one filament: strands side by side that merge into one lumen.
+
+A strand is a vessel of its own to the planner. Strands of a bundle lie on a hexagonal lattice
+around the axis, so near to each other that they overlap by 0.3 of their radius: more than the
+quarter from which two filaments count as one body (`meetings.DEEP`), so no shaft among them is a
+crossing. Together they hold the vessel's volume.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.solids.tube import unit_rings
+from design.toolpath.gcode import Gcode
+from design.toolpath.toolpath import FloatArray, IntArray
+
+STRANDS = (1, 7, 19, 37)
+"""Whole rings of a hexagonal lattice, with one strand on the axis that keeps the joints."""
+SPACING = 1.7
+"""Between neighbours, in radii of a strand."""
+_QUARTER = 4
+
+
+@dataclass(frozen=True)
+class Bundles:
+    """A network of strands.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+        The design's vessels first, each on its own axis and as thin as its strands; then the
+        strands around them, each between two nodes of its own.
+    owner : (n,) int64
+        The design's vessel of each.
+    """
+
+    network: VesselNetwork
+    owner: IntArray
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether every vessel is one filament."""
+        return len(np.unique(self.owner)) == len(self.owner)
+
+    @staticmethod
+    def plain(network: VesselNetwork) -> Bundles:
+        """Every vessel one filament."""
+        return Bundles(network, np.arange(network.vessel_count))
+
+    def widest_radius(self) -> FloatArray:
+        """Of the design's vessel of each strand, (n,), mm."""
+        count = np.bincount(self.owner)[self.owner]
+        thick = np.maximum.reduceat(self.network.radius, self.network.offset[:-1])
+        return np.asarray(thick[self.owner] * np.sqrt(count))
+
+    def of_design(self, parts: Iterable[Gcode], beside: dict[str, Any]) -> Iterator[Gcode]:
+        """G-code whose lines and marks name the design's vessels.
+
+        When the last part is through, ``beside`` has each line's ``strand``.
+        """
+        strands = []
+        for part in parts:
+            strands.append(part.line_source)
+            known = part.line_source >= 0
+            source = np.where(known, self.owner[part.line_source], part.line_source)
+            yield replace(part, data=self._marks(part.data), line_source=source)
+        beside["strand"] = np.concatenate(strands).astype(np.int32)
+
+    def _marks(self, data: bytes) -> bytes:
+        def mark(found: re.Match[bytes]) -> bytes:
+            return b"PASS_END:%d" % self.owner[int(found[1])]
+
+        return re.sub(rb"PASS_END:(\d+)", mark, data)
+
+
+def bundled(network: VesselNetwork, widest_mm: FloatArray) -> Bundles:
+    """Strands for vessels wider than one filament; the network itself where there are none.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    widest_mm : (v,) float64, mm
+        Widest filament for each vessel.
+
+    Raises
+    ------
+    ToolpathError
+        For a vessel that asks for more strands than are laid.
+    """
+    own = np.arange(network.vessel_count)
+    wide = 2 * np.maximum.reduceat(network.radius, network.offset[:-1])
+    strands = _strands(wide, widest_mm)
+    if np.all(strands == 1):
+        return Bundles(network, own)
+    thin = network.radius / np.sqrt(np.repeat(strands, np.diff(network.offset)))
+    lines = [(points, radius) for points, radius in replace(network, radius=thin).polylines()]
+    owner = own.tolist()
+    for vessel in np.flatnonzero(strands > 1).tolist():
+        around = _around(*lines[vessel], int(strands[vessel]))
+        lines += around
+        owner += [vessel] * len(around)
+    return Bundles(_with_lines(network, lines, np.array(owner)), np.array(owner))
+
+
+def _strands(wide: FloatArray, widest_mm: FloatArray) -> IntArray:
+    needed = (wide / widest_mm) ** 2 * (1 - 1e-9)
+    place = np.searchsorted(STRANDS, needed)
+    if np.any(place == len(STRANDS)):
+        vessel = int(np.argmax(needed))
+        most = np.sqrt(STRANDS[-1]) * widest_mm[vessel]
+        raise ToolpathError(
+            f"vessel {vessel}: diameter {wide[vessel]:.3f} mm is more than the {most:.3f} mm of "
+            f"{STRANDS[-1]} filaments of {widest_mm[vessel]:.3f} mm side by side "
+            "(widest_filament_mm); use a wider needle, or print it in layers (method: fresh)"
+        )
+    return np.array(STRANDS)[place]
+
+
+def _around(
+    points: FloatArray, radius: FloatArray, strands: int
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Lines beside an axis, and their radii."""
+    direction = np.diff(points, axis=0)
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    frame = unit_rings(direction, _QUARTER)[:, :2]
+    found = []
+    for place in _lattice(strands)[1:]:
+        line = points + SPACING * radius[:, None] * np.einsum("i,kij->kj", place, frame)
+        kept = _forward(line, direction)
+        found.append((line[kept], radius[kept]))
+    return found
+
+
+def _lattice(strands: int) -> FloatArray:
+    """Places of a hexagonal lattice of spacing 1, (n, 2), the middle first."""
+    rings = STRANDS.index(strands)
+    span = range(-rings, rings + 1)
+    cells = [(i, j) for i in span for j in span if abs(i + j) <= rings]
+    places = np.array([(i + j / 2, j * np.sqrt(3) / 2) for i, j in cells])
+    return places[np.argsort(np.round(np.linalg.norm(places, axis=1), 6), kind="stable")]
+
+
+def _forward(line: FloatArray, direction: FloatArray) -> IntArray:
+    """Points that lead on; those inside a bend narrower than the bundle would lead back."""
+    kept = [0]
+    for k in range(1, len(line) - 1):
+        if (line[k] - line[kept[-1]]) @ direction[k - 1] > 0:
+            kept.append(k)
+    while len(kept) > 1 and (line[-1] - line[kept[-1]]) @ direction[-1] <= 0:
+        kept.pop()
+    return np.array([*kept, len(line) - 1])
+
+
+def _with_lines(
+    network: VesselNetwork, lines: list[tuple[FloatArray, FloatArray]], owner: IntArray
+) -> VesselNetwork:
+    more = lines[network.vessel_count :]
+    ends = np.array([line[[0, -1]] for line, _ in more]).reshape(-1, 3)
+    pairs = len(network.nodes) + np.arange(len(ends)).reshape(-1, 2)
+    return VesselNetwork(
+        nodes=np.concatenate([network.nodes, ends]),
+        vessel_nodes=np.concatenate([network.vessel_nodes, pairs]),
+        kind=network.kind[owner],
+        tree=network.tree[owner],
+        offset=np.cumsum([0, *(len(radius) for _, radius in lines)]),
+        points=np.concatenate([line for line, _ in lines]),
+        radius=np.concatenate([radius for _, radius in lines]),
+    )

@@ -1,0 +1,19 @@
+"""A predicted print to play back: a slider over its time, in a page of its own or in the report."""
+
+from registration.report.play.file import load_played, save_played
+from registration.report.play.page import write_play_html
+from registration.report.play.played import Played, PlayNote, PlayRows
+from registration.report.play.section import play_section
+from registration.report.play.thin import Limits, thinned
+
+__all__ = [
+    "Limits",
+    "PlayNote",
+    "PlayRows",
+    "Played",
+    "load_played",
+    "play_section",
+    "save_played",
+    "thinned",
+    "write_play_html",
+]

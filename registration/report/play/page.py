@@ -1,0 +1,60 @@
+"""A page of its own with the slider."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from design.files import write_text
+from registration.report.gcode.job import Act
+from registration.report.page import environment, style
+from registration.report.play.played import Played
+from registration.report.play.section import clock, play_section
+from registration.report.scripts import content_policy, module_map
+from registration.report.wording import number
+
+
+def write_play_html(path: Path, played: Played, title: str) -> None:
+    """Write the slider as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an old one is replaced only by a whole new one.
+    played : Played
+    title : str
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    section = play_section(played)
+    modules = module_map(("theme", "unpack"), more=section.folders)
+    context = {
+        "title": title,
+        "facts": _facts(played),
+        "style": style(),
+        "own_style": section.style,
+        "policy": content_policy([modules, section.entry]),
+        "modules": modules,
+        "entry": Markup(section.entry),
+        "play": section.context,
+    }
+    write_text(path, environment().get_template("play.html").render(context))
+
+
+def _facts(played: Played) -> list[str]:
+    """A few numbers for the top of the page."""
+    rows, noun = played.rows, "passes" if played.passes else "layers"
+    writes = rows.act == Act.WRITE
+    written = float(np.where(writes, rows.way_mm, 0.0).sum())
+    return [
+        ", ".join(name for name in played.inks if name),
+        f"{number(len(played.layer_z_mm))} {noun}",
+        f"{number(written / 1e3, 3)} m written",
+        f"{number(float(rows.laid_ul[-1]), 4)} µL laid",
+        f"{clock(played.duration_s)} by the firmware's planner",
+    ]

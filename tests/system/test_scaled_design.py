@@ -1,0 +1,63 @@
+"""A recipe printed larger than its design, with a purge and a prime line: up to the dry run."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from printctl.pipeline.run import toolpath_recipe
+from printctl.recipe import load_recipe
+from tests.design.toolpath.gcode_reader import Machine
+from tests.system.cli import recipe_file
+
+PRIME = {"line_mm": 6, "gap_mm": 4, "purge_ul": 5, "cup_mm": [20, 20, 70], "wipe_mm": [30, 20, 70]}
+
+
+def _network(path: Path) -> np.ndarray:
+    with path.open() as lines:
+        rows = [row for row in csv.reader(lines) if row and not row[0].startswith("#")]
+    columns = rows[0]
+    wanted = [k for k, name in enumerate(columns) if name in {"x0", "y0", "z0", "radius0_mm"}]
+    assert len(wanted) == 4, columns
+    return np.array([[float(row[k]) for k in wanted] for row in rows[1:]])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scaled")
+    more = {"vasculature": {"terminals": 24}, "toolpath": {"prime": PRIME}}
+    recipe = recipe_file(folder, "carbopol_scaled", **more)
+    done = toolpath_recipe(load_recipe(recipe), folder, folder / "run", Console(quiet=True))
+    assert done["flow"]["print_scale"] == 4
+    return folder / "run"
+
+
+def test_network_is_four_times_the_design(run: Path):
+    printed, designed = _network(run / "network.csv"), _network(run / "network_designed.csv")
+    assert printed == pytest.approx(4 * designed, rel=1e-9)
+
+
+def test_the_flow_says_what_the_print_needs(run: Path):
+    flow = json.loads((run / "manifest.json").read_text())["stages"]["flow"]["summary"]
+    assert flow["inflow_ml_min"] == pytest.approx(0.02 * 64)
+    assert flow["scaled"]["design"]["inflow_ml_min"] == pytest.approx(0.02)
+    assert flow["scaled"]["same_reynolds"]["inflow_ml_min"] == pytest.approx(0.08)
+
+
+def test_job_purges_over_the_cup_then_writes_a_line_beside_the_part(run: Path):
+    machine = Machine().read((run / "part.gcode").read_bytes())
+    pushed = []
+    for before, after in zip(machine.states, machine.states[1:], strict=False):
+        if after[1] > before[1]:
+            pushed.append((before[0], after[0]))
+    standing, moving = pushed[0], next(pair for pair in pushed if pair[0] != pair[1])
+    assert [float(standing[1][axis]) for axis in "XYZ"] == [20, 20, 70]
+    start, end = (np.array([float(place[axis]) for axis in "XYZ"]) for place in moving)
+    assert np.linalg.norm(end - start) == pytest.approx(6, abs=0.01)
+    away = np.abs((start + end)[:2] / 2 - 100).max()  # the part's middle is at 100, 100
+    assert away == pytest.approx(16 + 4, abs=0.2)
