@@ -344,6 +344,11 @@ class Ink(Facts):
         description="Diameter of a filament that has lain in the bath over the one that was "
         "written; not measured without, and taken as 1.",
     )
+    smallest_gap_mm: Positive | None = Field(
+        default=None,
+        description="Smallest gap between two written lines that stays open (printctl calibrate "
+        "pattern comb); unknown without.",
+    )
     gelled_by: tuple[Trigger, ...] = Field(
         default=(), description="What the bath must provide for the ink to set."
     )

@@ -43,6 +43,8 @@ class EmbeddedOptions:
         Pause after a prime, until the ink flows.
     open_joints : int
         How many joints may stay without an overlap; more are refused.
+    recovery_s : float, s
+        How long the bath takes to close behind the needle; no pass is begun in a younger wake.
     widest_filament_mm : float or None, mm
         Wider vessels are asked for as strands (`bundles`); None for what `largest_lumen_mm` says.
     """
@@ -64,6 +66,7 @@ class EmbeddedOptions:
     plunger_ul_s: float = 0.4
     dwell_s: float = 0.0
     open_joints: int = 0
+    recovery_s: float = 0.0
     widest_filament_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -89,6 +92,7 @@ class EmbeddedOptions:
             tip_outer_mm=self.tip_outer_mm,
             cone_mm=self.cone_mm,
             open_joints=self.open_joints,
+            recovery_s=self.recovery_s,
         )
         if (self.tip_outer_mm > 0) != (self.cone_mm > 0):
             raise ToolpathError(

@@ -18,6 +18,7 @@ from design.toolpath.embedded.lumens import Lumens
 from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
+from design.toolpath.embedded.recovery import waited
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import Rules, entered, find_rules
 from design.toolpath.embedded.schedule import Pass
@@ -127,7 +128,8 @@ def plan_embedded(
     writer = FilamentWriter(scene.elements, passes[0], heads)
     writer.write_all(passes, joined)
     met = scene.met(rules, passes, joined, network)
-    toolpath = writer.builder.build()
+    recovery_s = max(one.recovery_s for one in heads.options)
+    toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
     report = _report(toolpath, scene.elements, passes, joined, writer, met)
     return EmbeddedPlan(toolpath, scene.lumens.told(report))
 
@@ -202,6 +204,7 @@ def _report(
         travel_mm=float(length[travel].sum()),
         write_s=float((length[write] / speed[write]).sum()),
         travel_s=float((length[travel] / speed[travel]).sum()),
+        waited_s=float(toolpath.duration_s[toolpath.kind == MoveKind.DWELL].sum()),
         slowest_mm_s=float(speed[write].min()),
         fastest_mm_s=float(speed[write].max()),
     )

@@ -69,6 +69,8 @@ class EmbeddedReport:
     written_mm, travel_mm : float, mm
     write_s, travel_s : float, s
         At constant speed, without acceleration; travel includes lifts.
+    waited_s : float, s
+        In dwells: for the ink to flow, and for the bath to close behind the needle.
     slowest_mm_s, fastest_mm_s : float, mm/s
         While writing.
     """
@@ -90,5 +92,6 @@ class EmbeddedReport:
     travel_mm: float
     write_s: float
     travel_s: float
+    waited_s: float
     slowest_mm_s: float
     fastest_mm_s: float

@@ -38,7 +38,7 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
-from firmware_profiles import Ink, Printer, Syringe
+from firmware_profiles import Bath, Ink, Printer, Syringe
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import NETWORK, SOLID
 from printctl.pipeline.compensated import (
@@ -124,7 +124,9 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
             ahead = part.compensate_lag and compensated
-            choices = tuple(embedded_options(part, one, ahead=ahead) for one in context.loads)
+            choices = tuple(
+                embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads
+            )
             thinnest = float(context.network.radius.min())
             check_compensation(context, max(own.smallest_wall_mm(thinnest) for own in choices))
             bundles = written_bundles(context)
@@ -159,7 +161,7 @@ def written_bundles(context: RunContext) -> Bundles:
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         raise UsageError("layers have no strands; this is for embedded prints")
-    heads = [embedded_options(part, one, ahead=False) for one in context.loads]
+    heads = [embedded_options(part, one, context.bath, ahead=False) for one in context.loads]
     widest = np.array([one.widest_mm for one in heads])
     return bundled(context.written_network, widest[context.vessel_head])
 
@@ -213,10 +215,11 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
     ]
 
 
-def embedded_options(part: Embedded, filled: Filled, *, ahead: bool) -> EmbeddedOptions:
+def embedded_options(part: Embedded, filled: Filled, bath: Bath, *, ahead: bool) -> EmbeddedOptions:
     """The planner's choices for a head, by its needle and ink; ``ahead`` of its lag or not."""
     return EmbeddedOptions(
         **needle_options(filled.needle),
+        recovery_s=bath.recovery_s or 0.0,
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,
@@ -335,7 +338,7 @@ def written_beside(
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         return {}
-    heads = [embedded_options(part, one, ahead=ahead) for one in context.loads]
+    heads = [embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads]
     found = written_arrays(
         context.written_network,
         context.place_mm,
