@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from design.files import write_text
 from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
-from printctl.pipeline.context import RunContext
+from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
@@ -62,6 +62,7 @@ def dry_run_stage(run: PlateRun) -> Stage:
             run.standing.plate.model_dump(mode="json"),
             [run.standing.centre_mm(well.name) for well in run.wells],
             [care.reload_min, care.viability_min],
+            [run.part.a1_mm, context.recipe.printer.port],
         ]
 
     reads = (GCODE, LINE_MAP, *alone_jobs)
@@ -127,7 +128,28 @@ def _checks(
         *alone.of_mounted(whole, found, whole.printer, 0),
         *well_checks(found, wells, whole.needle),
         *_as_alone(run, found.program, of_line),
+        *_place(run),
         *bath_checks(whole.bath),
+    ]
+
+
+def _place(run: PlateRun) -> list[Check]:
+    """Before a real print: nobody said where A1 is."""
+    if run.part.a1_mm is not None or run.whole.recipe.printer.port == SIMULATED_PORT:
+        return []
+    x, y = run.standing.centre_mm("A1")
+    return [
+        Check(
+            "place of the plate",
+            0,
+            0,
+            "",
+            False,
+            "plate.a1_mm",
+            f"isn't said, so A1 is taken to be at x {x:g}, y {y:g} mm, the plate in the middle of "
+            "the work area; bring the tip over A1 and give what the printer shows",
+            "warns",
+        )
     ]
 
 
