@@ -214,6 +214,12 @@ def _overlapping(
                     continue
                 reach = joint_reach(needle, max(radius, thick))
                 low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
+                if 0.0 < low or high < 1.0:  # what overlaps within a joint is none of its own
+                    away = _apart(
+                        a, b, c + low * (d - c), c + high * (d - c), radius + thick + span
+                    )
+                    if away >= radius + thick - DEEP * min(radius, thick):
+                        continue
                 there = elements.arc[j] + 0.5 * elements.length[j]
                 way = _way(elements.vessel[i], at, elements.vessel[j], there, meetings)
                 if low < high and away < BESIDE * way:
