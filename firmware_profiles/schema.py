@@ -259,6 +259,11 @@ class Needle(Facts):
     inner_mm: Annotated[float, Field(gt=0, le=3)] = Field(description="Bore at the opening.")
     outer_mm: Annotated[float, Field(gt=0, le=5)] = Field(description="Of the shaft.")
     length_mm: Annotated[float, Field(gt=0, le=200)]
+    hub_outer_mm: Annotated[float, Field(gt=0, le=60)] | None = Field(
+        default=None,
+        description="Widest of what is above the shaft and may dip below a rim: hub and syringe's "
+        "end. Not measured without, and taken as 12.",
+    )
     tip_outer_mm: Annotated[float, Field(gt=0, le=5)] | None = Field(
         default=None, description="Of a tapered tip: outside at the opening; with cone_mm."
     )
