@@ -1,4 +1,4 @@
-"""Facts about printers, needles, syringes, inks, baths and dishes, each with its source."""
+"""Facts about printers, needles, syringes, inks, baths, dishes and plates, each with its source."""
 
 from firmware_profiles.controllers import Aerotech
 from firmware_profiles.cross_checks import Doubt, doubts
@@ -7,6 +7,7 @@ from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
+from firmware_profiles.plates import Plate
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.schema import (
     Axes,
@@ -36,6 +37,7 @@ __all__ = [
     "MeasuredLag",
     "Needle",
     "Offset",
+    "Plate",
     "Plunger",
     "Pneumatic",
     "Printer",

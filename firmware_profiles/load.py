@@ -9,6 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from firmware_profiles.errors import ProfileError
+from firmware_profiles.plates import Plate
 from firmware_profiles.schema import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 
 Profile = TypeVar("Profile", bound=Facts)
@@ -21,6 +22,7 @@ FOLDERS: Final[dict[type[Facts], str]] = {
     Ink: "inks",
     Bath: "baths",
     Dish: "dishes",
+    Plate: "plates",
 }
 
 

@@ -259,6 +259,11 @@ class Needle(Facts):
     inner_mm: Annotated[float, Field(gt=0, le=3)] = Field(description="Bore at the opening.")
     outer_mm: Annotated[float, Field(gt=0, le=5)] = Field(description="Of the shaft.")
     length_mm: Annotated[float, Field(gt=0, le=200)]
+    hub_outer_mm: Annotated[float, Field(gt=0, le=60)] | None = Field(
+        default=None,
+        description="Widest of what is above the shaft and may dip below a rim: hub and syringe's "
+        "end. Not measured without, and taken as 12.",
+    )
     tip_outer_mm: Annotated[float, Field(gt=0, le=5)] | None = Field(
         default=None, description="Of a tapered tip: outside at the opening; with cone_mm."
     )
@@ -338,6 +343,11 @@ class Ink(Facts):
         default=None,
         description="Diameter of a filament that has lain in the bath over the one that was "
         "written; not measured without, and taken as 1.",
+    )
+    smallest_gap_mm: Positive | None = Field(
+        default=None,
+        description="Smallest gap between two written lines that stays open (printctl calibrate "
+        "pattern comb); unknown without.",
     )
     gelled_by: tuple[Trigger, ...] = Field(
         default=(), description="What the bath must provide for the ink to set."

@@ -6,7 +6,8 @@
     ├── ScanFileError           a scan that can't be read, or comes without its units
     ├── SegmentationError       empty, saturated or contrastless volume
     ├── AlignmentError          scan and model don't fit each other
-    └── DyeError                a film of dye, or its marks, that can't be used
+    ├── DyeError                a film of dye, or its marks, that can't be used
+    └── PictureError            a picture of a printed pattern that can't be used
 """
 
 from __future__ import annotations
@@ -30,3 +31,7 @@ class AlignmentError(RegistrationError):
 
 class DyeError(RegistrationError):
     """A film of a dye front, or the marks in it, that can't be used."""
+
+
+class PictureError(RegistrationError):
+    """A picture of a printed pattern that can't be read, or shows something else."""

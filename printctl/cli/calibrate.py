@@ -13,8 +13,10 @@ from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
 from printctl.cli.calibrate_oct import oct_device
 from printctl.cli.calibrate_offset import offset
+from printctl.cli.calibrate_pattern import pattern
 from printctl.cli.calibrate_walls import walls
 from printctl.cli.calibrate_weigh import weigh
+from printctl.cli.calibrate_widths import widths
 
 calibrate = typer.Typer(
     help="Measure a machine's and an ink's constants, each with its uncertainty.",
@@ -25,5 +27,7 @@ calibrate.command("offset")(offset)
 calibrate.command("level")(level)
 calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
+calibrate.command("pattern")(pattern)
+calibrate.command("widths")(widths)
 calibrate.command("oct")(oct_device)
 calibrate.command("walls")(walls)

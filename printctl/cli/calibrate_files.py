@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -26,7 +27,8 @@ from sim.dryrun import dry_run
 class Job:
     """A test: where it goes, what it does, on what, from where.
 
-    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for.
+    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for;
+    ``flow_factor`` is the ink's, where the test writes with it as a print does.
     """
 
     path: Path
@@ -35,6 +37,7 @@ class Job:
     syringe: Syringe
     at_mm: tuple[float, float, float]
     doses: bool = False
+    flow_factor: float = 1.0
 
 
 def write_test(
@@ -57,7 +60,11 @@ def write_test(
     # A pneumatic head's flow is what will be weighed; its doses are times, so any will do here.
     flow = 1.0 if job.printer.pneumatic else None
     options = GcodeOptions(
-        start_mm=job.at_mm, relieve_ul=0.0, flow_ul_s=flow, standing_doses=flow is not None
+        start_mm=job.at_mm,
+        relieve_ul=0.0,
+        flow_factor=job.flow_factor,
+        flow_ul_s=flow,
+        standing_doses=flow is not None,
     )
     gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
     run = dry_run(gcode.data, job.printer, job.at_mm)
@@ -90,17 +97,33 @@ def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None
 
 def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Estimate) -> None:
     """Write a copy of a profile with one key's value changed for what was measured."""
+    write_measured(path, facts, {key: Measured(value, f"{estimate.text()}, 95 %")})
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a key gets: its value, and what its source is to say of it."""
+
+    value: Any
+    said: str
+
+
+def write_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> None:
+    """Write a copy of a profile with keys changed for what was measured; its source says so."""
     data = facts.model_dump(mode="json", exclude_unset=True)
-    data[key.partition(".")[0]] = value
-    left = [other for other in facts.starting_values if other != key]
+    for key, one in found.items():
+        data[key.partition(".")[0]] = one.value
+    left = [other for other in facts.starting_values if other not in found]
     if left:
         data["starting_values"] = left
     else:
         data.pop("starting_values", None)
+    said = "; ".join(f"{key} {one.said}" for key, one in found.items())
+    numbers = said if len(found) > 1 else next(iter(found.values())).said
     data["source"] = (
-        f"{facts.source} {key} measured by printctl calibrate, {date.today().isoformat()}: "
-        f"{estimate.text()}, 95 %."
+        f"{facts.source} {', '.join(found)} measured by printctl calibrate, "
+        f"{date.today().isoformat()}: {numbers}."
     )
     type(facts).model_validate(data)
     write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
-    messages().print(f"wrote {path}: {key} {estimate.text()}", markup=False)
+    messages().print(f"wrote {path}: {said}", markup=False)

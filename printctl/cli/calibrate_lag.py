@@ -50,7 +50,9 @@ def lag(
             spacing_mm=10 * width,
         )
         place = three_numbers(at, "--at")
-        job = Job(gcode, path, load(Printer, printer), load(Syringe, syringe), place)
+        mounted = (load(Printer, printer), load(Syringe, syringe))
+        # As a print does: what is found then multiplies the factor that the ink has.
+        job = Job(gcode, path, *mounted, place, flow_factor=material.flow_factor)
         write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], said)
         return
     data = given(readings, ("x_mm", "width_mm"))
@@ -61,10 +63,10 @@ def lag(
         data.last_digit["width_mm"],
     )
     factor = found.flow_factor.times(material.flow_factor, "")
-    mounted = None if needle is None else load(Needle, needle)
-    tell(_told(found, factor), [*_notes(found), *_unwritten(found, mounted, write)], as_json)
+    tip = None if needle is None else load(Needle, needle)
+    tell(_told(found, factor), [*_notes(found), *_unwritten(found, tip, write)], as_json)
     if write is not None:
-        lagging = _with_lag(material, found, mounted, load(Syringe, syringe))
+        lagging = _with_lag(material, found, tip, load(Syringe, syringe))
         write_mended(write, lagging, "flow_factor", factor)
 
 

@@ -155,9 +155,8 @@ def _check(file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: 
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
     job = load_job(file, mounted.printer.max_line_bytes)
     shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)
-    checks, at, heads = with_reloads_of(
-        [*file_checks(run, mounted), *shaft.checks], job, chosen.usable, wanted=chosen.reload
-    )
+    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
+    checks, at, heads = with_reloads_of(checks, job, chosen.usable, wanted=chosen.reload)
     refuse_failed(checks)
     for text in warnings(checks):
         messages().print(f"note: {text}", markup=False)

@@ -1,4 +1,4 @@
-"""`printctl profiles show`: which printers, needles, syringes, inks, baths and dishes are known."""
+"""`printctl profiles show`: which printers, needles, inks, dishes and so on are known."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from firmware_profiles import (
     Facts,
     Ink,
     Needle,
+    Plate,
     Printer,
     ProfileError,
     Syringe,
@@ -30,6 +31,7 @@ KINDS: dict[str, type[Facts]] = {
     "ink": Ink,
     "bath": Bath,
     "dish": Dish,
+    "plate": Plate,
 }
 
 
@@ -67,6 +69,9 @@ def _sizes(kind: str, facts: dict[str, Any]) -> str:
         return f": bore {facts['inner_mm']:g}, outer {facts['outer_mm']:g} mm"
     if kind == "syringe":
         return f": bore {facts['inner_mm']:g} mm, dead volume {facts['dead_volume_ul']:g} µL"
+    if kind == "plate":
+        count = facts["rows"] * facts["columns"]
+        return f": {count} wells, {facts['well_x_mm']:g} mm, {facts['well_depth_mm']:g} mm deep"
     return ""
 
 

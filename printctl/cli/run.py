@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,7 +42,14 @@ def run(
             *process_lines(data["dry_run"]),
             ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
             str(folder / HTML),
-            *([str(folder / PDF)] if pdf else []),
+            *(pdfs(data, folder) if pdf else []),
         )
     if not verdict["passed"]:
         raise typer.Exit(1)
+
+
+def pdfs(data: dict[str, Any], folder: Path) -> list[str]:
+    """Where the PDFs lie: the run's, or of a plate one for each well that was scanned."""
+    if "plate" not in data:
+        return [str(folder / PDF)]
+    return [str((folder / row["report"]).parent / PDF) for row in data["scanned"]]

@@ -67,7 +67,7 @@ def simulate(
     gcode = read_gcode_file(file)
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
-    checks = [*file_checks(run, mounted), *shaft.checks]
+    checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     said = BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
     bead = None
     if said.asks:

@@ -13,6 +13,7 @@ from design.files import replacing
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
+from printctl.pipeline.plate.results import PICTURE, TABLE
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.recipe import load_recipe
@@ -23,13 +24,19 @@ def toolpath(
     out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
     as_json: JsonFlag = False,
 ) -> None:
-    """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer)."""
+    """Write a recipe's G-code after its dry run, with FILE.map.npz (line to vessel or layer).
+
+    Of a plate with FILE.wells.csv and a picture, FILE.svg.
+    """
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
     loaded = load_recipe(recipe)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
-        for name, place in ((LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)):
+        beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]
+        if loaded.plate is not None:
+            beside += [(TABLE, out.with_suffix(".wells.csv")), (PICTURE, out.with_suffix(".svg"))]
+        for name, place in beside:
             with replacing(place) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
     if as_json:

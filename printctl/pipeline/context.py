@@ -6,10 +6,11 @@ run and an uninterrupted one go on from the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
+from printctl.plates.place import Stand
+from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan
@@ -50,7 +53,12 @@ class Filled:
 
 @dataclass
 class RunContext:
-    """One run of one recipe in one folder."""
+    """One run of one recipe in one folder.
+
+    Of a run over a plate ``stand`` is the well in which the part stands, ``ink_changes`` what is
+    varied there of the ink's profile, ``title`` goes before the stages' names on the screen, and
+    ``siblings`` are the runs of other wells, whose stages are taken over where nothing differs.
+    """
 
     recipe: Recipe
     recipe_folder: Path
@@ -59,6 +67,10 @@ class RunContext:
     bars: StageBars
     assume_yes: bool = False
     reused: set[str] = field(default_factory=set)
+    stand: Stand | None = None
+    ink_changes: Mapping[str, Any] = field(default_factory=dict)
+    title: str = ""
+    siblings: Sequence[RunContext] = ()
 
     def digests(self, names: Sequence[str]) -> dict[str, str]:
         """SHA-256 of each of the user's files, named relative to the recipe, that is there."""
@@ -96,7 +108,8 @@ class RunContext:
         """
         part, needle = self.recipe.printer, self.recipe.toolpath.needle
         if not part.heads:
-            one = Filled(load(Syringe, part.syringe), load(Ink, part.ink), load(Needle, needle))
+            ink = varied_ink(self.profile_ink, self.ink_changes)
+            one = Filled(load(Syringe, part.syringe), ink, load(Needle, needle))
             return (one,) * self.printer.head_count
         if len(part.heads) != self.printer.head_count:
             raise UsageError(
@@ -111,6 +124,17 @@ class RunContext:
             )
             for head in part.heads
         )
+
+    @cached_property
+    def profile_ink(self) -> Ink:
+        """The one head's ink as its profile says it, whatever a plate varies."""
+        return load(Ink, self.recipe.printer.ink)
+
+    @property
+    def poured(self) -> Filled:
+        """What is really in the first head: a plate varies what is believed of an ink, not it."""
+        first = self.loads[0]
+        return Filled(first.syringe, self.profile_ink, first.needle) if self.ink_changes else first
 
     @cached_property
     def vessel_head(self) -> NDArray[np.int64]:
@@ -131,8 +155,17 @@ class RunContext:
     @cached_property
     def dish(self) -> Dish | None:
         """What the bath is in, where the recipe says it."""
+        if self.stand is not None:
+            return self.stand.dish
         name = self.recipe.printer.dish
         return None if name is None else load(Dish, name)
+
+    @property
+    def bath_depth_mm(self) -> float | None:
+        """How high the dish or well is filled, where the recipe says it."""
+        if self.stand is not None:
+            return self.stand.bath_mm
+        return self.recipe.printer.bath_depth_mm
 
     @cached_property
     def flow_ul_s(self) -> float | None:
@@ -221,13 +254,14 @@ class RunContext:
     def place_mm(self) -> NDArray[np.float64]:
         """Where the part's origin stands in the printer's frame, (3,), mm.
 
-        By default the part's middle is in the middle of the work area, and its lowest point one
-        floor clearance of the bath above the dish.
+        By default the part's middle is in the middle of the work area, or of its well, and its
+        lowest point one floor clearance of the bath above the dish.
         """
         if self.recipe.printer.place_mm is not None:
             return np.array(self.recipe.printer.place_mm)
         low, high = self.bounds
-        return default_place(low, high, self.printer, self.bath)
+        centre = None if self.stand is None else self.stand.centre_mm
+        return default_place(low, high, self.printer, self.bath, centre)
 
     @cached_property
     def start_mm(self) -> NDArray[np.float64]:
@@ -238,8 +272,18 @@ class RunContext:
         """
         low, high = self.bounds + self.place_mm
         top = self.written_bounds[1, 2] + self.place_mm[2]
-        above = min(top + 5.0, self.printer.z_mm.high)
+        clear = top + 5.0 if self.stand is None else max(top + 5.0, self.stand.safe_z_mm)
+        above = min(clear, self.printer.z_mm.high)
         return np.round(np.append((low + high)[:2] / 2, above), 3)
+
+    @property
+    def lift_mm(self) -> float:
+        """By how much a needle is raised that must leave the part, from wherever in it, mm."""
+        low, high = self.written_bounds
+        over_part = float(high[2] - low[2]) + 5.0
+        if self.stand is None:
+            return over_part
+        return max(over_part, self.stand.safe_z_mm - self.printer.z_mm.low)
 
 
 def designed_conditions(part: FlowPart) -> FlowConditions:
@@ -252,14 +296,19 @@ def designed_conditions(part: FlowPart) -> FlowConditions:
 
 
 def default_place(
-    low: NDArray[np.float64], high: NDArray[np.float64], printer: Printer, bath: Bath
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    printer: Printer,
+    bath: Bath,
+    centre_mm: tuple[float, float] | None = None,
 ) -> NDArray[np.float64]:
     """Where a part with these lowest and highest corners is put, (3,), mm, printer's frame.
 
-    Its middle in the middle of the work area, its lowest point one floor clearance of the bath
-    above the dish.
+    Its middle at ``centre_mm``, by default in the middle of the work area, its lowest point one
+    floor clearance of the bath above the dish.
     """
-    middle = np.array([(span.low + span.high) / 2 for span in (printer.x_mm, printer.y_mm)])
+    spans = (printer.x_mm, printer.y_mm)
+    middle = np.array(centre_mm or [(span.low + span.high) / 2 for span in spans])
     floor = printer.z_mm.low + bath.floor_clearance_mm
     # Whole microns, so that the numbers in the G-code stay short.
     return np.asarray(np.round(np.append(middle - (low + high)[:2] / 2, floor - low[2]), 3))

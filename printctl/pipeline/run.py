@@ -12,27 +12,12 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
+from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE
 from printctl.pipeline.stage import Stage, run_stages
-from printctl.pipeline.stages import (
-    dry_run,
-    flow,
-    lumens,
-    measures,
-    printing,
-    registration,
-    report,
-    scan,
-    solid,
-    tissue,
-    toolpath,
-    vasculature,
-)
+from printctl.pipeline.stages import report
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
-
-DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE, solid.STAGE)
-TOOLPATH: Sequence[Stage] = (*DESIGN, toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
-WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)
 
 
 def run_recipe(
@@ -55,6 +40,8 @@ def run_recipe(
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
     with run_lock(folder):
+        if recipe.plate is not None:
+            return run_plate(_context(recipe, recipe_folder, folder, console, assume_yes), pdf)
         context = _run(recipe, recipe_folder, folder, console, WHOLE, assume_yes)
         return report.write_report(context, pdf)
 
@@ -64,6 +51,8 @@ def design_recipe(
 ) -> dict[str, Any]:
     """Run the design stages; return their summaries."""
     with run_lock(folder):
+        if recipe.plate is not None:
+            return design_plate(_context(recipe, recipe_folder, folder, console))
         return report.collect(_run(recipe, recipe_folder, folder, console, DESIGN))
 
 
@@ -72,6 +61,8 @@ def toolpath_recipe(
 ) -> dict[str, Any]:
     """Run the stages up to the dry run; return their summaries."""
     with run_lock(folder):
+        if recipe.plate is not None:
+            return toolpath_plate(_context(recipe, recipe_folder, folder, console))
         return report.collect(_run(recipe, recipe_folder, folder, console, TOOLPATH))
 
 
@@ -83,10 +74,15 @@ def _run(
     stages: Sequence[Stage],
     assume_yes: bool = False,
 ) -> RunContext:
-    manifest = Manifest.load(folder)
-    bars = StageBars(console)
-    context = RunContext(recipe, recipe_folder, folder, manifest, bars, assume_yes)
-    manifest.facts = run_facts(context)
-    manifest.save()
-    run_stages(context, stages, bars)
+    context = _context(recipe, recipe_folder, folder, console, assume_yes)
+    context.manifest.facts = run_facts(context)
+    context.manifest.save()
+    run_stages(context, stages, context.bars)
     return context
+
+
+def _context(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, assume_yes: bool = False
+) -> RunContext:
+    manifest = Manifest.load(folder)
+    return RunContext(recipe, recipe_folder, folder, manifest, StageBars(console), assume_yes)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from design.files import replacing
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import StageRecord, digest_bytes, digest_file, digest_json
 from printctl.pipeline.meter import Meter
@@ -68,9 +70,22 @@ def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) ->
     """
     with bars.all():
         for stage in stages:
-            with bars.stage(stage.name) as report:
+            name = f"{context.title} {stage.name}".strip()
+            with bars.stage(name) as report:
                 note = _run_one(context, stage, report)
-            bars.say(stage.name, note)
+            bars.say(name, note)
+
+
+def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, name: str) -> None:
+    """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
+    with bars.all(), bars.stage(name) as report, Meter() as meter:
+        notes = []
+        for number, stage in enumerate(stages):
+            report(number / len(stages), stage.name)
+            notes.append(_run_one(context, stage, lambda fraction, note="": None))
+    new = [note for note in notes if note.endswith(" s")]
+    kept = f", {len(notes) - len(new)} of {len(notes)} stages as before or as in another well"
+    bars.say(name, f"{meter.seconds:.1f} s{kept if len(new) < len(notes) else ''}")
 
 
 def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
@@ -79,6 +94,11 @@ def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
     if record is not None and record.still_valid(key, context.folder):
         context.reused.add(stage.name)
         return f"unchanged ({record.seconds:.1f} s when made)"
+    for other in context.siblings:
+        theirs = other.manifest.stages.get(stage.name)
+        if theirs is not None and theirs.still_valid(key, other.folder):
+            _take_over(context, stage, theirs, other.folder)
+            return f"as in {other.folder.name}"
     context.manifest.stages.pop(stage.name, None)
     with Meter() as meter:
         summary, outputs = stage.work(context, report)
@@ -88,3 +108,14 @@ def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
     )
     context.manifest.save()
     return f"{meter.seconds:.1f} s"
+
+
+def _take_over(context: RunContext, stage: Stage, record: StageRecord, folder: Path) -> None:
+    """Copy what another folder's run of the same made."""
+    context.manifest.stages.pop(stage.name, None)
+    for name in record.outputs:
+        with replacing(context.folder / name) as draft:
+            shutil.copyfile(folder / name, draft)
+    context.manifest.stages[stage.name] = record
+    context.manifest.save()
+    context.reused.add(stage.name)

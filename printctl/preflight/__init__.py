@@ -1,7 +1,13 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
 from printctl.preflight.check import Check, placed_failures, refuse_failed, warnings
-from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
+from printctl.preflight.dish_checks import (
+    WALL_CLEARANCE_MM,
+    Standing,
+    dish_checks,
+    floor_check,
+    unknown_dish,
+)
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
@@ -13,6 +19,7 @@ from printctl.preflight.material_checks import (
     held_check,
     temperature_checks,
 )
+from printctl.preflight.same_as_alone import same_as_alone
 from printctl.preflight.set_up import SetUp, file_checks
 from printctl.preflight.setup_checks import (
     needle_check,
@@ -25,6 +32,8 @@ from printctl.preflight.shaft_checks import (
     shaft_clearance,
     shaft_lines,
     unmapped_check,
+    volumes,
+    written_ul,
 )
 from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
@@ -35,8 +44,11 @@ from printctl.preflight.viability_checks import (
     viability_checks,
     viability_facts,
 )
+from printctl.preflight.well_checks import Wells, well_checks
+from printctl.preflight.well_map import read_wells, well_arrays
 
 __all__ = [
+    "WALL_CLEARANCE_MM",
     "Budget",
     "Check",
     "InkUse",
@@ -44,6 +56,7 @@ __all__ = [
     "PrintTime",
     "SetUp",
     "Standing",
+    "Wells",
     "accepted_text",
     "bath_checks",
     "budget_of",
@@ -61,8 +74,10 @@ __all__ = [
     "needle_check",
     "of_each_head",
     "placed_failures",
+    "read_wells",
     "read_written",
     "refuse_failed",
+    "same_as_alone",
     "shaft_checks",
     "shaft_clearance",
     "shaft_lines",
@@ -74,6 +89,10 @@ __all__ = [
     "unmapped_check",
     "viability_checks",
     "viability_facts",
+    "volumes",
     "warnings",
+    "well_arrays",
+    "well_checks",
     "written_arrays",
+    "written_ul",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,6 +17,8 @@ from sim.gcode_modal import MOVE
 FloatArray = NDArray[np.float64]
 WALL_CLEARANCE_MM: Final = 1.0
 """Kept between needle and wall: a touch-off by eye is no better."""
+HUB_MM: Final = 12.0
+"""Taken for a hub that nobody measured: a Luer lock's outside, and some."""
 _TINY_MM: Final = 1e-6
 
 
@@ -32,12 +35,36 @@ class Standing:
         Height of its floor, printer's frame.
     bath_mm : float or None, mm
         Depth of the bath; None where nobody said it.
+    bath_key : str
+        Where that is said, for messages.
     """
 
     dish: Dish
     centre_mm: tuple[float, float]
     floor_mm: float
     bath_mm: float | None = None
+    bath_key: str = "printer.bath_depth_mm"
+
+    @property
+    def area_mm2(self) -> float:
+        """Of the bath's surface, mm²."""
+        box = self.dish.inner_x_mm * self.dish.inner_y_mm
+        return math.pi / 4 * box if self.dish.shape == "round" else box
+
+    def risen_mm(self, needle: Needle, deepest_mm: float, ink_ul: float) -> float:
+        """Depth of the bath when ink and needle are in it, mm; of one that nobody said, 0.
+
+        Parameters
+        ----------
+        needle : Needle
+        deepest_mm : float, mm
+            How far it dips in.
+        ink_ul : float, µL
+        """
+        if self.bath_mm is None:
+            return 0.0
+        dipped_ul = math.pi / 4 * needle.outer_mm**2 * max(deepest_mm, 0.0)
+        return self.bath_mm + (max(ink_ul, 0.0) + dipped_ul) / self.area_mm2
 
 
 def floor_check(run: DryRun, bath: Bath, floor_mm: float) -> Check:
@@ -69,15 +96,26 @@ def unknown_dish() -> Check:
     )
 
 
-def dish_checks(run: DryRun, standing: Standing, needle: Needle) -> list[Check]:
-    """Walls for every move below their top; depth where it is known."""
-    checks = [_wall(run, standing, needle)]
+def dish_checks(
+    run: DryRun, standing: Standing, needle: Needle, ink_ul: float = 0.0
+) -> list[Check]:
+    """Walls for every move of needle or hub below their top; depth where it is known.
+
+    Parameters
+    ----------
+    run : DryRun
+    standing : Standing
+    needle : Needle
+    ink_ul : float, µL
+        Written into the bath, which rises by it.
+    """
+    checks = [_wall(run, standing, needle), _hub(run, standing, needle)]
     if standing.bath_mm is not None:
-        checks += _depth(run, standing, standing.bath_mm, needle)
+        checks += _depth(run, standing, needle, ink_ul)
     return checks
 
 
-def _tips(run: DryRun) -> FloatArray:
+def tips_of(run: DryRun) -> FloatArray:
     """Tip before and after each row, (n, 2, 3)."""
     ends = run.program.target[:, :3]
     begins = np.vstack([run.program.start[None, :3], ends[:-1]])[: len(ends)]
@@ -115,7 +153,7 @@ def wall_gap(
 def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
     """Least distance between needle and wall."""
     dish = standing.dish
-    gap = wall_gap(_tips(run), run.program.kind == MOVE, standing, needle.outer_mm)
+    gap = wall_gap(tips_of(run), run.program.kind == MOVE, standing, needle.outer_mm)
     row = int(gap.argmin()) if len(gap) else -1
     value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
     return Check(
@@ -130,22 +168,57 @@ def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
     )
 
 
-def _depth(run: DryRun, standing: Standing, bath_mm: float, needle: Needle) -> list[Check]:
-    surface = standing.floor_mm + bath_mm
-    dish, tips = standing.dish, _tips(run)
+def hub_gap(
+    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, needle: Needle
+) -> FloatArray:
+    """Distance of the needle's hub to the wall in each move, as `wall_gap`."""
+    hubs = tips + [0.0, 0.0, needle.length_mm]
+    return wall_gap(hubs, moves, standing, needle.hub_outer_mm or HUB_MM)
+
+
+def hub_remedy(needle: Needle, dish: Dish) -> str:
+    """What to do where a hub meets a wall."""
+    taken = "" if needle.hub_outer_mm else f", taken as {HUB_MM:g} mm wide (needle: hub_outer_mm)"
+    return (
+        f"the hub of {needle.name}{taken} would hit the wall of {dish.name}; take a longer "
+        "needle, a lower or wider dish, or raise the part"
+    )
+
+
+def _hub(run: DryRun, standing: Standing, needle: Needle) -> Check:
+    """Least distance between the wall and what is above the needle's shaft."""
+    dish = standing.dish
+    gap = hub_gap(tips_of(run), run.program.kind == MOVE, standing, needle)
+    row = int(gap.argmin()) if len(gap) else -1
+    value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
+    return Check(
+        "needle's hub to the dish's wall",
+        value,
+        WALL_CLEARANCE_MM,
+        "mm",
+        value >= WALL_CLEARANCE_MM,
+        f"line {int(run.program.line[row])}" if row >= 0 else "",
+        hub_remedy(needle, dish),
+    )
+
+
+def _depth(run: DryRun, standing: Standing, needle: Needle, ink_ul: float) -> list[Check]:
+    surface = standing.floor_mm + (standing.bath_mm or 0.0)
+    dish, tips = standing.dish, tips_of(run)
     written = run.doses & (np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0)
     heights = np.where(written, tips[:, :, 2].max(axis=1), -np.inf)
     row = int(heights.argmax()) if written.any() else -1
     top = float(heights[row]) if row >= 0 else standing.floor_mm
     deepest = surface - float(run.low_mm[2])
+    risen = standing.risen_mm(needle, deepest, ink_ul)
     return [
         Check(
-            "depth of the bath, below the dish's wall",
-            bath_mm,
+            "depth of the bath with ink and needle in it, below the dish's wall",
+            risen,
             dish.wall_mm,
             "mm",
-            bath_mm <= dish.wall_mm,
-            "printer.bath_depth_mm",
+            risen <= dish.wall_mm,
+            standing.bath_key,
             f"{dish.name} would run over; fill less or take a higher dish",
         ),
         Check(
@@ -155,7 +228,7 @@ def _depth(run: DryRun, standing: Standing, bath_mm: float, needle: Needle) -> l
             "mm",
             top <= surface + _TINY_MM,
             f"line {int(run.program.line[row])}" if row >= 0 else "",
-            "it would write in the air; fill the dish higher (bath_depth_mm) or lower the part",
+            "it would write in the air; fill more (bath_depth_mm) or lower the part",
         ),
         Check(
             "deepest tip below the bath's surface, against the needle",

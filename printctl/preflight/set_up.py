@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from firmware_profiles import Bath, Ink, Needle, Printer, Syringe
+from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe
+from printctl.errors import UsageError
 from printctl.preflight.check import Check
 from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
 from printctl.preflight.force_checks import force_checks
@@ -12,8 +16,11 @@ from printctl.preflight.gcode_checks import gcode_checks
 from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
 from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
 from printctl.preflight.setup_checks import syringe_checks
+from printctl.preflight.shaft_checks import volumes, written_ul
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import PrintTime, budget_of, viability_checks
+from printctl.preflight.well_checks import Wells, well_checks
+from printctl.preflight.well_map import read_wells
 from sim.dryrun import DryRun
 
 
@@ -49,30 +56,49 @@ class SetUp:
         return Loaded(self.syringe, self.ink, self.needle)
 
 
-def file_checks(run: DryRun, setup: SetUp) -> list[Check]:
-    """Every check of a dry run, passed or not; what can't be looked at is a warning."""
+def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list[Check]:
+    """Every check of a dry run, passed or not; what can't be looked at is a warning.
+
+    Of a plate's job the map says where wells are.
+    """
     checks = gcode_checks(run, setup.printer)
+    loads = [setup.load_of(k) for k in range(setup.printer.head_count)]
+    ink_ul = written_ul(run, setup.printer, loads)
+    wells = None if map_path is None else _wells(run, setup, loads, map_path)
     missing = [
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
     ]
     if setup.printer.heads:
         checks += of_each_head(
-            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, setup.load_of(k))
+            run, setup.printer, lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul)
         )
-        needles = [setup.load_of(k).needle for k in range(setup.printer.head_count)]
-        checks += head_checks(run, setup.printer, setup.standing, needles)
+        checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])
     else:
-        load = Loaded(setup.syringe, setup.ink, setup.needle)
-        checks += _of_head(run, setup.printer, setup, load)
+        checks += _of_head(run, setup.printer, setup, loads[0], ink_ul)
     if setup.bath is not None:
         checks += bath_checks(setup.bath)
-    if setup.standing is None:
+    if wells is not None and setup.needle is not None:
+        checks += well_checks(run, wells, setup.needle)
+    if setup.standing is None and wells is None:
         checks.append(unknown_dish())
     return checks + ([_unnamed(missing)] if missing else [])
 
 
-def _of_head(run: DryRun, printer: Printer, setup: SetUp, load: Loaded) -> list[Check]:
-    """Checks of what one head holds, and of its needle's way."""
+def _wells(run: DryRun, setup: SetUp, loads: Sequence[Loaded], map_path: Path) -> Wells | None:
+    try:
+        return read_wells(map_path, run.program.line, volumes(run, setup.printer, loads))
+    except ProfileError:  # a pressure that moves no ink is said by a check of its own
+        return None
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
+        raise UsageError(
+            f"{map_path} can't be read ({exc}); write the G-code and its map anew, or move it away"
+        ) from exc
+
+
+def _of_head(
+    run: DryRun, printer: Printer, setup: SetUp, load: Loaded, ink_ul: float
+) -> list[Check]:
+    """Checks of what one head holds, and of its needle's way; all heads write ``ink_ul``."""
     checks = [
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
@@ -87,7 +113,7 @@ def _of_head(run: DryRun, printer: Printer, setup: SetUp, load: Loaded) -> list[
             floor_check(run, setup.bath, printer.z_mm.low),
         ]
     if load.needle is not None and setup.standing is not None:
-        checks += dish_checks(run, setup.standing, load.needle)
+        checks += dish_checks(run, setup.standing, load.needle, ink_ul)
     return checks
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Needle, Printer, steady_flow
+from firmware_profiles import Needle, Printer, ProfileError, steady_flow
 from printctl.preflight.check import Check
 from printctl.preflight.head_checks import Loaded
 from printctl.preflight.shaft_map import Written
@@ -48,6 +48,7 @@ def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) ->
         (needle.tip_outer_mm or needle.outer_mm) / 2,
         needle.cone_mm or 0.0,
         needle.length_mm,
+        needle.hub_outer_mm / 2 if needle.hub_outer_mm else None,
         clearance_mm=clearance_mm,
     )
 
@@ -68,6 +69,14 @@ def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArra
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     lasts = np.divide(length, program.feed, out=np.zeros(len(length)), where=program.feed > 0)
     return np.where(run.doses & (program.kind == MOVE), flow * lasts, 0.0)
+
+
+def written_ul(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> float:
+    """What comes out of all heads in the whole run, µL; nothing where the pressure moves no ink."""
+    try:
+        return float(volumes(run, printer, loads).sum())
+    except ProfileError:  # said by a check of its own
+        return 0.0
 
 
 def shaft_checks(found: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:

@@ -16,6 +16,7 @@ from printctl.recipe.making import (
     ToolpathPart,
 )
 from printctl.recipe.parts import FlowPart, Part, Seed
+from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
 
@@ -37,11 +38,14 @@ class Recipe(Part):
     solid: SolidPart = SolidPart()
     toolpath: ToolpathPart = Fresh(method="fresh")
     printer: PrinterPart = PrinterPart()
+    plate: PlatePart | None = None
     scan: ScanPart | None = None
     registration: RegistrationPart = RegistrationPart()
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Recipe:
+        if self.plate is not None:
+            check_plate(self.printer, self.toolpath)
         if isinstance(self.vasculature, NamedNetwork) and not isinstance(self.tissue, Block):
             raise ValueError(
                 "vasculature.design planar_four_vessel is made for a block; "

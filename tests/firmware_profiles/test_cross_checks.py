@@ -12,6 +12,7 @@ from firmware_profiles import (
     Facts,
     Ink,
     Needle,
+    Plate,
     Printer,
     ProfileError,
     Syringe,
@@ -20,7 +21,7 @@ from firmware_profiles import (
     shipped,
 )
 
-MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish)
+MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish, Plate)
 SYRINGES = [load(Syringe, name) for name in shipped(Syringe)]
 
 

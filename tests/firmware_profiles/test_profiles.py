@@ -10,6 +10,7 @@ from firmware_profiles import (
     Facts,
     Ink,
     Needle,
+    Plate,
     Printer,
     ProfileError,
     Syringe,
@@ -18,7 +19,7 @@ from firmware_profiles import (
 )
 from firmware_profiles.load import DATA
 
-MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish)
+MODELS: tuple[type[Facts], ...] = (Printer, Needle, Syringe, Ink, Bath, Dish, Plate)
 SHIPPED = [(model, name) for model in MODELS for name in shipped(model)]
 
 

@@ -28,6 +28,7 @@ def test_shipped_phantom(tmp_path: Path) -> None:
     _run(ROOT / "examples" / "cortex_embedded.yaml", tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GYRUS.exists(), reason="no shared data beside the project")
 def test_real_gyrus(tmp_path: Path) -> None:
     """Its slab is thinner than the phantom's: the smallest lumen is 0.25 mm, not 0.3."""

@@ -1,4 +1,4 @@
-"""A recipe printed larger than its design, with a purge and a prime line: up to the dry run."""
+"""An embedded print larger than its design, with a purge and a prime line, up to its report."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from printctl.pipeline.run import toolpath_recipe
-from printctl.recipe import load_recipe
 from tests.design.toolpath.gcode_reader import Machine
-from tests.system.cli import recipe_file
+from tests.system.cli import printctl, recipe_file
 
 PRIME = {"line_mm": 6, "gap_mm": 4, "purge_ul": 5, "cup_mm": [20, 20, 70], "wipe_mm": [30, 20, 70]}
 
@@ -30,11 +27,20 @@ def _network(path: Path) -> np.ndarray:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scaled")
-    more = {"vasculature": {"terminals": 24}, "toolpath": {"prime": PRIME}}
-    recipe = recipe_file(folder, "carbopol_scaled", **more)
-    done = toolpath_recipe(load_recipe(recipe), folder, folder / "run", Console(quiet=True))
-    assert done["flow"]["print_scale"] == 4
+    recipe = recipe_file(folder, "carbopol_scaled", toolpath={"prime": PRIME})
+    done = printctl("run", recipe, "--out", "run", cwd=folder)
+    assert done.returncode == 0, done.stderr
     return folder / "run"
+
+
+def test_print_is_registered_against_the_print_s_size(run: Path):
+    report = json.loads((run / "report.json").read_text())
+    assert report["print"]["state"] == "done"
+    assert report["registration"]["all_open"]
+    assert report["registration"]["scaled"]["rms_um"] < 40
+    assert report["truth_check"]["pose_error_um"] < 30
+    assert not report["registration"]["ambiguity"]["flag"]
+    assert report["frames"]["tissue_to_part"][0][0] == 4
 
 
 def test_network_is_four_times_the_design(run: Path):

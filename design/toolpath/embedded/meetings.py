@@ -18,6 +18,9 @@ BESIDE = 0.7
 """Filaments touch where they are nearer than this part of the way along vessels: what lies ahead
 on a thick vessel is near, too, but no collision."""
 
+BORDER_MM = 0.05
+"""Filaments that part so near to a joint's border are no place for a needle."""
+
 DEEP = 0.25
 """Filaments are one body where they reach so far into each other, in radii of the thinner one.
 Where they only brush each other the order still matters."""
@@ -214,6 +217,15 @@ def _overlapping(
                     continue
                 reach = joint_reach(needle, max(radius, thick))
                 low, high = outside_joints(elements.vessel[i], at, j, reach, elements, meetings)
+                if low > 0.0 or high < 1.0:  # what overlaps within a joint is none of its own
+                    low, high = outside_joints(
+                        elements.vessel[i], at, j, reach - BORDER_MM, elements, meetings
+                    )
+                    away = _apart(
+                        a, b, c + low * (d - c), c + high * (d - c), radius + thick + span
+                    )
+                    if away >= radius + thick - DEEP * min(radius, thick):
+                        continue
                 there = elements.arc[j] + 0.5 * elements.length[j]
                 way = _way(elements.vessel[i], at, elements.vessel[j], there, meetings)
                 if low < high and away < BESIDE * way:

@@ -2,6 +2,7 @@
 
 from design.toolpath.gcode.grain import clear_mm, least_move_mm
 from design.toolpath.gcode.job import Gcode, GcodeOptions
+from design.toolpath.gcode.labels import labelled
 from design.toolpath.gcode.load import HeadLoad
 from design.toolpath.gcode.save import save_gcode
 from design.toolpath.gcode.write import stream_gcode, write_gcode
@@ -11,6 +12,7 @@ __all__ = [
     "GcodeOptions",
     "HeadLoad",
     "clear_mm",
+    "labelled",
     "least_move_mm",
     "save_gcode",
     "stream_gcode",

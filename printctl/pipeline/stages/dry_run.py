@@ -49,6 +49,7 @@ from printctl.preflight import (
     viability_checks,
     viability_facts,
     warnings,
+    written_ul,
 )
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
@@ -70,7 +71,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.place_mm.tolist(),
         context.dish and context.dish.model_dump(mode="json"),
-        [at.dish_centre_mm, at.bath_depth_mm, at.care.reload],
+        [at.dish_centre_mm, context.bath_depth_mm, at.care.reload],
         [at.care.reload_min, at.care.viability_min, at.care.viability_source],
         context.compensation_digest,
         PLAYED,  # a run folder from before it gets one
@@ -80,35 +81,54 @@ def depends(context: RunContext) -> Any:
 def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     """The G-code's own checks and those of the set-up."""
     printer, dish = context.printer, standing(context)
+    ink_ul = written_ul(run, printer, loaded(context))
     common = [
         *bath_checks(context.bath),
         *([] if dish else [unknown_dish()]),
     ]
     if not printer.heads:
-        return [*gcode_checks(run, printer), *of_head(context, run, printer, 0), *common]
+        return [*gcode_checks(run, printer), *of_head(context, run, printer, 0, ink_ul), *common]
     needles = [one.needle for one in context.loads]
     return [
         *gcode_checks(run, printer),
-        *of_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k)),
+        *of_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k, ink_ul)),
         *head_checks(run, printer, dish, needles),
         *common,
     ]
 
 
-def of_head(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
-    """What a head holds and where its needle goes; the printer has that head alone."""
-    low, high = context.written_bounds
-    load, bath, dish = context.loads[number], context.bath, standing(context)
+def of_head(
+    context: RunContext, run: DryRun, printer: Printer, number: int, ink_ul: float
+) -> list[Check]:
+    """What a head holds and where its needle goes; the printer has that head alone.
+
+    ``ink_ul`` is what all heads together write.
+    """
+    needle, dish = context.loads[number].needle, standing(context)
+    checks = [*of_mounted(context, run, printer, number), *of_part(context, number)]
+    return checks if dish is None else [*checks, *dish_checks(run, dish, needle, ink_ul)]
+
+
+def of_mounted(context: RunContext, run: DryRun, printer: Printer, number: int) -> list[Check]:
+    """What a head holds, whatever it writes; the printer has that head alone."""
+    load, bath = context.loads[number], context.bath
     return [
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
-        needle_check(float(high[2] - low[2]), load.needle),
         *force_checks(run, load.ink, load.needle, load.syringe, printer),
         chemistry_check(load.ink, bath),
         *temperature_checks(run, load.ink, bath),
-        held_check(widest_filament_mm(context, number), load.ink, bath),
         floor_check(run, bath, printer.z_mm.low),
-        *([] if dish is None else dish_checks(run, dish, load.needle)),
+    ]
+
+
+def of_part(context: RunContext, number: int) -> list[Check]:
+    """What the part asks of a head's needle and of the bath."""
+    low, high = context.written_bounds
+    load = context.loads[number]
+    return [
+        needle_check(float(high[2] - low[2]), load.needle),
+        held_check(widest_filament_mm(context, number), load.ink, context.bath),
     ]
 
 
@@ -129,7 +149,9 @@ def standing(context: RunContext) -> Standing | None:
         return None
     x, y, _ = context.start_mm.tolist()
     centre = part.dish_centre_mm or (x, y)
-    return Standing(context.dish, centre, context.printer.z_mm.low, part.bath_depth_mm)
+    key = "printer.bath_depth_mm" if context.stand is None else "plate.bath_depth_mm"
+    floor = context.printer.z_mm.low
+    return Standing(context.dish, centre, floor, context.bath_depth_mm, key)
 
 
 def shaft(context: RunContext, run: DryRun) -> Clearance | None:
@@ -137,8 +159,12 @@ def shaft(context: RunContext, run: DryRun) -> Clearance | None:
     written = read_written(context.folder / LINE_MAP)
     if written is None or isinstance(context.recipe.toolpath, Fresh):
         return None
-    loads = [Loaded(one.syringe, one.ink, one.needle) for one in context.loads]
-    return shaft_clearance(run, context.printer, loads, written)
+    return shaft_clearance(run, context.printer, loaded(context), written)
+
+
+def loaded(context: RunContext) -> list[Loaded]:
+    """What each head holds, as the checks want it."""
+    return [Loaded(one.syringe, one.ink, one.needle) for one in context.loads]
 
 
 def allowed_shaft(context: RunContext, found: Clearance | None) -> list[Check]:

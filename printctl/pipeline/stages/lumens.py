@@ -47,6 +47,7 @@ def depends(context: RunContext) -> Any:
         context.syringe.model_dump(mode="json"),
         context.ink.model_dump(mode="json") if compensates(context) else context.ink.flow_factor,
         context.flow_ul_s,
+        context.ink.smallest_gap_mm,
         context.printer.model_dump(mode="json"),
         context.place_mm.tolist(),
         context.start_mm.tolist(),
@@ -59,12 +60,33 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Hold the G-code against the network; refuse what is closed or leaks."""
     check = hold(context, report)
     found = {"checked": True, **check.as_dict()}
+    notes = [*check.notes, *gap_notes(context)]
+    found["notes"] = notes
     write_text(context.folder / LUMENS, json.dumps(found, indent=1, allow_nan=False) + "\n")
     if check.refusal is not None:
         raise SafetyError(f"refused before the first byte was sent:\n{check.refusal}")
-    for note in check.notes:
+    for note in notes:
         context.bars.remark("lumens", note)
     return found, [LUMENS]
+
+
+def gap_notes(context: RunContext) -> list[str]:
+    """Whether the thinnest lumen is one that this ink's lines leave open, where that was measured.
+
+    Only between lines of layers: an embedded vessel is written itself.
+    """
+    least = context.ink.smallest_gap_mm
+    if least is None or not isinstance(context.recipe.toolpath, Fresh):
+        return []
+    thinnest = 2 * float(context.written_network.radius.min())
+    if thinnest >= least:
+        return []
+    return [
+        f"the thinnest lumen is {thinnest:.3g} mm wide, and the smallest gap that "
+        f"{context.ink.name} leaves open is {least:g} mm (ink: smallest_gap_mm): it may "
+        "close; widen it, or take a thinner needle and measure it anew (printctl calibrate pattern "
+        "comb)"
+    ]
 
 
 def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:

@@ -117,9 +117,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         record.unlink(missing_ok=True)
         return simulated_printer(part.profile, (x, y, z), gcode, record, folder)
 
-    low, high = context.written_bounds
-    lift = float(high[2] - low[2]) + 5.0
-    retreat = retreat_of(context, lift)
+    retreat = retreat_of(context, context.lift_mm)
     gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     client = find_or_start(order, port)

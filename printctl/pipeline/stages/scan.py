@@ -59,7 +59,8 @@ def depends(context: RunContext) -> Any:
     found = part.model_dump(mode="json")
     if isinstance(part, FileScan):
         return [found, *digest_user_files(context.recipe_folder, part)]
-    laid: list[Any] = [context.syringe.inner_mm, context.ink.flow_factor, context.flow_ul_s]
+    ink = context.poured.ink
+    laid: list[Any] = [context.syringe.inner_mm, ink.flow_factor, context.flow_ul_s]
     if context.printer.heads:
         laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
     if compensates(context):
@@ -120,7 +121,7 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     """Lay the ink where the printer's motors went, and scan it."""
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
     more = 1 + part.spread_percent / 100
-    area = more * area_mm2(context.loads[0])
+    area = more * area_mm2(context.poured)
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
     if context.printer.heads:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import InitVar, asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from design.toolpath.embedded import (
     bundled,
     plan_embedded,
 )
+from design.toolpath.file import save_toolpath
 from design.toolpath.fresh import (
     Compensation,
     FreshLayers,
@@ -61,6 +63,8 @@ from printctl.recipe.making import Embedded, Fresh
 FloatArray = NDArray[np.float64]
 
 GCODE, LINE_MAP = "part.gcode", "part.map.npz"
+PATH: Final = "toolpath.npz"
+"""Kept of a well, to be laid into the plate's job."""
 
 
 def depends(context: RunContext) -> Any:
@@ -165,7 +169,7 @@ def written_bundles(context: RunContext) -> Bundles:
 def plain_job(context: RunContext) -> Gcode:
     """The same job as if the ink had no lag; its lines name strands."""
     planned = plan(context, compensated=False)
-    parts = stream_gcode(planned.parts, *_machine(context, ahead=False), planned.top_mm)
+    parts = stream_gcode(planned.parts, *machine(context, ahead=False), planned.top_mm)
     return Gcode.joined(list(parts))
 
 
@@ -260,7 +264,7 @@ def gcode_options(
     )
 
 
-def _machine(
+def machine(
     context: RunContext, *, ahead: bool
 ) -> tuple[Printer, Syringe, FloatArray, GcodeOptions]:
     """What the writer is told besides the path."""
@@ -275,11 +279,15 @@ def _machine(
 
 @dataclass
 class Count:
-    """What the parts of a path add up to."""
+    """What the parts of a path add up to; the parts themselves where they are ``wanted``."""
 
     moves: int = 0
     length_mm: float = 0.0
     written_ul: float = 0.0
+    wanted: InitVar[bool] = False
+
+    def __post_init__(self, wanted: bool) -> None:
+        self._kept: list[Toolpath] | None = [] if wanted else None
 
     def along(self, parts: Iterable[Toolpath]) -> Iterator[Toolpath]:
         """Hand the parts on, counted."""
@@ -287,16 +295,25 @@ class Count:
             self.moves += len(part)
             self.length_mm += float(part.lengths.sum())
             self.written_ul += part.written_ul
+            if self._kept is not None:
+                self._kept.append(part)
             yield part
+
+    def keep(self, path: Path) -> list[str]:
+        """Write the parts to a file as one, if they were wanted; its name."""
+        if self._kept is None:
+            return []
+        save_toolpath(path, joined(self._kept))
+        return [path.name]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Plan, write, map: FRESH layer by layer."""
-    planned, count = plan(context), Count()
+    planned, count = plan(context), Count(wanted=context.stand is not None)
     report(0.2, "writing G-code")
     part = context.recipe.toolpath
     ahead = isinstance(part, Embedded) and part.compensate_lag
-    job = stream_gcode(count.along(planned.parts), *_machine(context, ahead=ahead), planned.top_mm)
+    job = stream_gcode(count.along(planned.parts), *machine(context, ahead=ahead), planned.top_mm)
     beside: dict[str, NDArray[Any]] = {}
     if planned.bundles is not None:
         beside = written_beside(context, planned.bundles, ahead=ahead)
@@ -311,7 +328,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         **facts,
         "plan": plan_facts(planned.report()),
     }
-    return summary, [GCODE, LINE_MAP, *kept]
+    return summary, [GCODE, LINE_MAP, *kept, *count.keep(context.folder / PATH)]
 
 
 def written_beside(

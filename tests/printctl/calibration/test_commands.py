@@ -178,6 +178,17 @@ def test_lag_test_writes_the_same_ink_per_length_at_both_speeds(tmp_path: Path) 
     np.testing.assert_allclose(run.program.feed[written], [4, 16, 4])
 
 
+def test_lag_test_is_written_with_the_ink_s_flow_factor_as_a_print_is(tmp_path: Path) -> None:
+    ink = load(Ink, "collagen_fresh").model_dump(mode="json", exclude_unset=True)
+    (tmp_path / "ink.yaml").write_text(json.dumps(ink | {"flow_factor": 0.8}))
+    pushed = []
+    for more in ((), ("--ink", tmp_path / "ink.yaml")):
+        job = tmp_path / "lag.gcode"
+        assert calibrate("lag", "--gcode", job, "--lines", "1", *more).exit_code == 0
+        pushed.append(dry(job, (40, 100, 1)).plunger_max_mm)
+    assert pushed[0] / pushed[1] == pytest.approx(0.8, rel=2e-3)
+
+
 def test_level_tells_tilt_and_depth(tmp_path: Path) -> None:
     rows = ["surface,x_mm,y_mm,z_mm"]
     for x, y in ((0, 0), (60, 0), (0, 60), (60, 60), (30, 30)):

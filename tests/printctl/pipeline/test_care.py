@@ -46,7 +46,7 @@ def ordered(
         printer=PRINTER,
         syringe=SYRINGE,
         loads=(Filled(SYRINGE, load(Ink, "collagen_fresh"), load(Needle, "fresh_150um")),),
-        written_bounds=np.array([[0.0, 0, 0], [16, 8, 3]]),
+        lift_mm=8.0,
         start_mm=np.array([100.0, 100, 20]),
         bars=None,
         manifest=SimpleNamespace(

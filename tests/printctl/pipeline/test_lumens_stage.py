@@ -29,7 +29,7 @@ def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
         recipe=SimpleNamespace(toolpath=part),
         printer=load(Printer, "generic_marlin"),
         syringe=SimpleNamespace(inner_mm=BORE_MM),
-        ink=SimpleNamespace(flow_factor=1.0),
+        ink=SimpleNamespace(name="ink", flow_factor=1.0, smallest_gap_mm=None),
         place_mm=np.array([20.0, 30.0, 0.0]),
         start_mm=np.zeros(3),
         flow_ul_s=None,
@@ -55,6 +55,18 @@ def test_open_lumens_pass_and_are_written_down(tmp_path: Path) -> None:
     assert files == ["lumens.json"]
     written = json.loads((tmp_path / "lumens.json").read_text())
     assert written["lumens"][0]["narrowest_mm"] == pytest.approx(0.6, abs=2e-3)
+
+
+def test_a_lumen_below_the_ink_s_smallest_gap_is_told(tmp_path: Path) -> None:
+    layers = [tube(0.3, centre=(20, 30))] * LAYERS
+    for gap, part, told in ((0.5, fresh(), 0), (0.7, fresh(), 1)):
+        said = context(tmp_path, layers, part)
+        said.ink.smallest_gap_mm = gap
+        found, _ = lumens.work(said, lambda *_: None)
+        notes = [text for text in found["notes"] if "smallest gap" in text]
+        assert len(notes) == told
+    assert "0.6 mm wide" in notes[0]
+    assert "0.7 mm" in notes[0]
 
 
 def test_a_closed_lumen_is_refused(tmp_path: Path) -> None:

@@ -27,11 +27,9 @@ def test_what_comes_out_is_laid_and_not_what_is_pushed(
     monkeypatch.setattr(scan.ExecutedMotion, "load", lambda path: None)
     context: Any = SimpleNamespace(
         folder=tmp_path,
-        loads=[
-            SimpleNamespace(
-                syringe=SimpleNamespace(inner_mm=2.0), ink=SimpleNamespace(flow_factor=factor)
-            )
-        ],
+        poured=SimpleNamespace(
+            syringe=SimpleNamespace(inner_mm=2.0), ink=SimpleNamespace(flow_factor=factor)
+        ),
         recipe=SimpleNamespace(toolpath=None),
         flow_ul_s=None,
         printer=SimpleNamespace(steps_per_mm=SimpleNamespace(e=6400.0), heads=()),

@@ -73,7 +73,7 @@ JOBS: list[tuple[str, list[str]]] = [
     ("coldest setting of the ink", ["M104 S1"]),
     ("warmest setting of the bath", ["M190 S30"]),
     ("lowest tip above the dish's floor", ["G0 Z0.5 F240"]),
-    ("needle to the dish's wall", ["G0 Z5 F240", "G0 X139.5 F600"]),
+    ("needle to the dish's wall", ["G0 Z48 F240", "G0 X139.5 F600"]),
     ("highest writing", ["G1 X101 E0.1 F600"]),
     ("the firmware's own switch-off", ["M85 S0"]),
     ("the firmware's own switch-off, above", ["G4 S700"]),
@@ -116,7 +116,7 @@ def test_plunger_moves_that_are_cold_are_refused_alone() -> None:
     [
         ("what sets the ink", replace(GOOD, bath=load(Bath, "gelatin_calcium"))),
         ("printing temperature of the bath", changed("bath", max_printing_c=37.0)),
-        ("depth of the bath, below", SHALLOW),
+        ("depth of the bath with ink and needle in it, below", SHALLOW),
         ("deepest tip below", changed("needle", length_mm=2.0)),
         ("dish", replace(GOOD, standing=None)),
         ("pressure in the syringe", changed("syringe", max_pressure_kpa=1.0)),

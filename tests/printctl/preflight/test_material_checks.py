@@ -234,8 +234,12 @@ def test_needle_keeps_off_a_round_wall_below_its_top(
 def test_a_box_is_looked_at_side_by_side() -> None:
     box = Standing(load(Dish, "box_80mm"), (100.0, 100.0), 0.0)
     checks = dish_checks(run_of("G1 Z5 F60", "G1 X138.5 Y138.5 F600"), box, NEEDLE)
-    assert [check.check for check in checks] == ["needle to the dish's wall"]
+    assert [check.check for check in checks] == [
+        "needle to the dish's wall",
+        "needle's hub to the dish's wall",
+    ]
     assert checks[0].value == pytest.approx(1.5 - 0.155)
+    assert checks[1].value == pytest.approx(1.5 - 6.0)  # nobody measured the hub: 12 mm
 
 
 def test_depth_of_the_bath_covers_the_part_and_spares_the_hub() -> None:

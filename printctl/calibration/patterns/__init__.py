@@ -1,0 +1,41 @@
+"""Calibration prints: lines, spiral, joint, bridge and comb, and the sheets that go with them."""
+
+from printctl.calibration.patterns.files import Mounted, Written, read_pattern
+from printctl.calibration.patterns.lines import Asked, lines_pattern, spiral_pattern
+from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern, joint_pattern
+from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
+from printctl.calibration.patterns.sheet import sheet_svg
+from printctl.calibration.patterns.table import (
+    CLEAR,
+    COLUMNS,
+    filled_text,
+    sheet_text,
+    speed_at,
+    width_row,
+)
+from printctl.calibration.patterns.toolpath import pattern_path
+
+__all__ = [
+    "CLEAR",
+    "COLUMNS",
+    "Asked",
+    "Bead",
+    "Mounted",
+    "Pattern",
+    "PatternName",
+    "Question",
+    "Stroke",
+    "Written",
+    "bridge_pattern",
+    "comb_pattern",
+    "filled_text",
+    "joint_pattern",
+    "lines_pattern",
+    "pattern_path",
+    "read_pattern",
+    "sheet_svg",
+    "sheet_text",
+    "speed_at",
+    "spiral_pattern",
+    "width_row",
+]

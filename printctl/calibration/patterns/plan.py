@@ -1,0 +1,156 @@
+"""A calibration print: the strokes that are written, and what of them is to be measured.
+
+Coordinates are the pattern's own, mm: origin at the lower left corner of its frame, x and y as the
+printer's, z from the height of its lines. The frame is drawn in ink: the left and the bottom side
+whole, of the right and the top one the halves that meet. Four straight sides give a picture its
+scale and its perspective; the missing halves say which way up it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+PatternName = Literal["lines", "spiral", "joint", "bridge", "comb"]
+Role = Literal["frame", "line", "step", "spiral", "trunk", "branch", "tooth", "pillar", "bridge"]
+MARGIN_MM: Final = 3.0
+"""Between the frame and all else."""
+
+
+@dataclass(frozen=True)
+class Bead:
+    """The line that is commanded.
+
+    Attributes
+    ----------
+    width_mm : float, mm
+        Diameter of a filament, or width of a line on a plate.
+    layer_mm : float, mm
+        Height of a line on a plate; the rise from layer to layer of a filament's pillar.
+    round_bead : bool
+        Whether it is a filament in a bath.
+    """
+
+    width_mm: float
+    layer_mm: float
+    round_bead: bool
+
+    @property
+    def area_mm2(self) -> float:
+        """Cross-section at a flow of 1."""
+        if self.round_bead:
+            return math.pi / 4 * self.width_mm**2
+        return self.width_mm * self.layer_mm
+
+    def width_at(self, flow: float) -> float:
+        """Width that a multiple of the cross-section gives, mm."""
+        return self.width_mm * (math.sqrt(flow) if self.round_bead else flow)
+
+    def share(self, width_mm: FloatArray) -> FloatArray:
+        """Cross-section that a width tells, over the commanded one at a flow of 1."""
+        ratio = np.asarray(width_mm, dtype=np.float64) / self.width_mm
+        return ratio**2 if self.round_bead else ratio
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One unbroken written path.
+
+    Attributes
+    ----------
+    number : int
+        As on the sheet; 0 for the frame and what isn't measured.
+    role : Role
+    points : (k, 3) float64, mm
+    speed_mm_s : (k - 1,) float64, mm/s
+    flow : float
+        Multiple of the bead's cross-section.
+    """
+
+    number: int
+    role: Role
+    points: FloatArray
+    speed_mm_s: FloatArray
+    flow: float = 1.0
+
+    @property
+    def length_mm(self) -> float:
+        """Of the path."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something asked of the print that isn't a width: a gap, a joint, a bridge.
+
+    Attributes
+    ----------
+    number : int
+    value : float
+        What was varied: gap or span in mm, overlap in radii.
+    lines : (m, 2, 2) float64, mm
+        Straight ways, each from the middle of one ink to the middle of the next, along which a
+        picture is asked; empty where no picture can tell.
+    """
+
+    number: int
+    value: float
+    lines: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A calibration print.
+
+    Attributes
+    ----------
+    name : PatternName
+    bead : Bead
+    size_mm : (x, y), mm
+        Of the frame.
+    strokes : tuple of Stroke
+        In the order of writing, the frame's first.
+    questions : tuple of Question
+    """
+
+    name: PatternName
+    bead: Bead
+    size_mm: tuple[float, float]
+    strokes: tuple[Stroke, ...]
+    questions: tuple[Question, ...] = ()
+
+    def of_role(self, *roles: Role) -> list[Stroke]:
+        """Strokes of some roles, in order."""
+        return [stroke for stroke in self.strokes if stroke.role in roles]
+
+    @property
+    def top_mm(self) -> float:
+        """Highest point written."""
+        return max(float(stroke.points[:, 2].max()) for stroke in self.strokes)
+
+
+def frame(size_mm: tuple[float, float], speed_mm_s: float) -> list[Stroke]:
+    """The fiducial: two sides whole, and the halves of the others that meet."""
+    x, y = size_mm
+    whole = [(0, y), (0, 0), (x, 0)]
+    halves = [(x, y / 2), (x, y), (x / 2, y)]
+    return [straight(0, "frame", corners, speed_mm_s) for corners in (whole, halves)]
+
+
+def straight(
+    number: int,
+    role: Role,
+    corners: list[tuple[float, float]],
+    speed_mm_s: float | FloatArray,
+    flow: float = 1.0,
+    z: float = 0.0,
+) -> Stroke:
+    """A stroke through corners at one height, at one speed or one for each stretch."""
+    points = np.column_stack([np.array(corners, dtype=np.float64), np.full(len(corners), z)])
+    speed = np.broadcast_to(np.asarray(speed_mm_s, dtype=np.float64), len(corners) - 1)
+    return Stroke(number, role, points, speed.copy(), flow)

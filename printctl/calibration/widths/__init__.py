@@ -1,0 +1,22 @@
+"""What a calibration print's widths say of an ink: from a picture, or typed in."""
+
+from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
+from printctl.calibration.widths.factors import Known
+from printctl.calibration.widths.fit import fit_replies, fit_widths
+from printctl.calibration.widths.seen import Given, Seen, look
+from printctl.calibration.widths.typed import typed_replies, typed_widths
+
+__all__ = [
+    "Answer",
+    "Change",
+    "Given",
+    "Known",
+    "Replies",
+    "Seen",
+    "Widths",
+    "fit_replies",
+    "fit_widths",
+    "look",
+    "typed_replies",
+    "typed_widths",
+]

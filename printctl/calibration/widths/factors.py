@@ -1,0 +1,80 @@
+"""From the cross-section that is found to the profile's flow factor, or to its swelling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from printctl.calibration.estimate import Estimate
+from printctl.calibration.patterns import Written
+from printctl.calibration.widths.answer import Change
+from printctl.errors import UsageError
+
+_FLOW = (0.2, 5.0)
+_SWELL = (0.3, 3.0)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the user knows besides.
+
+    Attributes
+    ----------
+    flow_factor : float or None
+        Weighed: what comes out over what is pushed.
+    """
+
+    flow_factor: float | None = None
+
+
+def factors(
+    share: Estimate, written: Written, known: Known
+) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+    """Flow factor, or swelling where the flow factor is known.
+
+    Raises
+    ------
+    UsageError
+        For a swelling of lines on a plate, or a factor that no ink has.
+    """
+    mounted, bead = written.mounted, written.pattern.bead
+    total = share.times(mounted.flow_factor, "")
+    if known.flow_factor is None:
+        swell = mounted.swell_factor or 1.0
+        flow = total.times(1 / swell**2 if bead.round_bead else 1 / swell, "")
+        _within(flow.value, _FLOW, "flow factor")
+        taken = "isn't in the profile and is taken as 1"
+        if mounted.swell_factor is not None:
+            taken = f"is taken as the profile's {swell:g}"
+        notes = [
+            f"widths can't tell the flow factor from swelling: the swelling {taken}. Weigh what "
+            "comes out (printctl calibrate weigh), give --flow-factor, and the swelling is told "
+            "instead"
+        ]
+        change = {"flow_factor": Change(flow.value, f"{flow.text()}, 95 %")}
+        return {"flow factor": flow}, change, notes
+    if not bead.round_bead:
+        raise UsageError(
+            "--flow-factor: swelling is told from round filaments in a bath; a line on a plate "
+            "changes its height too, which these widths don't see"
+        )
+    ratio = total.times(1 / known.flow_factor, "")
+    value, low, high = (math.sqrt(x) for x in (ratio.value, ratio.low, ratio.high))
+    swelling = Estimate(value, low, high)
+    _within(value, _SWELL, "swelling")
+    note = (
+        f"the flow factor {known.flow_factor:g} is taken as exact: its error isn't in the swelling"
+    )
+    change = {
+        "swell_factor": Change(value, f"{swelling.text()}, 95 %"),
+        "flow_factor": Change(known.flow_factor, f"{known.flow_factor:g}, as given"),
+    }
+    return {"swelling (diameter over that written)": swelling}, change, [note]
+
+
+def _within(value: float, span: tuple[float, float], name: str) -> None:
+    if not span[0] < value < span[1]:
+        raise UsageError(
+            f"the widths give a {name} of {value:.3g}, beyond {span[0]:g} to {span[1]:g}: are they "
+            "in mm, and of this pattern (--pattern)? Was the pattern written with this needle?"
+        )

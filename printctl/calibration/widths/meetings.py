@@ -1,0 +1,153 @@
+"""Smallest gap, least overlap, longest bridge: intervals between what did and what didn't."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from printctl.calibration.estimate import Estimate, fit_line
+from printctl.calibration.patterns import Written
+from printctl.calibration.widths.answer import Answer, Change, FloatArray, Replies
+
+OPEN: Final = 0.8
+"""Of the ways across a gap that must be open for it to be."""
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Neighbouring values between which the answer changes.
+
+    ``no`` is the nearest value at which it is still no (None if it never is), ``yes`` the first
+    from which on it is yes (None if it never is); ``mixed`` whether a yes stands among the no.
+    """
+
+    no: float | None
+    yes: float | None
+    mixed: bool
+
+
+def _bounds(value: FloatArray, good: np.ndarray, *, rising: bool) -> _Bounds:
+    """Of answers that should go from no to yes along rising (or falling) values."""
+    order = np.argsort(value if rising else -value)
+    value, good = value[order], good[order]
+    bad = np.flatnonzero(~good)
+    last = int(bad[-1]) if len(bad) else -1
+    yes = float(value[last + 1]) if last + 1 < len(value) else None
+    return _Bounds(float(value[last]) if last >= 0 else None, yes, bool(good[: last + 1].any()))
+
+
+def _asked(written: Written, replies: Replies) -> FloatArray:
+    values = {one.number: one.value for one in written.pattern.questions}
+    return np.array([values[number] for number in replies.number.tolist()])
+
+
+def _interval(name: str, bounds: _Bounds, unit: str) -> dict[str, Estimate]:
+    """The first yes, and how near the last no is; nothing where one of them is missing."""
+    if bounds.no is None or bounds.yes is None:
+        return {}
+    low, high = sorted((bounds.no, bounds.yes))
+    return {name: Estimate(bounds.yes, low, high, unit)}
+
+
+def fit_comb(written: Written, replies: Replies) -> Answer:
+    """Smallest gap that stays open, between the widest that closed and the next."""
+    gap = _asked(written, replies)
+    is_open = replies.part >= OPEN
+    found = _bounds(gap, is_open, rising=True)
+    table = ["gap  commanded  measured  (µm)"]
+    for number, asked, seen, part in zip(
+        replies.number, gap, replies.reply, replies.part, strict=True
+    ):
+        state = "open" if part >= OPEN else "closed" if part <= 1 - OPEN else f"{part:.0%} open"
+        table.append(f"{number:3}  {asked * 1e3:9.0f}  {seen * 1e3:8.0f}  {state}")
+    notes, changes = [], {}
+    estimates = _interval("smallest gap that stays open", found, "mm")
+    if found.yes is None:
+        notes.append("every gap closed: print wider ones (--gaps); nothing is written")
+    else:
+        said = f"{found.yes:g} mm stayed open"
+        if found.no is None:
+            notes.append("every gap stayed open: the smallest may be smaller still (--gaps)")
+        else:
+            said += f", {found.no:g} mm closed"
+            notes.append("the interval is that of the gaps tried, not a 95 % one")
+        changes["smallest_gap_mm"] = Change(found.yes, said)
+    if found.mixed:
+        notes.append(
+            "a smaller gap stayed open while a wider one closed: the teeth wander by more than the "
+            "gaps differ; look at the picture, print it again"
+        )
+    if replies.least_mm:
+        notes.append(f"gaps below {replies.least_mm * 1e3:.0f} µm can't be seen in this picture")
+    wider = gap[is_open] - replies.reply[is_open]
+    if len(wider) >= 2:
+        fit = fit_line(np.ones((len(wider), 1)), wider, "gaps")
+        estimates["teeth wider than commanded by"] = fit.estimate(0, "mm")
+    notes.append("of two lines side by side; a gap closed all round (a lumen) may close sooner")
+    return Answer(estimates, table, notes, changes)
+
+
+def fit_joint(written: Written, replies: Replies) -> Answer:
+    """Least overlap that joins."""
+    return _yes_no(
+        written,
+        replies,
+        _Question(
+            "least overlap that joins",
+            "radii",
+            lambda part: part <= 1 - OPEN,
+            True,
+            ("every joint stayed open", "every joint closed: less overlap may do (--overlaps)"),
+            "no key of the ink holds it: choose overlap_radii of an embedded toolpath above it",
+        ),
+    )
+
+
+def fit_bridge(written: Written, replies: Replies) -> Answer:
+    """Longest span that held."""
+    return _yes_no(
+        written,
+        replies,
+        _Question(
+            "longest span that held",
+            "mm",
+            lambda part: part >= OPEN,
+            False,
+            ("no bridge held", "every bridge held: it may reach farther (--spans)"),
+            "no key of the ink holds it: it is the design's to know",
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Question:
+    """How a pattern of yes and no is told."""
+
+    name: str
+    unit: str
+    good: Callable[[FloatArray], np.ndarray]
+    rising: bool
+    ends: tuple[str, str]
+    note: str
+
+
+def _yes_no(written: Written, replies: Replies, asked: _Question) -> Answer:
+    value = _asked(written, replies)
+    good = np.asarray(asked.good(replies.part))
+    found = _bounds(value, good, rising=asked.rising)
+    table = [
+        f"{number:3}  {at:6g} {asked.unit}  {'yes' if yes else 'no'}"
+        for number, at, yes in zip(replies.number, value, good, strict=True)
+    ]
+    estimates = _interval(asked.name, found, asked.unit)
+    notes = [] if found.yes is not None else [asked.ends[0]]
+    if found.no is None:
+        notes.append(asked.ends[1])
+    if found.mixed:
+        notes.append("the answers aren't in order: one print isn't enough, repeat it")
+    if estimates:
+        notes.append("the interval is that of the values tried, not a 95 % one")
+    return Answer(estimates, table, [*notes, asked.note])

@@ -1,0 +1,219 @@
+"""`printctl calibrate pattern`: a print whose lines tell what ink and needle do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+
+from design.files import write_text
+from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.calibration.patterns import (
+    Asked,
+    Bead,
+    Mounted,
+    Pattern,
+    Written,
+    bridge_pattern,
+    comb_pattern,
+    joint_pattern,
+    lines_pattern,
+    pattern_path,
+    sheet_svg,
+    sheet_text,
+    spiral_pattern,
+)
+from printctl.cli import set_up_options as mounting
+from printctl.cli.calibrate_options import numbers_of
+from printctl.cli.options import (
+    SyringeOption,
+    messages,
+    print_lines,
+    three_numbers,
+)
+from printctl.errors import UsageError
+from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
+from sim.dryrun import dry_run
+
+_BESIDE = (".svg", ".csv", ".json")
+
+
+def pattern(
+    name: Annotated[
+        Literal["lines", "spiral", "joint", "bridge", "comb"],
+        typer.Argument(help="lines, spiral, joint, bridge or comb.", show_default=False),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="The G-code; .csv, .json, .svg stand beside it."),
+    ],
+    needle: Annotated[str, typer.Option("--needle", help="Needle profile.", show_default=False)],
+    printer: Annotated[
+        str, typer.Option("--printer", "--profile", help="Printer profile, shipped or a .yaml.")
+    ] = "generic_marlin",
+    syringe: SyringeOption = "hamilton_1ml",
+    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    bath: mounting.BathOption = None,
+    dish: mounting.DishOption = None,
+    dish_centre: mounting.DishCentreOption = None,
+    bath_depth: mounting.BathDepthOption = None,
+    at: Annotated[
+        str,
+        typer.Option(
+            "--at", metavar="X,Y,Z", help="Middle of the pattern and height of its lines, mm."
+        ),
+    ] = "100,100,5",
+    width: Annotated[
+        float | None, typer.Option("--width", help="Of the line, mm; the needle's bore if not.")
+    ] = None,
+    layer: Annotated[
+        float | None, typer.Option("--layer", help="Height of a line, mm; half its width if not.")
+    ] = None,
+    round_bead: Annotated[
+        bool | None,
+        typer.Option("--round/--flat", help="A filament, if a bath is named; or on a plate."),
+    ] = None,
+    speeds: Annotated[str, typer.Option("--speeds", help="Of lines, mm/s.")] = "2,5,8",
+    flow_factors: Annotated[
+        str, typer.Option("--flow-factors", help="Of lines: multiples of the cross-section.")
+    ] = "0.8,1,1.2",
+    length: Annotated[float, typer.Option("--length", help="Of a line, mm.", min=1)] = 24.0,
+    repeats: Annotated[int, typer.Option("--repeats", help="Of each line.", min=1)] = 1,
+    steps: Annotated[
+        int, typer.Option("--steps", help="Lines written slow, fast, slow, for the lag.", min=0)
+    ] = 2,
+    speed: Annotated[
+        float, typer.Option("--speed", help="Of all but lines, mm/s.", min=0.01)
+    ] = 5.0,
+    turns: Annotated[float, typer.Option("--turns", help="Of the spiral.", min=1, max=50)] = 5.0,
+    pitch: Annotated[
+        float | None, typer.Option("--pitch", help="Of the spiral, mm; 5 widths if not.")
+    ] = None,
+    gaps: Annotated[
+        str | None, typer.Option("--gaps", help="Of the comb, mm; 0.2 to 2 widths if not.")
+    ] = None,
+    overlaps: Annotated[
+        str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
+    ] = "-1.5,-1,-0.5,0,0.5,1",
+    spans: Annotated[str, typer.Option("--spans", help="Of bridges, mm.")] = "1,2,3,4,6",
+    height: Annotated[
+        float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)
+    ] = 2.0,
+) -> None:
+    """Write a calibration print: G-code, a drawing, a sheet to type widths into.
+
+    It is printed with `printctl print`; `printctl calibrate widths` reads it.
+    """
+    place = three_numbers(at, "--at")
+    if output.suffix.lower() in _BESIDE:
+        raise UsageError(
+            f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
+            "it; end it in .gcode"
+        )
+    tip = load(Needle, needle)
+    wide = tip.inner_mm if width is None else width
+    high = wide / 2 if layer is None else layer
+    if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
+        raise UsageError(
+            f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
+            "0.01 to 5 mm (--layer)"
+        )
+    bead = Bead(wide, high, bath is not None if round_bead is None else round_bead)
+    if name == "lines":
+        asked = Asked(
+            numbers_of(speeds, "--speeds"),
+            numbers_of(flow_factors, "--flow-factors"),
+            length,
+            repeats,
+            steps,
+        )
+        made = lines_pattern(bead, asked)
+    elif name == "spiral":
+        made = spiral_pattern(bead, speed, turns, 5 * wide if pitch is None else pitch)
+    elif name == "joint":
+        made = joint_pattern(bead, numbers_of(overlaps, "--overlaps"), speed)
+    elif name == "bridge":
+        made = bridge_pattern(bead, numbers_of(spans, "--spans"), height, speed)
+    else:
+        made = comb_pattern(bead, _gaps(gaps, wide), speed)
+    mounted = mounting.Mounted(needle, bath, dish, dish_centre, bath_depth)
+    machine, material = load(Printer, printer), load(Ink, ink)
+    _refuse_air(machine)
+    set_for = mounting.set_up(machine, syringe, ink, place, mounted)
+    written = Written(
+        made,
+        Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor),
+    )
+    _write(_Job(output, written, set_for, place, load(Syringe, syringe)))
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is to be written, where."""
+
+    path: Path
+    written: Written
+    set_up: SetUp
+    at_mm: tuple[float, float, float]
+    syringe: Syringe
+
+
+def _gaps(text: str | None, width: float) -> list[float]:
+    if text is not None:
+        return numbers_of(text, "--gaps")
+    return [round(width * part, 3) for part in (0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0)]
+
+
+def _refuse_air(machine: Printer) -> None:
+    if machine.pneumatic is not None:
+        raise UsageError(
+            f"{machine.name} has a pneumatic head, and these prints vary what a plunger pushes; "
+            "weigh its flow instead: printctl calibrate weigh"
+        )
+
+
+def _write(job: _Job) -> None:
+    """Check the job as a print is, then write its files."""
+    setup, made, ink = job.set_up, job.written.pattern, job.set_up.ink
+    middle = np.array([*made.size_mm, 0.0]) / 2
+    options = GcodeOptions(
+        start_mm=job.at_mm,
+        relieve_ul=0.0,
+        plunger_ul_s=ink.plunger_ul_s,
+        flow_factor=ink.flow_factor,
+    )
+    place = np.array(job.at_mm) - middle
+    gcode = write_gcode(pattern_path(made, ink), setup.printer, job.syringe, place, options)
+    run = dry_run(gcode.data, setup.printer, job.at_mm)
+    checks = file_checks(run, setup)
+    refuse_failed(checks)
+    for text in warnings(checks):
+        messages().print(f"note: {text}", markup=False)
+    base = job.path
+    save_gcode(base, base.with_suffix(".map.npz"), [gcode])
+    write_text(base.with_suffix(".json"), job.written.as_text())
+    write_text(base.with_suffix(".csv"), sheet_text(job.written))
+    write_text(base.with_suffix(".svg"), sheet_svg(job.written))
+    _tell(job, made, gcode.line_count, run.duration_s)
+
+
+def _tell(job: _Job, made: Pattern, lines: int, seconds: float) -> None:
+    start = ",".join(f"{value:g}" for value in job.at_mm)
+    x, y = made.size_mm
+    if not made.bead.round_bead:
+        messages().print(
+            f"note: lines {made.bead.layer_mm:g} mm high on a plate: --at's Z must be that much "
+            "above it (--bath or --round for filaments in a bath)",
+            markup=False,
+        )
+    beside = ", ".join(str(job.path.with_suffix(end)) for end in _BESIDE)
+    print_lines(
+        f"{job.path}: {lines} lines, {seconds:.0f} s, {x:.1f} x {y:.1f} mm; put the tip to {start} "
+        f"and print it with --start {start}",
+        f"{beside}: what is where, the sheet to fill in, and what `printctl calibrate widths` "
+        "needs to read them or a picture",
+    )

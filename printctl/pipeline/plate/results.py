@@ -1,0 +1,114 @@
+"""What a run over a plate leaves for people: report.html, report.json, wells.csv, plate.svg."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from design.files import write_bytes, write_text
+from printctl.pipeline.artefacts import HTML, JSON
+from printctl.pipeline.plate.wells import WELLS, PlateRun
+from printctl.pipeline.stages import report
+from registration.report.plate_figure import plate_figure
+from registration.report.plate_page import write_plate_html
+
+TABLE, PICTURE = "wells.csv", "plate.svg"
+_COLUMNS: Final = (
+    "well", "variant", "copy", "x_mm", "y_mm", "first_line", "last_line", "ink_ul", "begins_s",
+    "lasts_s", "outcome", "rms_um", "mean_error_percent", "worst_error_percent", "run",
+)  # fmt: skip
+
+
+def collect_plate(run: PlateRun, scans: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """What the plate's stages say, and each well; ``scans`` are wells' report.json by name."""
+    data = report.collect(run.whole)
+    for context in run.runs.values():
+        records = context.manifest.stages
+        data["timings"] |= {
+            f"{context.title} {stage}": {
+                "seconds": record.seconds,
+                "peak_mb": record.peak_mb,
+                "reused": stage in context.reused,
+            }
+            for stage, record in records.items()
+        }
+    data["plate"] = run.standing.plate.model_dump(mode="json") | {
+        "middle_mm": list(run.standing.middle_mm),
+        "turned_deg": run.standing.turned_deg,
+        "bath_depth_mm": run.standing.bath_mm,
+    }
+    made = data.get("dry_run", {}).get("wells") or [{"well": well.name} for well in run.wells]
+    data["wells"] = [_row(run, well, row, scans) for well, row in zip(run.wells, made, strict=True)]
+    return data
+
+
+def _row(
+    run: PlateRun, well: Any, made: Mapping[str, Any], scans: Mapping[str, dict[str, Any]]
+) -> dict[str, Any]:
+    row = {
+        "well": well.name,
+        "variant": well.variant + 1,
+        "label": well.label,
+        "values": dict(well.point.values),
+        "copy": well.copy,
+        "run": run.folder_of(well),
+        **made,
+    }
+    return row | (judged(scans[well.name]) if well.name in scans else {})
+
+
+def judged(found: Mapping[str, Any]) -> dict[str, Any]:
+    """What a well's own report says, in a few numbers."""
+    verdict, numbers = found["verdict"], found["registration"]
+    errors = [
+        row["error_percent"] for row in numbers["vessels"] if row["error_percent"] is not None
+    ]
+    return {
+        "passed": verdict["passed"],
+        "outcome": "passed" if verdict["passed"] else "failed",
+        "reasons": verdict["reasons"],
+        "rms_um": numbers["scaled"]["rms_um"],
+        "mean_error_percent": sum(errors) / len(errors) if errors else None,
+        "worst_error_percent": max(errors, key=abs) if errors else None,
+    }
+
+
+def write_results(run: PlateRun, scans: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """Write the whole report; return report.json's content."""
+    data = collect_plate(run, scans)
+    scanned = [row for row in data["wells"] if row["well"] in scans]
+    data["scanned"] = [{**row, "report": f"{WELLS}/{row['well']}/{HTML}"} for row in scanned]
+    data["verdict"] = _verdict(scanned, len(data["wells"]))
+    whole = run.whole
+    write_text(whole.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_table(run, data["wells"])
+    write_plate_html(whole.folder / HTML, data, run.standing.plate)
+    return data
+
+
+def write_table(run: PlateRun, wells: Sequence[Mapping[str, Any]]) -> None:
+    """Write wells.csv and plate.svg."""
+    text = io.StringIO()
+    swept = list(run.part.sweep)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_COLUMNS[:2], *swept, *_COLUMNS[2:]])
+    for row in wells:
+        own = [row["values"].get(key) for key in swept]
+        cells = [row.get(name) for name in _COLUMNS]
+        writer.writerow([*cells[:2], *own, *cells[2:]])
+    write_text(run.whole.folder / TABLE, text.getvalue())
+    write_bytes(run.whole.folder / PICTURE, plate_figure(run.standing.plate, wells))
+
+
+def _verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]:
+    reasons = [
+        f"{row['well']} ({row['label']}) {row['outcome']}: {'; '.join(row['reasons'])}"
+        for row in scanned
+    ]
+    left = wells - len(scanned)
+    if left:
+        reasons.append(f"{left} of {wells} wells weren't scanned, and aren't judged")
+    return {"passed": all(row["passed"] for row in scanned), "undecided": False, "reasons": reasons}

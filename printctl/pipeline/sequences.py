@@ -1,0 +1,25 @@
+"""The stages of a run in their order: the design, as far as the job, and all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages import (
+    dry_run,
+    flow,
+    lumens,
+    measures,
+    printing,
+    registration,
+    scan,
+    solid,
+    tissue,
+    toolpath,
+    vasculature,
+)
+
+DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE, solid.STAGE)
+JOB: Sequence[Stage] = (toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
+TOOLPATH: Sequence[Stage] = (*DESIGN, *JOB)
+WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)

@@ -1,0 +1,21 @@
+"""A plate's wells: which are printed in, with what, in which order, and whether that fits."""
+
+from printctl.plates.assign import Well, assigned, scanned_wells
+from printctl.plates.names import expand
+from printctl.plates.place import Stand, StandingPlate, standing_plate
+from printctl.plates.route import route
+from printctl.plates.sweep import Point, points, varied_recipe
+
+__all__ = [
+    "Point",
+    "Stand",
+    "StandingPlate",
+    "Well",
+    "assigned",
+    "expand",
+    "points",
+    "route",
+    "scanned_wells",
+    "standing_plate",
+    "varied_recipe",
+]

@@ -1,0 +1,28 @@
+"""A picture of a printed pattern: where it is, how wide its lines and gaps are."""
+
+from registration.microscope.annotate import annotated
+from registration.microscope.gaps import Crossing, GapWidth, measure_gaps
+from registration.microscope.picture import Picture, opencv, read_picture
+from registration.microscope.shade import Shade, shade_profile
+from registration.microscope.target import Target, View
+from registration.microscope.view import find_view, marked_view
+from registration.microscope.widths import Line, LineWidths, measure_lines
+
+__all__ = [
+    "Crossing",
+    "GapWidth",
+    "Line",
+    "LineWidths",
+    "Picture",
+    "Shade",
+    "Target",
+    "View",
+    "annotated",
+    "find_view",
+    "marked_view",
+    "measure_gaps",
+    "measure_lines",
+    "opencv",
+    "read_picture",
+    "shade_profile",
+]

@@ -1,0 +1,283 @@
+"""`printctl calibrate widths`: constants come back from widths that they made."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.bead import Mounting, predict_job
+from printctl.calibration.lag import LagPattern, expected_width
+from printctl.calibration.patterns import Written, read_pattern
+from printctl.calibration.widths import Known, fit_widths, typed_widths
+from printctl.cli.main import app
+from printctl.errors import UsageError
+from sim.dryrun import dry_run
+from tests.registration.microscope.rendered import Camera, Painted, paint
+
+NEEDLE = ("--needle", "25g")
+FEW = ("--speeds", "2,8", "--flow-factors", "0.9,1.2", "--round", "--width", "0.3")
+
+
+def calibrate(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
+
+
+def printed(folder: Path, *words: str) -> Written:
+    assert calibrate("pattern", *words, *NEEDLE, "-o", folder / "p.gcode").exit_code == 0
+    return read_pattern(folder / "p.json")
+
+
+def answer(*words: str | Path) -> tuple[dict[str, dict[str, float]], str]:
+    done = calibrate("widths", *words, "--json")
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    return said["estimates"], "\n".join(said["notes"])
+
+
+def sheet(folder: Path, last: list[str]) -> Path:
+    """Fill in the last column."""
+    path = folder / "p.csv"
+    lines = path.read_text().splitlines()
+    rows = [line + value for line, value in zip(lines[3:], last, strict=True)]
+    path.write_text("\n".join([*lines[:3], *rows]) + "\n")
+    return path
+
+
+def typed_lines(
+    folder: Path, written: Written, area: float, lag: float, power: float = 0.0
+) -> Path:
+    """Widths of lines whose cross-section is ``area`` times the commanded one, read to 1 µm."""
+    rng = np.random.default_rng(5)
+    strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
+    values = []
+    for row in (folder / "p.csv").read_text().splitlines()[3:]:
+        number, x = row.split(",")[:2]
+        stroke = strokes[int(number)]
+        if stroke.role == "step":
+            shape = LagPattern(2, 8, stroke.length_mm / 3, 0.3, 0.1, "round")
+            width = expected_width(np.array([float(x)]), area, lag, lag, shape)[0]
+        else:
+            late = 1 - math.exp(-float(x) / (float(stroke.speed_mm_s[0]) * lag))
+            share = area * late * float(stroke.speed_mm_s[0]) ** power
+            width = 0.3 * math.sqrt(share * stroke.flow)
+        values.append(f"{width + rng.normal(0, 0.002):.3f}")
+    return sheet(folder, values)
+
+
+def test_typed_widths_give_flow_factor_and_lag(tmp_path: Path) -> None:
+    written = printed(tmp_path, "lines", *FEW, "--repeats", "2")
+    path = typed_lines(tmp_path, written, 0.85, 0.25)
+    found, notes = answer(path, "--write", tmp_path / "ink.yaml")
+    factor = found["flow factor"]
+    assert factor["low"] < 0.85 < factor["high"]
+    assert factor["high"] - factor["low"] < 0.06
+    lag = found["τ, flow going up"]
+    assert lag["low"] < 0.25 < lag["high"]
+    assert lag["value"] == pytest.approx(0.25, rel=0.15)
+    assert "follows the speed" in notes
+    assert "can't tell the flow factor from swelling" in notes
+    assert "nothing of the ink's viscosity" in notes
+    ink = load(Ink, str(tmp_path / "ink.yaml"))
+    assert ink.flow_factor == pytest.approx(0.85, abs=0.02)
+    assert ink.lag is not None
+    assert ink.lag.needle == load(Needle, "25g").name
+    assert ink.write_speed_mm_s is None  # nobody said that the lines are whole
+    # With the flow factor weighed, what is left is swelling: s = √(0.85/0.8).
+    found, _ = answer(path, "--flow-factor", "0.8", "--write", tmp_path / "swell.yaml")
+    swelling = found["swelling (diameter over that written)"]
+    assert swelling["low"] < math.sqrt(0.85 / 0.8) < swelling["high"]
+    assert load(Ink, str(tmp_path / "swell.yaml")).flow_factor == 0.8
+
+
+def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
+    written = printed(tmp_path, "lines", *FEW)
+    sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)
+    vague = fit_widths(written, replace(sharp, optics=0.1), Known())
+    assert set(vague.changes) == {"lag"}
+    assert "aren't written" in vague.notes[-1]
+    factor = vague.estimates["flow factor"]
+    assert factor.low == pytest.approx(0.85 * math.exp(-0.2), rel=0.03)
+
+
+def test_a_cross_section_that_does_not_follow_the_speed_is_told(tmp_path: Path) -> None:
+    written = printed(tmp_path, "lines", *FEW, "--repeats", "2")
+    _, notes = answer(typed_lines(tmp_path, written, 1.0, 0.05, power=-0.1))
+    assert "doesn't follow the speed" in notes
+    assert "follows the flow" in notes
+
+
+def test_from_a_simulated_print_to_the_ink_s_profile(tmp_path: Path) -> None:
+    """Flow factor 0.9 and a lag of 0.3 s, laid by `sim.bead`, swollen, painted, measured."""
+    printer, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
+    written = printed(tmp_path, "lines", *FEW, "--steps", "2", "--length", "20")
+    gcode = (tmp_path / "p.gcode").read_bytes()
+    run = dry_run(gcode, printer, (100, 100, 5))
+    ink = load(Ink, "collagen_fresh").model_copy(update={"flow_factor": 0.9})
+    mounted = Mounting(syringe, ink, load(Needle, "25g"))
+    bead = predict_job(run, gcode, printer, [mounted], lag_s=0.3)[0].bead
+    corner = np.array([100, 100]) - np.array(written.pattern.size_mm) / 2
+    lines = [
+        Painted(
+            np.array([bead.pieces.start[k, :2], bead.pieces.end[k, :2]]) - corner,
+            np.full(2, 1.05 * bead.width_mm[k]),
+            round_ends=False,
+        )
+        for k in np.flatnonzero(bead.lays & bead.writes)
+    ]
+    camera = Camera(um_per_px=22, turn_deg=12, tilt=0.02, noise=0.03, per_mm=8.0)
+    picture = tmp_path / "seen.png"
+    cv2.imwrite(str(picture), paint(lines, camera, written.pattern.size_mm, seed=2))
+    words = (picture, "--pattern", tmp_path / "p.json")
+    found, notes = answer(*words, "--write", tmp_path / "ink.yaml")
+    assert found["flow factor"]["value"] == pytest.approx(0.9 * 1.05**2, rel=0.03)
+    for name in ("τ, flow going up", "τ, flow going down"):
+        assert found[name]["value"] == pytest.approx(0.3, rel=0.1)
+    assert "lets light through" in notes
+    mended = load(Ink, str(tmp_path / "ink.yaml"))
+    assert mended.write_speed_mm_s is not None
+    assert (mended.write_speed_mm_s.low, mended.write_speed_mm_s.high) == (2, 8)
+    assert (tmp_path / "seen.measured.png").stat().st_size > 10_000
+    # The widths that were measured are a sheet like any other.
+    again, _ = answer(tmp_path / "seen.widths.csv", "--pattern", tmp_path / "p.json")
+    value = found["flow factor"]["value"]
+    assert again["flow factor"]["value"] == pytest.approx(value, rel=1e-3)
+    with pytest.raises(UsageError, match="--um-per-px 30"):
+        calibrate("widths", *words, "--um-per-px", "30")
+
+
+def test_a_spiral_tells_factor_drift_and_the_lag_of_its_begin(tmp_path: Path) -> None:
+    written = printed(tmp_path, "spiral", "--round", "--width", "0.3", "--speed", "4")
+    (stroke,) = written.pattern.of_role("spiral")
+    rng = np.random.default_rng(1)
+    rows = []
+    for x in np.arange(0.5, stroke.length_mm, 0.7):
+        t = x / 4
+        share = 0.95 * (1 + 0.002 * (t - stroke.length_mm / 8)) * (1 - 0.7 * math.exp(-t / 0.8))
+        width = 0.3 * math.sqrt(share) + rng.normal(0, 1e-3)
+        rows.append(f"1,{x:.3f},4,1,0.3,{width:.5f}")
+    path = tmp_path / "p.csv"
+    path.write_text("\n".join([*path.read_text().splitlines()[:3], *rows]))
+    found, notes = answer(path)
+    assert found["flow factor"]["value"] == pytest.approx(0.95, rel=0.01)
+    drift = found["drift"]
+    assert drift["low"] < 12.0 < drift["high"]  # 0.2 % a second
+    assert drift["low"] > 5
+    assert found["τ, from its begin"]["value"] == pytest.approx(0.8, rel=0.1)
+    assert "the flow drifts" in notes
+
+
+def test_comb_gives_the_interval_between_closed_and_open(tmp_path: Path) -> None:
+    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
+    path = sheet(tmp_path, ["0", "0", "0.21", "0.41"])
+    found, _ = answer(path, "--write", tmp_path / "ink.yaml")
+    gap = found["smallest gap that stays open"]
+    assert (gap["value"], gap["low"], gap["high"]) == (0.3, 0.2, 0.3)
+    assert found["teeth wider than commanded by"]["value"] == pytest.approx(0.09)
+    ink = load(Ink, str(tmp_path / "ink.yaml"))
+    assert ink.smallest_gap_mm == 0.3
+    assert "0.2 mm closed" in ink.source
+
+
+def test_a_comb_all_closed_or_out_of_order_says_so(tmp_path: Path) -> None:
+    printed(tmp_path, "comb", "--gaps", "0.1,0.2,0.3,0.5", "--round")
+    empty = (tmp_path / "p.csv").read_text()
+    path = sheet(tmp_path, ["0", "0", "0", "0"])
+    _, notes = answer(path)
+    assert "every gap closed" in notes
+    with pytest.raises(UsageError, match="isn't written"):
+        calibrate("widths", path, "--write", tmp_path / "ink.yaml")
+    path.write_text(empty)
+    _, notes = answer(sheet(tmp_path, ["0", "0.1", "0", "0.4"]))
+    assert "a smaller gap stayed open" in notes
+
+
+def test_joints_and_bridges_have_an_interval_and_no_key(tmp_path: Path) -> None:
+    printed(tmp_path, "joint", "--overlaps", "-1,0,0.5,1")
+    found, notes = answer(sheet(tmp_path, ["0.1", "0.02", "0", "0"]))
+    least = found["least overlap that joins"]
+    assert (least["value"], least["low"], least["high"]) == (0.5, 0, 0.5)
+    assert "overlap_radii" in notes
+    printed(tmp_path, "bridge", "--spans", "1,2,4,6", "--height", "0.5")
+    found, _ = answer(sheet(tmp_path, ["1", "1", "0", "0"]))
+    longest = found["longest span that held"]
+    assert (longest["value"], longest["low"], longest["high"]) == (2, 2, 4)
+    (tmp_path / "p.png").write_bytes(b"")
+    with pytest.raises(UsageError, match="can't be seen from above"):
+        calibrate("widths", tmp_path / "p.png")
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("1,12,2,1,0.3,wide", "'wide', not a number"),
+        ("1,12,2,1,0.3,-0.3", "isn't above 0"),
+        ("1,12,2,1,0.3,310", "looks like µm: write 0.31"),
+        ("1,12,2,1,0.3,4", "more than 5 times off"),
+        ("99,12,2,1,0.3,0.3", "no such line"),
+        ("1,77,2,1,0.3,0.3", "it is 24 mm long"),
+        ("1,12,2,1,0.3,", "no reading"),
+        ("1,20,2,1,0.3,0.3", "1 of 4 lines"),
+    ],
+)
+def test_what_cannot_be_a_width_is_questioned(row: str, says: str, tmp_path: Path) -> None:
+    printed(tmp_path, "lines", *FEW)
+    path = tmp_path / "p.csv"
+    path.write_text("\n".join([*path.read_text().splitlines()[:3], row]) + "\n")
+    with pytest.raises(UsageError, match=says):
+        calibrate("widths", path)
+
+
+def test_another_print_s_sheet_and_answers_that_are_none_are_refused(tmp_path: Path) -> None:
+    printed(tmp_path, "bridge", "--spans", "1,2", "--height", "0.5")
+    path = sheet(tmp_path, ["1", "2"])
+    with pytest.raises(UsageError, match="write 1 where it held"):
+        calibrate("widths", path)
+    path.write_text(path.read_text().replace("pattern=", "pattern=1"))
+    with pytest.raises(UsageError, match="is the sheet of pattern no"):
+        calibrate("widths", path)
+    printed(tmp_path, "comb", "--gaps", "0.1,0.2")
+    with pytest.raises(UsageError, match="looks like µm"):
+        calibrate("widths", sheet(tmp_path, ["0", "190"]))
+    with pytest.raises(UsageError, match="doesn't exist"):
+        calibrate("widths", tmp_path / "nothing.csv")
+    with pytest.raises(UsageError, match="--pattern"):
+        (tmp_path / "q.csv").write_text("gap,gap_mm\n1,0\n")
+        calibrate("widths", tmp_path / "q.csv")
+
+
+def test_comb_and_joints_are_read_from_their_pictures(tmp_path: Path) -> None:
+    """Lines 60 µm wider than commanded close gaps up to 60 µm, and reach 30 µm farther."""
+    asked = {
+        "comb": ("--gaps", "0.04,0.15,0.25,0.4"),
+        "joint": ("--overlaps", "-4,-3,-1,1"),
+    }
+    found: dict[str, Any] = {}
+    for name, words in asked.items():
+        written = printed(tmp_path, name, *words, "--round", "--width", "0.3")
+        lines = [
+            Painted(stroke.points[:, :2], np.full(len(stroke.points), 0.36))
+            for stroke in written.pattern.strokes
+        ]
+        camera = Camera(um_per_px=25, turn_deg=-20, mirrored=name == "joint", blur_px=1.0)
+        cv2.imwrite(str(tmp_path / "p.png"), paint(lines, camera, written.pattern.size_mm))
+        found[name], notes = answer(tmp_path / "p.png")
+        assert ("mirrored" in notes) == (name == "joint")
+        rows = (tmp_path / "p.widths.csv").read_text().splitlines()[3:]
+        found[name]["gaps"] = [float(row.split(",")[-1]) for row in rows]
+    gap = found["comb"]["smallest gap that stays open"]
+    assert (gap["low"], gap["value"]) == (0.04, 0.15)
+    assert found["comb"]["gaps"] == pytest.approx([0, 0.09, 0.19, 0.34], abs=0.012)
+    assert found["comb"]["teeth wider than commanded by"]["value"] == pytest.approx(0.06, abs=0.01)
+    # At -4 radii 4 · 0.15 mm from the trunk's surface; both are thicker, and ends are round.
+    ends = [4 * 0.15 - 0.03 - 0.18, 3 * 0.15 - 0.03 - 0.18, 0, 0]
+    assert found["joint"]["gaps"] == pytest.approx(ends, abs=0.015)
+    assert found["joint"]["least overlap that joins"]["value"] == -1

@@ -1,0 +1,256 @@
+"""A job over a plate: read back by a reader of the test's own, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from copy import deepcopy
+from math import hypot, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from design.network import VesselKind, VesselNetwork
+from design.network_csv import write_network_csv
+from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
+from printctl.errors import RecipeError, SafetyError
+from printctl.pipeline.run import toolpath_recipe
+from printctl.plates import assigned
+from printctl.preflight import SetUp, file_checks
+from printctl.recipe import load_recipe, parse_recipe
+from sim.dryrun import dry_run
+from tests.system.cli import ROOT, printctl
+
+FORK = VesselNetwork.from_segments(
+    np.array([[0.5, 3, 2], [3.0, 3, 2], [5.5, 1.2, 2.4], [5.5, 4.6, 1.4]]),
+    np.array([[0, 1], [1, 2], [1, 3]]),
+    np.array([0.4, 0.3, 0.3]),
+    np.full(3, VesselKind.ARTERY, dtype=np.int64),
+    np.zeros(3, dtype=np.int64),
+)
+RECIPE: dict[str, Any] = {
+    "schema": 1,
+    "name": "forks",
+    "tissue": {"shape": "block", "size_mm": [6, 6, 4]},
+    "vasculature": {"network": "fork.csv", "unit": "mm"},
+    "toolpath": {"method": "embedded", "needle": "30g_50mm"},
+    "printer": {"ink": "gelatin_sacrificial", "bath": "cell_matrix"},
+    "plate": {
+        "profile": "corning_24",
+        "wells": ["B2..B3", "C2..C3"],
+        "bath_depth_mm": 6,
+        "sweep": {"ink.flow_factor": [1.0, 0.8]},
+        "scanned": ["B3"],
+    },
+    "scan": {"simulated": "microct", "voxel_um": [100, 100, 100], "seed": 3},
+    "registration": {"diameter_tolerance_percent": 50, "tolerance_um": 500},
+}
+# Middle of the plate at (100, 100); Corning: A1 at 17.46, 13.78 mm, pitch 19.3 mm, 127.76 by 85.47.
+B2 = (100 - 127.76 / 2 + 17.46 + 19.3, 100 + 85.47 / 2 - 13.78 - 19.3)
+CENTRES = {
+    f"{row}{column}": (B2[0] + 19.3 * (column - 2), B2[1] - 19.3 * "BC".index(row))
+    for row in "BC"
+    for column in (2, 3)
+}
+WELL_MM, RIM_MM, NEEDLE_MM = 15.62, 20.27, 0.31
+MOVE = re.compile(r"([XYZE])(-?[\d.]+)")
+
+
+def recipe(**changes: dict[str, Any]) -> dict[str, Any]:
+    data = deepcopy(RECIPE)
+    for section, said in changes.items():
+        data[section] |= said
+    return data
+
+
+def run(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
+    """As far as the checked job."""
+    write_network_csv(folder / "fork.csv", FORK)
+    recipe = parse_recipe(data, "test.yaml")
+    return toolpath_recipe(recipe, folder, folder / "run", Console(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The whole recipe, run once."""
+    folder = tmp_path_factory.mktemp("plate")
+    write_network_csv(folder / "fork.csv", FORK)
+    (folder / "forks.yaml").write_text(yaml.safe_dump(RECIPE))
+    done = printctl("run", "forks.yaml", "--out", "run", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run"
+
+
+def moves(text: str) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Well named last before each move, and where the move begins and ends; X, Y, Z and E."""
+    at, well, found = np.full(4, np.nan), "", []
+    for line in text.splitlines():
+        if line.startswith(";WELL:"):
+            well = line[6:].split()[0]
+        if line.startswith(";WELL_END:"):
+            assert line[10:] == well
+            well = ""
+        if not line.startswith(("G0", "G1", "G92")):
+            continue
+        to = at.copy()
+        for letter, number in MOVE.findall(line):
+            to["XYZE".index(letter)] = float(number)
+        if not line.startswith("G92"):
+            found.append((well, at, to))
+        at = to
+    return found
+
+
+def nearest(place: np.ndarray) -> tuple[str, float]:
+    found = {name: hypot(place[0] - x, place[1] - y) for name, (x, y) in CENTRES.items()}
+    name = min(found, key=lambda one: found[one])
+    return name, found[name]
+
+
+def test_below_the_rims_the_needle_stays_inside_one_well(printed: Path) -> None:
+    rows = moves((printed / "part.gcode").read_text())
+    below = [row for row in rows if min(row[1][2], row[2][2]) < RIM_MM]
+    assert len(below) > 30
+    for well, begin, end in below:
+        (one, off), (other, away) = nearest(begin), nearest(end)
+        assert one == other
+        assert well in ("", one)
+        assert max(off, away) + NEEDLE_MM / 2 + 1 <= WELL_MM / 2
+
+
+def test_every_well_gets_the_same_part_in_its_middle(printed: Path) -> None:
+    rows = moves((printed / "part.gcode").read_text())
+    want = np.array([FORK.points[:, :2].min(axis=0), FORK.points[:, :2].max(axis=0)]) - [3, 3]
+    for name, centre in CENTRES.items():
+        places = [at[:2] for well, begin, end in rows if well == name for at in (begin, end)]
+        ends = np.array(places) - centre
+        bounds = np.array([ends.min(axis=0), ends.max(axis=0)])
+        np.testing.assert_allclose(bounds, want, atol=0.5)
+
+
+def test_a_flow_factor_of_four_fifths_pushes_a_quarter_more(printed: Path) -> None:
+    rows = moves((printed / "part.gcode").read_text())
+
+    def pushed(name: str) -> float:
+        return float(sum(end[3] - begin[3] for well, begin, end in rows if well == name))
+
+    assert pushed("B3") == pytest.approx(1.25 * pushed("B2"), rel=1e-3)
+    assert pushed("C2") == pytest.approx(pushed("B2"), rel=1e-4)
+
+
+def test_labels_stand_in_the_job_the_table_the_map_and_the_page(printed: Path) -> None:
+    text = (printed / "part.gcode").read_text()
+    assert text.count(";WELL:") == text.count(";WELL_END:") == 4
+    assert ";WELL:B3 flow factor 0.8\n" in text
+    table = csv.DictReader((printed / "wells.csv").read_text().splitlines())
+    rows = {row["well"]: row for row in table}
+    assert {name: row["ink.flow_factor"] for name, row in rows.items()} == {
+        "B2": "1.0", "B3": "0.8", "C2": "1.0", "C3": "0.8",
+    }  # fmt: skip
+    assert [row["copy"] for row in rows.values()] == ["1", "1", "2", "2"]
+    lines = text.splitlines()
+    assert lines[int(rows["B3"]["first_line"]) - 2] == ";WELL:B3 flow factor 0.8"
+    with np.load(printed / "part.map.npz") as data:
+        assert len(data["well"]) == len(lines)
+        assert data["labels"].tolist() == [
+            "flow factor 1", "flow factor 0.8", "flow factor 0.8", "flow factor 1",
+        ]  # fmt: skip
+    for page in (printed / "report.html", printed / "plate.svg"):
+        assert "flow factor 0.8" in page.read_text()
+
+
+def test_the_scan_of_the_chosen_well_shows_what_was_varied(printed: Path) -> None:
+    """The ink's own factor is 1: where 0.8 was believed, lumens come out √1.25 as wide."""
+    report = json.loads((printed / "report.json").read_text())
+    error = {row["well"]: row.get("mean_error_percent") for row in report["wells"]}
+    assert error.pop("B3") == pytest.approx(100 * (sqrt(1.25) - 1), abs=2.5)
+    assert set(error.values()) == {None}
+    assert report["print"]["state"] == "done"
+    assert report["verdict"]["passed"]
+    assert "3 of 4 wells weren't scanned" in report["verdict"]["reasons"][-1]
+    assert (printed / "wells" / "B3" / "report.html").is_file()
+
+
+def test_the_network_is_made_once_for_all(printed: Path) -> None:
+    report = json.loads((printed / "report.json").read_text())
+    assert report["timings"]["B3 solid"]["reused"]
+    assert not report["timings"]["B2 solid"]["reused"]
+
+
+def test_a_way_lowered_by_hand_and_a_short_needle_are_found_in_the_file(printed: Path) -> None:
+    text = (printed / "part.gcode").read_text()
+    setup = SetUp(
+        load(Printer, "generic_marlin"),
+        load(Syringe, "hamilton_1ml"),
+        load(Ink, "gelatin_sacrificial"),
+        load(Needle, "30g_50mm"),
+        load(Bath, "cell_matrix"),
+    )
+
+    def failed(data: str, set_for: SetUp = setup) -> list[str]:
+        declared = dict(MOVE.findall(next(x for x in data.splitlines() if x.startswith("G92"))))
+        start = (float(declared["X"]), float(declared["Y"]), float(declared["Z"]))
+        done = dry_run(data.encode(), set_for.printer, start)
+        checks = file_checks(done, set_for, printed / "part.map.npz")
+        return [f"{one.check}: {one.place}" for one in checks if one.refuses]
+
+    assert failed(text) == []
+    lines = text.splitlines()
+    row = lines.index(";WELL_END:B2") + 2
+    assert lines[row].startswith("G0 Z22.27")
+    lines[row] = lines[row].replace("22.27", "19")
+    found = failed("\n".join(lines) + "\n")
+    assert any(one.startswith("ways between wells, above the plate's rims: line") for one in found)
+    assert any(one.startswith("needle to its well's wall: well B2, line") for one in found)
+    short = SetUp(setup.printer, setup.syringe, setup.ink, load(Needle, "30g"), setup.bath)
+    assert {one.split(":")[0] for one in failed(text, short)} == {"needle's hub to its well's wall"}
+    slim = short.needle and short.needle.model_copy(update={"hub_outer_mm": 4.5})
+    assert failed(text, SetUp(setup.printer, setup.syringe, setup.ink, slim, setup.bath)) == []
+
+
+ONE = {"sweep": {}, "wells": ["C3"], "scanned": None}
+
+
+def test_a_well_that_runs_over_is_refused_by_name(printed: Path, tmp_path: Path) -> None:
+    """191.6 mm² and 17.4 mm deep: 3 µL of ink are more than a bath of 17.39 mm leaves room for."""
+    shutil.copytree(printed, tmp_path / "run")  # with its design, which doesn't change
+    with pytest.raises(SafetyError, match=r"well B2 \(flow factor 1\).*\n.*would run over"):
+        run(tmp_path, recipe(plate={"bath_depth_mm": 17.39}))
+
+
+def test_the_shipped_example_fills_six_wells() -> None:
+    example = load_recipe(ROOT / "examples" / "wells_sweep.yaml")
+    assert example.plate is not None
+    wells = assigned(example.plate, load(Plate, example.plate.profile))
+    assert [well.name for well in wells] == ["A1", "A2", "A3", "B1", "B2", "B3"]
+    assert wells[-1].label == "flow factor 0.9, write speed 8 mm/s"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"plate": {"sweep": {"toolpath.colour": [1, 2]}}}, "toolpath.colour: Extra inputs"),
+        ({"plate": {"sweep": {"toolpath.write_speed_mm_s": [1, -2]}}}, "greater than 0"),
+        ({"plate": {"sweep": {"ink.flow_factor": [1, 9]}}}, "ink.flow_factor: .* to 5"),
+        ({"plate": {**ONE, "a1_mm": [190, 100]}}, "middle of well C3 is at x 228.6 mm"),
+        ({"printer": {"profile": "two_syringe_marlin"}}, "has 2 heads"),
+        ({"printer": {"dish": "petri_60mm"}}, "printer.dish is of one dish"),
+        ({"toolpath": {"compensate_lag": True}}, "isn't driven ahead of the lag"),
+        (
+            {"printer": {"profile": "pneumatic_marlin", "ink": "fibrinogen_fresh"}},
+            "does nothing on",
+        ),
+    ],
+)
+def test_what_can_t_be_is_refused_before_it_is_planned(
+    tmp_path: Path, changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(RecipeError, match=words):
+        run(tmp_path, recipe(**changes))
+    assert not (tmp_path / "run" / "part.gcode").exists()
