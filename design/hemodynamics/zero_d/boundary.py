@@ -48,7 +48,7 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
     given = dict(conditions.outlet_flow_ul_s)
-    strangers = set(given) - set(outlets.tolist())
+    strangers = set(given) - set(outlets.tolist()) if given else set()
     if strangers:
         raise FlowError(f"outlet_flow_ul_s: node {min(strangers)} isn't one of the outlets")
     slot = np.arange(len(network.nodes))
