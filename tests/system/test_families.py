@@ -30,7 +30,10 @@ def _part(text: str) -> str:
     return "".join([*lines[:LINES], "M400\n"])
 
 
-@pytest.mark.parametrize("profile", ["ender5_duet3_replistruder5", "klipper_bioprinter"])
+@pytest.mark.parametrize(
+    "profile",
+    ["ender5_duet3_replistruder5", pytest.param("klipper_bioprinter", marks=pytest.mark.slow)],
+)
 def test_planar_example_is_printed_as_foreseen(profile: str, tmp_path: Path) -> None:
     recipe = recipe_file(tmp_path, "planar_fresh", printer={"profile": profile})
     done = printctl("toolpath", recipe, "--out", "part.gcode", cwd=tmp_path)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pypdf import PdfReader
 
 from tests.system.cli import ROOT, printctl
@@ -92,6 +93,7 @@ def test_same_recipe_gives_the_same_bytes(planar_run: Path, tmp_path: Path) -> N
     assert (tmp_path / "again.gcode").read_bytes() == (planar_run / "part.gcode").read_bytes()
 
 
+@pytest.mark.slow
 def test_registering_the_scan_again_gives_the_same_numbers(
     planar_run: Path, planar_report: dict[str, Any], tmp_path: Path
 ) -> None:

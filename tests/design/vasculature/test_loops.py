@@ -120,6 +120,7 @@ def test_exported_loops_carry_equal_flow(closed, tmp_path):
     assert flow_spread(back, FlowConditions(4e-3, inlet_flow_ul_s=1.0)) < 1e-9
 
 
+@pytest.mark.slow
 def test_several_trees_of_a_side_mix(tissue):
     wishes = [
         RootSpec(GrowthOptions(terminals=20, root_point_mm=(3.0, 8.0, 0.0))),
