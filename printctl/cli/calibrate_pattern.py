@@ -40,9 +40,18 @@ from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from sim.dryrun import dry_run
 
 _BESIDE = (".svg", ".csv", ".json")
+_OWN = {
+    "lines": {"speeds", "flow_factors", "length", "repeats", "steps"},
+    "spiral": {"speed", "turns", "pitch"},
+    "joint": {"speed", "overlaps"},
+    "bridge": {"speed", "spans", "height"},
+    "comb": {"speed", "gaps"},
+}
+"""Options of each pattern alone."""
 
 
 def pattern(
+    context: typer.Context,
     name: Annotated[
         Literal["lines", "spiral", "joint", "bridge", "comb"],
         typer.Argument(help="lines, spiral, joint, bridge or comb.", show_default=False),
@@ -108,21 +117,15 @@ def pattern(
 
     It is printed with `printctl print`; `printctl calibrate widths` reads it.
     """
+    _refuse_others(context, name)
     place = three_numbers(at, "--at")
     if output.suffix.lower() in _BESIDE:
         raise UsageError(
             f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
             "it; end it in .gcode"
         )
-    tip = load(Needle, needle)
-    wide = tip.inner_mm if width is None else width
-    high = wide / 2 if layer is None else layer
-    if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
-        raise UsageError(
-            f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
-            "0.01 to 5 mm (--layer)"
-        )
-    bead = Bead(wide, high, bath is not None if round_bead is None else round_bead)
+    wide = load(Needle, needle).inner_mm if width is None else width
+    bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead)
     if name == "lines":
         asked = Asked(
             numbers_of(speeds, "--speeds"),
@@ -149,6 +152,29 @@ def pattern(
         Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor),
     )
     _write(_Job(output, written, set_for, place, load(Syringe, syringe)))
+
+
+def _bead(wide: float, layer: float | None, round_bead: bool) -> Bead:
+    high = wide / 2 if layer is None else layer
+    if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
+        raise UsageError(
+            f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
+            "0.01 to 5 mm (--layer)"
+        )
+    return Bead(wide, high, round_bead)
+
+
+def _refuse_others(context: typer.Context, name: str) -> None:
+    """Refuse what belongs to another pattern: it would do nothing."""
+    others = sorted(set().union(*_OWN.values()) - _OWN[name])
+    for option in others:
+        source = context.get_parameter_source(option)
+        if source is not None and source.name == "COMMANDLINE":
+            own = ", ".join(f"--{one.replace('_', '-')}" for one in sorted(_OWN[name]))
+            raise UsageError(
+                f"--{option.replace('_', '-')} changes nothing about the pattern {name}, which "
+                f"has {own}; leave it out, or write another pattern"
+            )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.stages import toolpath
+from printctl.progress import StageBars
+from printctl.recipe import load_recipe
 from tests.design.toolpath.gcode_reader import Machine
 from tests.system.cli import printctl, recipe_file
 
@@ -41,6 +47,19 @@ def test_print_is_registered_against_the_print_s_size(run: Path):
     assert report["truth_check"]["pose_error_um"] < 30
     assert not report["registration"]["ambiguity"]["flag"]
     assert report["frames"]["tissue_to_part"][0][0] == 4
+
+
+def test_another_dish_makes_the_toolpath_again(run: Path):
+    """The way from the cup goes above its wall, whose height isn't in the network or solid."""
+    recipe = load_recipe(next(run.parent.glob("*.yaml")))
+    keys = []
+    for dish in ("box_80mm", "petri_60mm"):
+        printer = recipe.printer.model_copy(update={"dish": dish})
+        one = recipe.model_copy(update={"printer": printer})
+        bars = StageBars(Console(quiet=True))
+        context = RunContext(one, run.parent, run, Manifest.load(run), bars)
+        keys.append(json.dumps(toolpath.depends(context)))
+    assert keys[0] != keys[1]
 
 
 def test_network_is_four_times_the_design(run: Path):

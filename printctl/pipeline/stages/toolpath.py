@@ -81,11 +81,12 @@ def depends(context: RunContext) -> Any:
 
 
 def of_heads(context: RunContext) -> list[Any]:
-    """What several heads hold and write, and the dish above which they are changed."""
+    """What several heads hold and write, and the dish above which they are changed, or purged."""
+    dish = context.dish and context.dish.model_dump(mode="json")
     if not context.printer.heads:
-        return []
+        return [] if context.recipe.toolpath.prime is None else [dish]
     heads = [head.model_dump(mode="json") for head in context.recipe.printer.heads]
-    return [heads, heads_dump(context), context.dish and context.dish.model_dump(mode="json")]
+    return [heads, heads_dump(context), dish]
 
 
 @dataclass(frozen=True)

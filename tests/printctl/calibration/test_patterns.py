@@ -74,8 +74,9 @@ def test_other_patterns_stay_in_their_frame_and_write_what_they_say(
     name: str, tmp_path: Path
 ) -> None:
     job = tmp_path / "job.gcode"
-    short = ("--height", "0.5", "--spans", "1,2", "--turns", "2")
-    assert pattern(name, "--needle", "25g", *BATH, *short, "-o", job).exit_code == 0
+    short = {"bridge": ("--height", "0.5", "--spans", "1,2"), "spiral": ("--turns", "2")}
+    words = (*BATH, *short.get(name, ()))
+    assert pattern(name, "--needle", "25g", *words, "-o", job).exit_code == 0
     run = dry_run(job.read_bytes(), PRINTER, AT)
     begin, end, volume, _ = written(run)
     found = read_pattern(job.with_suffix(".json")).pattern
@@ -178,3 +179,13 @@ def test_a_pattern_s_file_that_was_changed_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(said))
     with pytest.raises(UsageError, match="isn't whole"):
         read_pattern(path)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "option"), [("lines", "--gaps"), ("comb", "--speeds"), ("bridge", "--overlaps")]
+)
+def test_an_option_of_another_pattern_is_refused(pattern: str, option: str, tmp_path: Path) -> None:
+    words = ["calibrate", "pattern", pattern, "--needle", "25g", option, "1,2"]
+    with pytest.raises(UsageError, match=f"{option} changes nothing about the pattern {pattern}"):
+        CliRunner().invoke(app, [*words, "-o", str(tmp_path / "p.gcode")], catch_exceptions=False)
+    assert not list(tmp_path.iterdir())

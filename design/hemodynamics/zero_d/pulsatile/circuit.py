@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ class Circuit:
         """What of it can be folded away."""
         return structure_of(np.column_stack([self.first, self.last]), self.held)
 
-    def driven(self, samples: NDArray) -> NDArray:  # type: ignore[type-arg]
+    def driven(self, samples: NDArray[Any]) -> NDArray[Any]:
         """What drives each node, (n,), for a value of each waveform (w,)."""
         found = np.zeros(self.node_count, samples.dtype)
         on = self.drive >= 0

@@ -103,7 +103,8 @@ def _values(vessel: dict[str, Any]) -> tuple[float, float, float]:
             f"vessel {_name(vessel)} has a stenosis_coefficient, which makes the problem "
             "nonlinear; use svZeroDSolver for this file"
         )
-    return tuple(float(given.get(key, 0.0)) for key in ("R_poiseuille", "C", "L"))  # type: ignore[return-value]
+    resistance, compliance, inertance = (given.get(key, 0.0) for key in ("R_poiseuille", "C", "L"))
+    return float(resistance), float(compliance), float(inertance)
 
 
 def _ports(vessels: list[dict[str, Any]], junctions: list[dict[str, Any]]) -> IntArray:
