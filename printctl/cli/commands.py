@@ -36,6 +36,7 @@ COMMANDS: dict[str, str] = {
     "solid": "solid:solid",
     "measure": "measure:measure",
     "flow": "flow:flow",
+    "oxygen": "oxygen:oxygen",
     "lumens": "lumens:lumens",
     "ports": "ports:ports",
     "profiles": "profiles:profiles",
