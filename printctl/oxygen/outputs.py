@@ -27,8 +27,8 @@ TABLE: Final = "oxygen.csv"
 FIELD: Final = "oxygen.vti"
 SLICE: Final = "oxygen.svg"
 CAPTION: Final = (
-    "Oxygen in the plane through the place with least (cross); vessels within a cell of it are "
-    "lines, the orange line is the threshold"
+    "Oxygen in a plane through the middle of the widest hypoxic place, or the one with least "
+    "(cross); vessels within a cell of it are light lines, the orange line is the threshold"
 )
 
 
@@ -108,8 +108,10 @@ def _rows(table: dict[str, Any]) -> list[dict[str, Any]]:
 def hypoxia(found: dict[str, Any]) -> str:
     """The finding in a sentence."""
     x, y, z = found["worst_place_mm"]
+    word = "the widest such place is" if found["hypoxic_percent"] > 0.0 else "least is"
     return (
         f"{found['hypoxic_percent']:.3g} % of the tissue is below "
-        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM "
-        f"at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell density are assumed unless you gave yours"
+        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM, "
+        f"{word} at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell "
+        "density are assumed unless you gave yours"
     )

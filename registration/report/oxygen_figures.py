@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from design.hemodynamics.oxygen import OxygenSolution
+from design.hemodynamics.oxygen import HALF, OxygenSolution
 from design.network import VesselNetwork
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
@@ -20,21 +20,20 @@ from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 FloatArray = NDArray[np.float64]
 _MOST_PX = 800
-_TISSUE = 0.5
-"""Share of a cell from which it is drawn as tissue and not as lumen."""
 
 
 def slice_figure(solution: OxygenSolution, network: VesselNetwork) -> bytes:
-    """Oxygen in the plane through the tissue's worst place that cuts most of it; SVG.
+    """Oxygen in the plane through the tissue's worst place in which it varies most; SVG.
 
     Lumens wider than a cell are blank, axes that run within a cell of the plane or cross it
-    there are drawn as lines, the threshold as a line, and the worst place as a cross.
+    there are drawn as lines, the threshold as a line, and the worst place as a
+    cross (`OxygenSolution.worst`).
     """
-    worst, grid = solution.worst(), solution.grid
-    axis = _widest(grid.inside, worst)
+    worst, grid = solution.worst, solution.grid
+    axis = _telling(solution)
     across, up = (k for k in range(3) if k != axis)
     field = np.take(solution.concentration, worst[axis], axis=axis)
-    shown = np.take(solution.tissue_share, worst[axis], axis=axis) >= _TISSUE
+    shown = np.take(solution.tissue_share, worst[axis], axis=axis) >= HALF
     h, low = grid.spacing_mm, grid.origin_mm
     extent = (
         low[across] - h / 2, low[across] + h * (field.shape[0] - 0.5),
@@ -59,7 +58,7 @@ def slice_figure(solution: OxygenSolution, network: VesselNetwork) -> bytes:
             )
         )
         axes.plot(place[across], place[up], "+", color=OUTSIDE, markersize=13,
-                  markeredgewidth=2.0, label="least oxygen")  # fmt: skip
+                  markeredgewidth=2.0, label="worst place")  # fmt: skip
         names = "xyz"
         axes.set(xlabel=f"{names[across]} / mm", ylabel=f"{names[up]} / mm", aspect="equal")
         axes.set_title(f"{names[axis]} = {place[axis]:.4g} mm", fontsize=9, color=MUTED)
@@ -69,10 +68,17 @@ def slice_figure(solution: OxygenSolution, network: VesselNetwork) -> bytes:
         return to_svg(figure, "oxygen-slice")
 
 
-def _widest(inside: NDArray[np.bool_], worst: Sequence[int]) -> int:
-    """Axis normal to which the plane through a cell holds most tissue; z before the others."""
-    area = [int(np.take(inside, worst[axis], axis=axis).sum()) for axis in range(3)]
-    return max((2, 1, 0), key=lambda axis: area[axis])
+def _telling(solution: OxygenSolution) -> int:
+    """Axis normal to the plane through the worst place in which oxygen varies most."""
+
+    def spread(axis: int) -> float:
+        field, inside = (
+            np.take(values, solution.worst[axis], axis=axis)
+            for values in (solution.concentration, solution.grid.inside)
+        )
+        return float(np.std(field[inside]))
+
+    return max((2, 1, 0), key=spread)
 
 
 def _threshold(
@@ -125,5 +131,5 @@ def oxygen_histogram(histogram: Mapping[str, Any], threshold_millimolar: float) 
         axes.set(xlabel="oxygen / mM", ylabel="share of the tissue / %")
         axes.set_xlim(edges[0], edges[-1])
         axes.tick_params(colors=INK)
-        axes.legend(loc="upper left")
+        axes.legend(loc="upper right")
         return to_svg(figure, "oxygen-histogram")

@@ -2,7 +2,7 @@
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
 from design.hemodynamics.oxygen.refine import solve_refined
-from design.hemodynamics.oxygen.solution import OxygenSolution
+from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen
 from design.hemodynamics.oxygen.summary import oxygen_summary, oxygen_table
 from design.hemodynamics.oxygen.tissue_grid import (
@@ -14,6 +14,7 @@ from design.hemodynamics.oxygen.tissue_grid import (
 from design.hemodynamics.oxygen.vti import write_oxygen_vti
 
 __all__ = [
+    "HALF",
     "OxygenConditions",
     "OxygenSolution",
     "SolverOptions",

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from design.network import FloatArray
+
+HALF: Final = 0.5
+"""Share of tissue from which a cell counts as tissue and not as lumen, where it must be one."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,21 @@ class OxygenSolution:
         low = self.concentration < millimolar
         return float(self.tissue_share[low].sum() / self.tissue_share.sum())
 
+    def least(self) -> float:
+        """Of the cells that are tissue by half or more, mM."""
+        return max(float(self.concentration[self.tissue_share >= HALF].min()), 0.0)
+
+    @cached_property
     def worst(self) -> tuple[int, int, int]:
-        """Cell, at least half of it tissue, that holds least."""
-        shown = np.where(self.tissue_share >= 0.5, self.concentration, np.inf)
-        i, j, k = np.unravel_index(int(np.argmin(shown)), shown.shape)
+        """Cell in the middle of the widest hypoxic place; without any, the one with least.
+
+        Where much is without oxygen, which cell holds least is a matter of rounding.
+        """
+        tissue = self.tissue_share >= HALF
+        hypoxic = tissue & (self.concentration < self.conditions.threshold_millimolar)
+        if hypoxic.any():
+            best = int(np.argmax(distance_transform_edt(hypoxic)))
+        else:
+            best = int(np.argmin(np.where(tissue, self.concentration, np.inf)))
+        i, j, k = np.unravel_index(best, tissue.shape)
         return int(i), int(j), int(k)

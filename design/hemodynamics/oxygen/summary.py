@@ -28,14 +28,15 @@ def oxygen_summary(fine: OxygenSolution, coarse: OxygenSolution | None = None) -
     ``demand_met_percent`` holds what is taken up against what the cells would take with oxygen in
     plenty. ``cells_fed_at_most`` is the plain balance: what is brought over a cell's uptake.
     ``imbalance`` is in less out less taken up, over what is taken up. ``…_coarser`` is the same on
-    a grid of twice the spacing: about three times the grid's error.
+    a grid of twice the spacing: about three times the grid's error. ``worst_place`` is the middle
+    of the widest hypoxic place, or where there is none the place with least.
     """
     conditions, grid = fine.conditions, fine.grid
     share, field = fine.tissue_share, fine.concentration
     volume = float(share.sum()) * grid.cell_ul
     per_cell = conditions.mol_per_cell_s * NMOL_PER_MOL
-    at = grid.origin_mm + grid.spacing_mm * np.array(fine.worst())
-    least = max(float(field[fine.worst()]), 0.0)
+    at = grid.origin_mm + grid.spacing_mm * np.array(fine.worst)
+    least = fine.least()
     level = conditions.threshold_millimolar
     brought = fine.supplied + max(fine.from_bath, 0.0)
     p5 = _percentile(fine, 5.0)
