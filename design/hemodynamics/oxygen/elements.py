@@ -162,7 +162,7 @@ def _fill(
     h: float,
     filled: FloatArray,
 ) -> None:
-    """Add the volume of each piece's rings, points half a cell apart, to the cells they lie in."""
+    """Add the volume of each piece, in points a third of a cell apart, to the cells they lie in."""
     nx, ny, nz = filled.shape
     across, other = np.empty(3), np.empty(3)
     for i in range(len(start)):
@@ -178,16 +178,16 @@ def _fill(
         other[0] = axis[1] * across[2] - axis[2] * across[1]
         other[1] = axis[2] * across[0] - axis[0] * across[2]
         other[2] = axis[0] * across[1] - axis[1] * across[0]
-        steps = int(np.ceil(2.0 * length / h))
+        steps = int(np.ceil(3.0 * length / h))
         for s in range(steps):
             t = (s + 0.5) / steps
             radius = r0[i] + t * (r1[i] - r0[i])
-            rings = max(1, int(np.ceil(2.0 * radius / h)))
+            rings = max(1, int(np.ceil(3.0 * radius / h)))
             for ring in range(rings):
                 out = radius * (ring + 0.5) / rings
                 if rings == 1:
                     out = 0.0 if radius < 0.25 * h else 0.5 * radius
-                points = max(4, int(np.ceil(4.0 * np.pi * out / h)))
+                points = max(4, int(np.ceil(6.0 * np.pi * out / h)))
                 area = np.pi * radius**2 * (2.0 * ring + 1.0) / rings**2
                 for p in range(points):
                     angle = 2.0 * np.pi * (p + 0.5 * (s % 2)) / points

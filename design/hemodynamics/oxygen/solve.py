@@ -25,8 +25,7 @@ class SolverOptions:
     Attributes
     ----------
     tolerance : float
-        Sum of the sizes of what is left over in all cells, over what is taken up or supplied,
-        whichever is less.
+        Sum of the sizes of what is left over in all cells, over what is taken up.
     newton, krylov : int
         Steps at most.
     """
@@ -73,8 +72,7 @@ def solve_oxygen(
     c = _begin(grid, conditions, guess)
     steps = cycles = 0
     loss = problem.loss(c)
-    goal = options.tolerance * _scale(problem)
-    while float(np.abs(loss).sum()) > goal:
+    while float(np.abs(loss).sum()) > (goal := options.tolerance * _scale(problem, c)):
         if steps == options.newton:
             raise FlowError(
                 f"oxygen: {steps} Newton steps leave {np.abs(loss).sum():.3g} nmol/s unbalanced, "
@@ -94,12 +92,9 @@ def solve_oxygen(
     return _solution(problem, c, steps, cycles)
 
 
-def _scale(problem: Problem) -> float:
-    """What could be taken up, or is supplied where that is less, nmol/s."""
-    supply = float(problem.transport.supplied.sum()) * problem.conditions.inlet_millimolar
-    if problem.conditions.bath_millimolar:
-        return float(problem.uptake.sum())
-    return min(float(problem.uptake.sum()), supply) or 1e-30
+def _scale(problem: Problem, c: FloatArray) -> float:
+    """What is taken up, nmol/s; a millionth of what could be where that is next to nothing."""
+    return float(max(problem.taken_up(c).sum(), 1e-6 * problem.uptake.sum()))
 
 
 def _begin(
