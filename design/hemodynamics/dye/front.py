@@ -25,7 +25,7 @@ CARRIED_BELOW: Final = 0.01
 DISPERSED_ABOVE: Final = 0.8
 """Transit times D/r²: below the first, dye is carried as if it didn't diffuse; above the second its
 section is even and the front is Taylor's, a bell that runs with the mean (Ananthakrishnan, Gill &
-Barduhn 1965, doi 10.1002/aic.690110607, for Péclet numbers above some hundreds)."""
+Barduhn 1965, AIChE J 11, 1063, for Péclet numbers above some hundreds)."""
 
 _SPAN: Final = 4.0
 """Curves run to so many mean ages of the slowest place: of one tube they are at 7/8 by then."""

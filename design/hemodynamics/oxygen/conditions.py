@@ -91,7 +91,8 @@ CONSTANTS: Final = {
     "mol_per_cell_s": (
         "greatest uptake of a cell",
         "mol/s",
-        "assumed, within the range of cultured cells: measure",
+        "assumed: cultured cells range from 1e-18 to 3.5e-16 (Wagner et al. 2011, "
+        "doi 10.1016/j.freeradbiomed.2011.05.024); measure",
     ),
     "half_millimolar": (
         "half uptake at (Michaelis' constant)",

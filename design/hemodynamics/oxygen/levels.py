@@ -3,7 +3,7 @@
 A cell gives to its neighbour D h (c - c'), the finite volume of a cube; between tissue and
 anything else nothing passes. Coarse cells are eight fine ones; their faces conduct half of what
 the fine faces between them do together, since the way is twice as long (cell-centred multigrid,
-Wesseling 1988, doi 10.1016/0377-0427(88)90337-3).
+Wesseling 1988, J Comput Phys 79, 85).
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def exchange(
     """Flux between stream and grid per difference of concentration, (n,), µL/s.
 
     Two resistances in series per length: 1/(π D Sh) in the stream (Hellums et al. 1996,
-    doi 10.1007/BF02770992) and ln(r_e/r)/(2π D) between the wall and what the grid resolves.
+    Ann Biomed Eng 24, 1) and ln(r_e/r)/(2π D) between the wall and what the grid resolves.
     """
     stream = 1.0 / (np.pi * conditions.medium_diffusivity_mm2_s * conditions.sherwood)
     tissue = subgrid(radius, spacing_mm) / (2.0 * np.pi * conditions.tissue_diffusivity_mm2_s)
