@@ -1,4 +1,4 @@
-"""Solve on coarser grids first: each begins the next, and the last two tell the grid's error."""
+"""Solve on coarser grids first: each begins the next, and the last two tell what the grid does."""
 
 from __future__ import annotations
 
