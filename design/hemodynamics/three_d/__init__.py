@@ -1,0 +1,1 @@
+"""Flow resolved in space: meshes of lumens, and finite elements on them."""
