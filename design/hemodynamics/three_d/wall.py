@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.cells import Cells, sort_boxes
@@ -22,6 +23,8 @@ _MOST = 24
 
 _SHARPNESS = 8
 """Power by which a junction's fillet loses its say with distance."""
+
+BoolArray = NDArray[np.bool_]
 
 _STEPS = 12
 _SETTLED = 1e-9
@@ -264,7 +267,7 @@ def _project(
     cells: Cells,
     points: FloatArray,
     plane: FloatArray,
-    move: FloatArray,
+    move: BoolArray,
 ) -> None:
     """Newton's steps along the gradient, within a plane where its normal isn't 0."""
     g = np.empty(3)
