@@ -1,7 +1,9 @@
 """Flow in vessel networks: lumped, steady and pulsatile."""
 
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+from design.hemodynamics.vessel.losses import Losses, Stenosis
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
 from design.hemodynamics.zero_d.balance import balance, flow_spread
@@ -19,27 +21,36 @@ from design.hemodynamics.zero_d.pulsatile import (
     pulsatile_table,
     solve_pulsatile,
 )
-from design.hemodynamics.zero_d.steady import node_inflow, solve_flow
+from design.hemodynamics.zero_d.steady import FlowStructure, flow_structure, node_inflow, solve_flow
 from design.hemodynamics.zero_d.summary import flow_summary
 from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
 from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
+    "Carreau",
     "FlowConditions",
     "FlowSolution",
+    "FlowStructure",
+    "Fluid",
     "GelWall",
+    "Losses",
     "MarchOptions",
+    "Newtonian",
+    "PowerLaw",
     "PressureOutlet",
+    "Pries1994",
     "PulsatileConditions",
     "PulsatileSolution",
     "ResistanceOutlet",
     "RigidWall",
+    "Stenosis",
     "ThinWall",
     "WindkesselOutlet",
     "at_same_shear",
     "balance",
     "end_waves",
     "flow_spread",
+    "flow_structure",
     "flow_summary",
     "flow_table",
     "march_pulsatile",

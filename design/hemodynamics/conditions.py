@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.fluids.fluid import Fluid, Newtonian
+from design.hemodynamics.vessel.losses import Losses
+from design.units import WATER_DENSITY
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class FlowConditions:
     Attributes
     ----------
     viscosity_pa_s : float, Pa·s
-        Newtonian.
+        Newtonian; where a fluid is given, a stand-in for what knows no other.
     inlet_flow_ul_s : float, µL/s
         Total into the network. Several inlets hang on one supply: they share its pressure, and
         the flow divides by itself.
@@ -32,6 +35,12 @@ class FlowConditions:
         Flow out of single outlets; those not named have `outlet_pressure_pa`.
     inlets, outlets : tuples of nodes, optional
         Where the network's own (nodes that vessels only leave, or only enter) aren't meant.
+    fluid : Fluid, optional
+        Whose viscosity isn't one number (`design.hemodynamics.fluids`).
+    losses : Losses
+        At bifurcations and stenoses; none by default.
+    density : float, Pa·s²/mm²
+        For the losses.
     """
 
     viscosity_pa_s: float
@@ -41,6 +50,14 @@ class FlowConditions:
     outlet_flow_ul_s: Mapping[int, float] = field(default_factory=dict)
     inlets: tuple[int, ...] | None = None
     outlets: tuple[int, ...] | None = None
+    fluid: Fluid | None = None
+    losses: Losses = field(default_factory=Losses)
+    density: float = WATER_DENSITY
+
+    @property
+    def whole_fluid(self) -> Fluid:
+        """The fluid, Newtonian where none is given."""
+        return self.fluid or Newtonian(self.viscosity_pa_s)
 
     def __post_init__(self) -> None:
         _check(self)
