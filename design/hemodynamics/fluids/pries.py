@@ -9,8 +9,6 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.fluids.fluid import check_positive
 from design.network import FloatArray
-from design.vasculature.growth.viscosity import relative_viscosity
-from kernels import jit
 
 
 @dataclass(frozen=True)
@@ -42,13 +40,10 @@ class Pries1994:
 
     def apparent(self, rate: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By the radius, and 1."""
+        # Here, since the growth of trees comes with it.
+        from design.hemodynamics.fluids.pries_kernel import relative
+
         wide = np.broadcast_to(np.asarray(radius, dtype=np.float64), np.shape(rate))
         found = np.empty(wide.shape)
-        _relative(wide.ravel(), self.haematocrit, found.reshape(-1))
+        relative(wide.ravel(), self.haematocrit, found.reshape(-1))
         return self.viscosity_pa_s * found, np.ones(wide.shape)
-
-
-@jit
-def _relative(radius: FloatArray, haematocrit: float, found: FloatArray) -> None:
-    for k in range(len(radius)):
-        found[k] = relative_viscosity(radius[k], haematocrit)

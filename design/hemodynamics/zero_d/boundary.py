@@ -89,7 +89,8 @@ def place_at(
     if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
         return Boundary(slot, fixed, pressure, injected, lowest)
     slot[inlets] = inlets[0]
-    return Boundary(*joined(slot, fixed, pressure, injected), lowest)
+    slot, fixed, pressure, injected = joined(slot, fixed, pressure, injected)
+    return Boundary(slot, fixed, pressure, injected, lowest)
 
 
 def _outflows(
