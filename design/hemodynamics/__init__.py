@@ -1,6 +1,6 @@
 """Flow in vessel networks: lumped, steady and pulsatile."""
 
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import Behind, FlowConditions
 from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.vessel.losses import Losses, Stenosis
@@ -21,12 +21,14 @@ from design.hemodynamics.zero_d.pulsatile import (
     pulsatile_table,
     solve_pulsatile,
 )
+from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
 from design.hemodynamics.zero_d.steady import FlowStructure, flow_structure, node_inflow, solve_flow
 from design.hemodynamics.zero_d.summary import flow_summary
 from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
 from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
+    "Behind",
     "Carreau",
     "FlowConditions",
     "FlowSolution",
@@ -43,11 +45,13 @@ __all__ = [
     "PulsatileSolution",
     "ResistanceOutlet",
     "RigidWall",
+    "ShearBand",
     "Stenosis",
     "ThinWall",
     "WindkesselOutlet",
     "at_same_shear",
     "balance",
+    "band_summary",
     "end_waves",
     "flow_spread",
     "flow_structure",

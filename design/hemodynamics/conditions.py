@@ -14,6 +14,30 @@ from design.units import WATER_DENSITY
 
 
 @dataclass(frozen=True)
+class Behind:
+    """What lies behind an outlet in steady flow; a Windkessel is its two resistances in series.
+
+    Attributes
+    ----------
+    resistance : float, Pa·s/µL
+        0 for none: the outlet itself has the pressure.
+    pressure_pa : float, Pa
+        Beyond it.
+    """
+
+    resistance: float = 0.0
+    pressure_pa: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.resistance) and self.resistance >= 0.0):
+            raise FlowError(
+                f"the resistance behind an outlet is {self.resistance:g} Pa·s/µL; give 0 or more"
+            )
+        if not np.isfinite(self.pressure_pa):
+            raise FlowError(f"the pressure behind an outlet is {self.pressure_pa}; give a number")
+
+
+@dataclass(frozen=True)
 class FlowConditions:
     """Conditions at a network's inlets and outlets.
 
@@ -33,6 +57,8 @@ class FlowConditions:
         At every outlet without a flow of its own.
     outlet_flow_ul_s : mapping of node to µL/s
         Flow out of single outlets; those not named have `outlet_pressure_pa`.
+    behind : mapping of node to Behind
+        Of single outlets.
     inlets, outlets : tuples of nodes, optional
         Where the network's own (nodes that vessels only leave, or only enter) aren't meant.
     fluid : Fluid, optional
@@ -51,6 +77,7 @@ class FlowConditions:
     inlets: tuple[int, ...] | None = None
     outlets: tuple[int, ...] | None = None
     fluid: Fluid | None = None
+    behind: Mapping[int, Behind] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     density: float = WATER_DENSITY
 

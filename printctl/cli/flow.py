@@ -20,9 +20,20 @@ def flow(
     network: SourceArg,
     unit: UnitOption = None,
     out: options.OutOption = Path("flow"),
-    inlet_flow_ml_min: options.InletFlowOption = 0.25,
-    viscosity_mpa_s: options.ViscosityOption = 1.0,
+    inlet_flow_ml_min: options.InletFlowOption = None,
+    inlet_pressure_mmhg: options.InletPressureOption = None,
+    outlet_pressure_mmhg: options.OutletPressureOption = 0.0,
+    outlet_resistance_mmhg_min_ml: options.OutletResistanceOption = None,
+    outlet_proximal_mmhg_min_ml: options.OutletProximalOption = None,
+    outlet_compliance_ml_mmhg: options.OutletComplianceOption = None,
+    outlets: options.OutletsOption = None,
+    viscosity_mpa_s: options.ViscosityOption = None,
+    fluid: options.FluidOption = None,
+    junction_k: options.JunctionOption = None,
+    stenosis: options.StenosisOption = None,
+    shear_band_dyn_cm2: options.ShearBandOption = None,
     amplitude_ml_min: options.AmplitudeOption = None,
+    amplitude_mmhg: options.AmplitudePressureOption = None,
     shape: options.ShapeOption = None,
     waveform: options.WaveformOption = None,
     period_s: options.PeriodOption = None,
@@ -42,7 +53,7 @@ def flow(
         return
     # Options are a recipe's section under the same names: `part_of` takes them by name.
     part = part_of(context.params)
-    source = load_source(network, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
+    source = load_source(network, unit, Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s))
     found = Found()
     steady(source.network, part, out, found)
     pulsatile(source.network, part, out, svzerod, found)

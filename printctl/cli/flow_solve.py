@@ -6,18 +6,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from design.hemodynamics import (
-    FlowConditions,
-    flow_summary,
-    question_pressure,
-    solve_flow,
-    write_flow_csv,
-)
 from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
-from design.units import UL_S_PER_ML_MIN
-from printctl.flow import PULSES, WAVES, pulsatile_conditions, solve_and_write
-from printctl.pipeline.stages.flow import TABLE
+from printctl.flow import (
+    PULSES,
+    TABLE,
+    WAVES,
+    pulsatile_conditions,
+    solve_and_write,
+    solve_steady,
+    steady_conditions,
+)
 from printctl.recipe.parts import FlowPart
 
 
@@ -34,20 +33,10 @@ def steady(network: VesselNetwork, part: FlowPart, out: Path, found: Found) -> N
 
     Raises
     ------
-    FlowError
-        As `solve_flow`, or for an absurd pressure.
-    OSError
-        When a file can't be written.
+    FlowError, UsageError, OSError
+        As `steady_conditions` and `solve_steady`.
     """
-    conditions = FlowConditions(
-        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
-        inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN,
-    )
-    solution = solve_flow(network, conditions)
-    summary = flow_summary(network, solution, conditions)
-    question_pressure(summary["pressure_drop_pa"])
-    out.mkdir(parents=True, exist_ok=True)
-    write_flow_csv(out / TABLE, network, solution)
+    _, summary = solve_steady(out, network, steady_conditions(part, Path(), network), part)
     found.summary |= summary
     found.files.append(out / TABLE)
 
@@ -64,7 +53,7 @@ def pulsatile(
     """
     if part.pulse is None:
         return
-    conditions = pulsatile_conditions(part, part.pulse, Path())
+    conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
     found.summary["pulsatile"] = solve_and_write(out, network, conditions, part.pulse.steps)
     found.files += [out / PULSES, out / WAVES]
     if svzerod is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,11 +192,11 @@ def _flow(
     sinks = tuple(number[node] for node in outlets if node in number)
     solution = solve_flow(
         part,
-        FlowConditions(
-            viscosity_pa_s=driven.viscosity_pa_s,
-            inlet_flow_ul_s=driven.inlet_flow_ul_s,
-            inlet_pressure_pa=driven.inlet_pressure_pa,
-            outlet_pressure_pa=driven.outlet_pressure_pa,
+        replace(
+            driven,
+            # Where vessels are taken out their numbers aren't the design's any more.
+            losses=replace(driven.losses, stenoses=()),
+            behind={number[node]: b for node, b in driven.behind.items() if node in number},
             outlet_flow_ul_s={
                 number[node]: q for node, q in driven.outlet_flow_ul_s.items() if node in number
             },

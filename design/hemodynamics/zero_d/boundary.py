@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -28,9 +27,12 @@ class Boundary:
     pressure : (s,) float64, Pa
         The given pressures, 0 elsewhere.
     injected : (s,) float64, µL/s
-        Flow into the network at each unknown, where given.
+        Flow into the network at each unknown, where given; what comes back from behind outlets
+        at pressures above the lowest, too.
     lowest : float, Pa
         Of the given pressures.
+    ground : (s,) float64, µL/(s·Pa), or None
+        Conductance behind each unknown to the lowest pressure.
     """
 
     slot: IntArray
@@ -38,6 +40,7 @@ class Boundary:
     pressure: FloatArray
     injected: FloatArray
     lowest: float
+    ground: FloatArray | None = None
 
     def above_lowest(self) -> FloatArray:
         """The given pressures from the lowest: outlets of most networks drop out of the sums."""
@@ -70,40 +73,75 @@ def place_at(
     count: int, inlets: IntArray, outlets: IntArray, conditions: FlowConditions
 ) -> Boundary:
     """As `place_conditions`, for ``count`` nodes whose ends are known."""
-    free_outlets, injected = _outflows(count, outlets, conditions.outlet_flow_ul_s)
+    free_outlets, injected = _outflows(count, outlets, conditions)
     slot = np.arange(count)
     fixed, pressure = np.zeros(count, dtype=bool), np.zeros(count)
     fixed[free_outlets], pressure[free_outlets] = True, conditions.outlet_pressure_pa
+    for node, behind in conditions.behind.items():
+        fixed[node], pressure[node] = behind.resistance == 0.0, behind.pressure_pa
     if conditions.inlet_pressure_pa is not None:
         fixed[inlets], pressure[inlets] = True, conditions.inlet_pressure_pa
     elif conditions.inlet_flow_ul_s is not None:
         injected[inlets[0]] = conditions.inlet_flow_ul_s
-    if not fixed.any():
+    lowest = _lowest(conditions, free_outlets)
+    ground = _behind(conditions, injected, pressure, lowest)
+    if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
+        return Boundary(slot, fixed, pressure, injected, lowest, ground)
+    slot[inlets] = inlets[0]
+    slot, fixed, pressure, injected, whole = joined(
+        slot, fixed, pressure, injected, np.zeros(count) if ground is None else ground
+    )
+    return Boundary(slot, fixed, pressure, injected, lowest, None if ground is None else whole)
+
+
+def _lowest(conditions: FlowConditions, free_outlets: IntArray) -> float:
+    given = [behind.pressure_pa for behind in conditions.behind.values()]
+    if len(free_outlets):
+        given.append(conditions.outlet_pressure_pa)
+    if conditions.inlet_pressure_pa is not None:
+        given.append(conditions.inlet_pressure_pa)
+    if not given:
         raise FlowError(
             "every inlet and outlet has a flow, so no pressure is determined; give "
             "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
         )
-    lowest = conditions.outlet_pressure_pa if len(free_outlets) else np.inf
-    if conditions.inlet_pressure_pa is not None:
-        lowest = min(lowest, conditions.inlet_pressure_pa)
-    if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
-        return Boundary(slot, fixed, pressure, injected, lowest)
-    slot[inlets] = inlets[0]
-    slot, fixed, pressure, injected = joined(slot, fixed, pressure, injected)
-    return Boundary(slot, fixed, pressure, injected, lowest)
+    return min(given)
+
+
+def _behind(
+    conditions: FlowConditions, injected: FloatArray, pressure: FloatArray, lowest: float
+) -> FloatArray | None:
+    """Conductances behind outlets; what comes from beyond them is added to ``injected``."""
+    resists = {n: b for n, b in conditions.behind.items() if b.resistance > 0.0}
+    if not resists:
+        return None
+    ground = np.zeros(len(injected))
+    for node, behind in resists.items():
+        pressure[node] = 0.0
+        ground[node] = 1.0 / behind.resistance
+        injected[node] += (behind.pressure_pa - lowest) / behind.resistance
+    return ground
 
 
 def _outflows(
-    count: int, outlets: IntArray, given: Mapping[int, float]
+    count: int, outlets: IntArray, conditions: FlowConditions
 ) -> tuple[IntArray, FloatArray]:
-    """Outlets without a flow of their own, and what flows in at each node."""
+    """Outlets without a condition of their own, and what flows in at each node."""
     injected = np.zeros(count)
-    if not given:
+    given, behind = conditions.outlet_flow_ul_s, conditions.behind
+    if not (given or behind):
         return outlets, injected
-    strangers = set(given) - set(outlets.tolist())
+    strangers = (set(given) | set(behind)) - set(outlets.tolist())
     if strangers:
-        raise FlowError(f"outlet_flow_ul_s: node {min(strangers)} isn't one of the outlets")
+        raise FlowError(
+            f"node {min(strangers)} isn't one of the outlets, and is given a flow, a pressure or "
+            "a resistance of its own"
+        )
+    twice = set(given) & set(behind)
+    if twice:
+        raise FlowError(f"outlet {min(twice)} has both a flow and something behind it; give one")
     is_free = np.ones(count, dtype=bool)
+    is_free[list(behind)] = False
     for node, flow in given.items():
         injected[node], is_free[node] = -flow, False
     return outlets[is_free[outlets]], injected

@@ -31,9 +31,13 @@ _START_RATE: Final = 100.0
 
 
 def solve_drops(
-    structure: Structure, drops: Drops, injected: FloatArray, given: FloatArray
+    structure: Structure,
+    drops: Drops,
+    injected: FloatArray,
+    given: FloatArray,
+    ground: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, Drop]:
-    """Pressures (s,), flows (v,) and what they take, for flows in and given pressures (s,).
+    """Pressures (s,), flows (v,) and what they take, for what is given at unknowns (s,).
 
     Raises
     ------
@@ -42,7 +46,7 @@ def solve_drops(
     """
 
     def linear(resistance: FloatArray, source: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _step(structure, 1.0 / resistance, source, injected, given)
+        return _step(structure, 1.0 / resistance, source, injected, given, ground)
 
     pressure, flow = _begin(drops, linear)
     for _ in range(_STEPS):
@@ -81,18 +85,20 @@ def _step(
     source: FloatArray,
     injected: FloatArray,
     given: FloatArray,
+    ground: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Q = g (p₀ - p₁ - e) with Σ Q as injected."""
     driven = conductance * source
     count = len(injected)
     entering = injected + np.bincount(structure.first, weights=driven, minlength=count)
     entering -= np.bincount(structure.last, weights=driven, minlength=count)
-    system = structure.factorise(conductance)
+    system = structure.factorise(conductance, ground)
     pressure, flow = system.balanced(np.where(structure.fixed, 0.0, entering), given)
     flow -= driven
     # What the difference leaves over, relative to flows that may be smaller than its terms.
     excess, _ = system.excess(np.where(structure.fixed, 0.0, injected), pressure, flow)
-    return pressure, flow + system.solve(excess, np.zeros(count))[1]
+    more_pressure, more_flow = system.solve(excess, np.zeros(count))
+    return pressure + more_pressure, flow + more_flow
 
 
 def _left_over(structure: Structure, pressure: FloatArray, whole: FloatArray) -> FloatArray:

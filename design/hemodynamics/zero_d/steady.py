@@ -105,14 +105,14 @@ def _linear(
 ) -> FlowSolution:
     """``viscosity``: that which gives each vessel its resistance, and so its wall shear."""
     resistance = pipes.resistance(viscosity)
-    system = nodal.factorise(1.0 / resistance)
+    system = nodal.factorise(1.0 / resistance, boundary.ground)
     pressure, flow = system.balanced(boundary.injected, boundary.above_lowest())
     return _solution(pipes, boundary, pressure, flow, viscosity, resistance, None)
 
 
 def _nonlinear(drops: Drops, boundary: Boundary, nodal: Structure) -> FlowSolution:
     given = boundary.above_lowest()
-    pressure, flow, drop = solve_drops(nodal, drops, boundary.injected, given)
+    pressure, flow, drop = solve_drops(nodal, drops, boundary.injected, given, boundary.ground)
     loss = None if drops.losses is None else drop.loss
     viscosity = drops.viscosity(flow)
     return _solution(drops.pipes, boundary, pressure, flow, viscosity, drop.resistance, loss)
@@ -145,6 +145,7 @@ def _kind(conditions: FlowConditions) -> tuple[object, ...]:
     return (
         conditions.inlet_pressure_pa is None,
         frozenset(conditions.outlet_flow_ul_s),
+        frozenset(n for n, behind in conditions.behind.items() if behind.resistance > 0.0),
         conditions.inlets,
         conditions.outlets,
     )
