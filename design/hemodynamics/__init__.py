@@ -3,9 +3,11 @@
 from design.hemodynamics.conditions import Behind, FlowConditions
 from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.vessel.losses import Losses, Stenosis
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
+from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
 from design.hemodynamics.zero_d.balance import balance, flow_spread
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.pulsatile import (
@@ -41,6 +43,8 @@ __all__ = [
     "PowerLaw",
     "PressureOutlet",
     "Pries1994",
+    "ProbeWaves",
+    "Probes",
     "PulsatileConditions",
     "PulsatileSolution",
     "ResistanceOutlet",
@@ -59,6 +63,7 @@ __all__ = [
     "flow_table",
     "march_pulsatile",
     "node_inflow",
+    "pulsatile_at_probes",
     "pulsatile_summary",
     "pulsatile_table",
     "question_pressure",
@@ -66,6 +71,7 @@ __all__ = [
     "scaled_network",
     "solve_flow",
     "solve_pulsatile",
+    "steady_at_probes",
     "vessel_resistance",
     "write_flow_csv",
 ]
