@@ -4,6 +4,7 @@ from design.hemodynamics.conditions import Behind, FlowConditions
 from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.probes import Probes, ProbeWaves
+from design.hemodynamics.vessel.drops import resistance_at
 from design.hemodynamics.vessel.losses import Losses, Stenosis
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
@@ -67,6 +68,7 @@ __all__ = [
     "pulsatile_summary",
     "pulsatile_table",
     "question_pressure",
+    "resistance_at",
     "scaled_flow",
     "scaled_network",
     "solve_flow",

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, solve_flow, vessel_resistance
+from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
 from registration.gauging.trace import VesselTrace
 
@@ -139,7 +139,7 @@ def perfusion(
     outlets = driven.outlets or tuple(network.outlets().tolist())
     as_printed = printed_network(network, traces)
     closed = np.array([bool((t.seen & ~t.sections.open).any()) for t in traces])
-    resistance = vessel_resistance(as_printed, driven.viscosity_pa_s)
+    resistance = resistance_at(as_printed, driven.whole_fluid, designed.flow)
     flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
     inflow = _inflow(network, flow, inlets)
     fed = np.abs(flow) >= 0.01 * np.abs(designed.flow)

@@ -17,7 +17,7 @@ import numpy as np
 
 from design.hemodynamics.fluids.fluid import Fluid
 from design.hemodynamics.vessel.losses import LossTerms
-from design.hemodynamics.vessel.pipes import Pipes
+from design.hemodynamics.vessel.pipes import Pipes, measure_pipes
 from design.network import FloatArray, IntArray, VesselNetwork
 
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -105,3 +105,16 @@ def drops_of(network: VesselNetwork, pipes: Pipes, fluid: Fluid, losses: LossTer
     share = cubed * _WEIGHTS
     share *= (weight / share.sum(axis=1))[:, None]
     return Drops(fluid, pipes, losses, vessel, share, cubed)
+
+
+def resistance_at(network: VesselNetwork, fluid: Fluid, flow: FloatArray) -> FloatArray:
+    """What viscosity takes of each vessel's flow (v,), over it, (v,), Pa·s/µL; without losses.
+
+    Raises
+    ------
+    FlowError
+        As `Pipes.resistance`.
+    """
+    pipes = measure_pipes(network)
+    pipes.resistance(1.0)
+    return drops_of(network, pipes, fluid, None).at(flow).resistance

@@ -13,18 +13,19 @@ from kernels import jit
 
 @dataclass(frozen=True)
 class Pipes:
-    """Vessels as pipes, all (v,).
+    """Vessels as pipes; arrays are (v,).
 
     Attributes
     ----------
-    length : float64, mm
+    network : VesselNetwork
+        Whose they are.
     radius : float64, mm
         Mean over the length.
     per_viscosity : float64, mm⁻³
         Resistance for viscosity 1, (8/π) ∫ ds/r⁴ (`geometric_resistance`).
     """
 
-    length: FloatArray
+    network: VesselNetwork
     radius: FloatArray
     per_viscosity: FloatArray
 
@@ -38,17 +39,16 @@ class Pipes:
         """
         found = np.asarray(viscosity * self.per_viscosity)
         # The extremes tell at once that nothing is wrong; NaN fails every comparison.
-        if not (self.length.min() > 0.0 and found.min() > 0.0 and found.max() < np.inf):
+        if not (found.min() > 0.0 and found.max() < np.inf):
             _refuse(self, found)
         return found
 
 
 def measure_pipes(network: VesselNetwork) -> Pipes:
     """Measure each vessel; radii go linearly from point to point."""
-    found = (np.empty(network.vessel_count) for _ in range(3))
-    pipes = Pipes(*found)
+    pipes = Pipes(network, *(np.empty(network.vessel_count) for _ in range(2)))
     points, radius = np.ascontiguousarray(network.points), np.ascontiguousarray(network.radius)
-    _measure(points, radius, network.offset, pipes.length, pipes.radius, pipes.per_viscosity)
+    _measure(points, radius, network.offset, pipes.radius, pipes.per_viscosity)
     return pipes
 
 
@@ -63,7 +63,8 @@ def speed_and_shear(
 
 
 def _refuse(pipes: Pipes, resistance: FloatArray) -> None:
-    flat = np.flatnonzero(~(pipes.length > 0.0))
+    length = pipes.network.lengths()
+    flat = np.flatnonzero(~(length > 0.0))
     if len(flat):
         raise FlowError(
             f"vessel {int(flat[0])} has zero length ({len(flat)} such vessels), and so no "
@@ -72,7 +73,7 @@ def _refuse(pipes: Pipes, resistance: FloatArray) -> None:
     vessel = int(np.flatnonzero(~(np.isfinite(resistance) & (resistance > 0.0)))[0])
     raise FlowError(
         f"vessel {vessel}: resistance {resistance[vessel]:g} Pa·s/µL from length "
-        f"{pipes.length[vessel]:g} mm and radius {pipes.radius[vessel]:g} mm; check the "
+        f"{length[vessel]:g} mm and radius {pipes.radius[vessel]:g} mm; check the "
         "network's unit"
     )
 
@@ -82,11 +83,10 @@ def _measure(
     points: FloatArray,
     radius: FloatArray,
     offset: IntArray,
-    length: FloatArray,
     mean: FloatArray,
     per_viscosity: FloatArray,
 ) -> None:
-    for vessel in range(len(length)):
+    for vessel in range(len(mean)):
         whole, area, resists = 0.0, 0.0, 0.0
         for k in range(offset[vessel], offset[vessel + 1] - 1):
             a, b = radius[k], radius[k + 1]
@@ -96,7 +96,7 @@ def _measure(
             whole += step
             area += step * (a + b)
             resists += step * (a * a + ab + b * b) / (ab * ab * ab)
-        length[vessel], mean[vessel] = whole, 0.5 * area / whole
+        mean[vessel] = 0.5 * area / whole
         per_viscosity[vessel] = 8.0 / (3.0 * np.pi) * resists
 
 

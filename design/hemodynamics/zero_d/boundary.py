@@ -70,11 +70,17 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
 
 
 def place_at(
-    count: int, inlets: IntArray, outlets: IntArray, conditions: FlowConditions
+    count: int,
+    inlets: IntArray,
+    outlets: IntArray,
+    conditions: FlowConditions,
+    slot: IntArray | None = None,
 ) -> Boundary:
-    """As `place_conditions`, for ``count`` nodes whose ends are known."""
+    """As `place_conditions`, for ``count`` nodes whose ends are known.
+
+    ``slot`` is that of an earlier boundary of the same kind.
+    """
     free_outlets, injected = _outflows(count, outlets, conditions)
-    slot = np.arange(count)
     fixed, pressure = np.zeros(count, dtype=bool), np.zeros(count)
     fixed[free_outlets], pressure[free_outlets] = True, conditions.outlet_pressure_pa
     for node, behind in conditions.behind.items():
@@ -86,7 +92,9 @@ def place_at(
     lowest = _lowest(conditions, free_outlets)
     ground = _behind(conditions, injected, pressure, lowest)
     if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
-        return Boundary(slot, fixed, pressure, injected, lowest, ground)
+        alone = np.arange(count) if slot is None else slot
+        return Boundary(alone, fixed, pressure, injected, lowest, ground)
+    slot = np.arange(count)
     slot[inlets] = inlets[0]
     slot, fixed, pressure, injected, whole = joined(
         slot, fixed, pressure, injected, np.zeros(count) if ground is None else ground

@@ -29,6 +29,8 @@ class FlowStructure:
     inlets, outlets : (i,), (o,) int64
     kind : tuple
         Which ends have flows given, which pressures.
+    slot : (m,) int64
+        Unknown of each node.
     nodal : Structure
     """
 
@@ -36,6 +38,7 @@ class FlowStructure:
     inlets: IntArray
     outlets: IntArray
     kind: tuple[object, ...]
+    slot: IntArray
     nodal: Structure
 
 
@@ -51,7 +54,8 @@ def flow_structure(network: VesselNetwork, conditions: FlowConditions) -> FlowSt
     check_parts(network, inlets, outlets)
     boundary = place_at(len(network.nodes), inlets, outlets, conditions)
     nodal = structure_of(boundary.slot[network.vessel_nodes], boundary.fixed)
-    return FlowStructure(network.vessel_nodes, inlets, outlets, _kind(conditions), nodal)
+    kind = _kind(conditions)
+    return FlowStructure(network.vessel_nodes, inlets, outlets, kind, boundary.slot, nodal)
 
 
 def solve_flow(
@@ -87,7 +91,7 @@ def solve_flow(
     known = structure or flow_structure(network, conditions)
     _check(known, network, conditions)
     pipes = measure_pipes(network)
-    boundary = place_at(len(network.nodes), known.inlets, known.outlets, conditions)
+    boundary = place_at(len(network.nodes), known.inlets, known.outlets, conditions, known.slot)
     fluid = conditions.whole_fluid
     if fluid.linear and not conditions.losses.any:
         return _linear(pipes, boundary, known.nodal, _viscosities(network, pipes, conditions))
