@@ -85,7 +85,7 @@ def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> Converg
     scale = float(np.linalg.norm(problem.residual(whole, 0.0)))
     if scale == 0.0:
         return Converged(whole, np.zeros(1), 0)
-    first = _newton(problem, whole, 0.0, tolerance * scale, scale)
+    first = newton(problem, whole, 0.0, tolerance * scale, scale)
     if problem.convection is None:
         return first
     for loads in _LOADS:
@@ -104,14 +104,21 @@ def _led(
 ) -> Converged:
     steps = found.krylov
     for share in loads:
-        found = _newton(problem, found.unknowns, share, limit, scale)
+        found = newton(problem, found.unknowns, share, limit, scale)
         steps += found.krylov
     return Converged(found.unknowns, found.residual, steps)
 
 
-def _newton(
+def newton(
     problem: Problem, whole: FloatArray, share: float, limit: float, scale: float
 ) -> Converged:
+    """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
+
+    Raises
+    ------
+    FlowError
+        When they don't get there.
+    """
     residual = problem.residual(whole, share)
     norms, krylov = [float(np.linalg.norm(residual))], 0
     for _ in range(_STEPS):

@@ -95,6 +95,8 @@ class ThreeDSolution:
         After each of Newton's steps, of that of no flow.
     krylov : int
         Linear steps taken.
+    coefficients : (unknowns,) float64
+        The engine's own, from which it goes on (residence time).
     """
 
     field: Field
@@ -106,9 +108,40 @@ class ThreeDSolution:
     unknowns: int
     residual: FloatArray
     krylov: int
+    coefficients: FloatArray
 
     @property
     def mass_imbalance(self) -> float:
         """What leaves less what comes in, of what comes in."""
         into = -float(self.port_flow[self.port_flow < 0.0].sum())
         return abs(float(self.port_flow.sum())) / into if into else 0.0
+
+
+@dataclass(frozen=True)
+class ThreeDWaves:
+    """A cycle of pulsatile flow in its periodic state.
+
+    Attributes
+    ----------
+    time_s : (t,) float64, s
+        From 0, the cycle's end left out.
+    port_flow : (p, t) float64, µL/s
+        Out of the lumen.
+    port_pressure : (p, t) float64, Pa
+    section_flow, section_pressure : (s, t) float64
+        At the sections that were asked for.
+    kept : (f,) int64
+        Which times fields are kept of.
+    fields : tuple of Field
+    change : (c,) float64
+        From each cycle's begin to its end, relative; empty where the state was solved for.
+    """
+
+    time_s: FloatArray
+    port_flow: FloatArray
+    port_pressure: FloatArray
+    section_flow: FloatArray
+    section_pressure: FloatArray
+    kept: IntArray
+    fields: tuple[Field, ...]
+    change: FloatArray

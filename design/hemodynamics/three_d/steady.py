@@ -167,4 +167,5 @@ def _solution(room: Spaces, mesh: LumenMesh, plan: PortPlan, found: Converged) -
         unknowns=room.count,
         residual=found.residual,
         krylov=found.krylov,
+        coefficients=unknowns,
     )
