@@ -36,7 +36,7 @@ from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.override import recipe_data
 from printctl.recipe.tissue import TissuePart
-from printctl.search.quantities import Grown, numbers_of
+from printctl.search.quantities import QUANTITIES, Grown, numbers_of
 
 CODE = ("design", "firmware_profiles", "kernels")
 """Packages whose sources a candidate's numbers rest on."""
@@ -90,7 +90,7 @@ def task_of(
     files, code = input_digests(_context(recipe, folder, folder)), code_digest()
     # With all defaults: one that changes makes another candidate.
     whole = recipe.model_dump(mode="json", by_alias=True, exclude={"name"})
-    key = digest_json([NUMBERS, whole, files, samples, band_pa, code])[:16]
+    key = digest_json([NUMBERS, list(QUANTITIES), whole, files, samples, band_pa, code])[:16]
     return Task(key, recipe_data(recipe), str(folder), files, samples, band_pa, code)
 
 

@@ -19,6 +19,8 @@ from registration.report.drawing import styled, to_svg
 from registration.report.svg import ACCENT, MUTED
 
 PANEL_IN: Final = (4.4, 3.5)
+LEAST_IN: Final = 5.6
+"""Room for the legend."""
 MOST_GOALS: Final = 4
 """Every pair of them is drawn: six panels."""
 DPI: Final = 130
@@ -48,7 +50,7 @@ def _figure(found: Found) -> Figure:
     pairs = _pairs(found)
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
-    size = (PANEL_IN[0] * columns, PANEL_IN[1] * rows + 0.4)
+    size = (max(PANEL_IN[0] * columns, LEAST_IN), PANEL_IN[1] * rows + 0.4)
     figure = Figure(figsize=size, layout="constrained")
     every = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for axes in every[len(pairs) :]:
@@ -56,7 +58,7 @@ def _figure(found: Found) -> Figure:
     for axes, (across, up) in zip(every, pairs, strict=False):
         _draw(axes, found, across, up)
     handles, labels = every[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), columnspacing=1.0)
     return figure
 
 

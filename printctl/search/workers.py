@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -91,6 +92,11 @@ def grow_alone(task: Task) -> dict[str, Any]:
         return evaluate(task)
 
 
+def leave_interrupts() -> None:
+    """Let Ctrl-C reach the search alone, which then ends its workers: they have nothing to say."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def _on_dask(tasks: Sequence[Task], scheduler: str | None, count: int) -> Generator[Outcome]:
     try:
         # Optional, and heavy; a local cluster's key is made with cryptography.
@@ -115,7 +121,9 @@ def _client(stack: ExitStack, scheduler: str | None, count: int) -> Any:
 
     if scheduler is None:
         cluster = stack.enter_context(_local_cluster(stack, count))
-        return stack.enter_context(Client(cluster, set_as_default=False))
+        client = stack.enter_context(Client(cluster, set_as_default=False))
+        client.run(leave_interrupts)
+        return client
     try:
         client = stack.enter_context(Client(scheduler, timeout=CONNECT_S, set_as_default=False))
     except (OSError, TimeoutError, ValueError, TypeError) as exc:
