@@ -62,6 +62,9 @@ class Task:
         The recipe's, to which its files' names are relative; the same on every worker.
     files : mapping of str to str
         SHA-256 of each of them.
+    limits_mm : tuple
+        What can be printed, by profiles that may be the user's own; empty where they can't be
+        combined.
     samples : int
         Points in the tissue.
     band_pa : (least, greatest) or None, Pa
@@ -73,6 +76,7 @@ class Task:
     recipe: Mapping[str, Any]
     folder: str
     files: Mapping[str, str]
+    limits_mm: tuple[float | None, ...]
     samples: int
     band_pa: tuple[float, float] | None
     code: str
@@ -86,12 +90,27 @@ def code_digest() -> str:
 def task_of(
     recipe: Recipe, folder: Path, samples: int, band_pa: tuple[float, float] | None
 ) -> Task:
-    """The task of growing and measuring one recipe."""
-    files, code = input_digests(_context(recipe, folder, folder)), code_digest()
+    """The task of growing and measuring one recipe.
+
+    Raises
+    ------
+    ProfileError
+        When it names a profile that isn't there.
+    """
+    context = _context(recipe, folder, folder)
+    files, limits, code = input_digests(context), _limits(context), code_digest()
     # With all defaults: one that changes makes another candidate.
     whole = recipe.model_dump(mode="json", by_alias=True, exclude={"name"})
-    key = digest_json([NUMBERS, list(QUANTITIES), whole, files, samples, band_pa, code])[:16]
-    return Task(key, recipe_data(recipe), str(folder), files, samples, band_pa, code)
+    key = digest_json([NUMBERS, list(QUANTITIES), whole, files, limits, samples, band_pa, code])
+    return Task(key[:16], recipe_data(recipe), str(folder), files, limits, samples, band_pa, code)
+
+
+def _limits(context: RunContext) -> tuple[float | None, ...]:
+    try:
+        found = printability(context)
+    except DesignError:  # `evaluate` tells it of this candidate
+        return ()
+    return found.lumen_mm, found.widest_mm, found.wall_mm
 
 
 def evaluate(task: Task) -> dict[str, Any]:
@@ -106,7 +125,8 @@ def evaluate(task: Task) -> dict[str, Any]:
     Raises
     ------
     WorkerError
-        When the recipe's files or the product aren't here as they are where the search runs.
+        When the recipe's files, its profiles or the product aren't here as they are where the
+        search runs.
     """
     if task.code != code_digest():
         raise WorkerError(
@@ -117,7 +137,7 @@ def evaluate(task: Task) -> dict[str, Any]:
         recipe = parse_recipe(dict(task.recipe), "candidate")
         with tempfile.TemporaryDirectory(prefix="printctl-search-") as scratch:
             context = _context(recipe, Path(task.folder), Path(scratch))
-            _check_files(context, task.files)
+            _check_files(context, task)
             return {"numbers": numbers_of(_grown(context, task))}
     except WorkerError:
         raise
@@ -125,13 +145,18 @@ def evaluate(task: Task) -> dict[str, Any]:
         return {"refused": str(exc)}
 
 
-def _check_files(context: RunContext, expected: Mapping[str, str]) -> None:
+def _check_files(context: RunContext, task: Task) -> None:
     found = input_digests(context)
-    wrong = [name for name, digest in expected.items() if found.get(name) != digest]
+    wrong = [name for name, digest in task.files.items() if found.get(name) != digest]
     if wrong:
         raise WorkerError(
             f"{context.recipe_folder / wrong[0]} isn't there on the worker as it is where the "
             "search runs; put the recipe into a folder that all of them share"
+        )
+    if _limits(context) != tuple(task.limits_mm):
+        raise WorkerError(
+            "a profile that the recipe names is another on the worker than where the search runs; "
+            "name it by a path that all of them share"
         )
 
 

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from rich.console import Console
 
+from firmware_profiles import Needle, load
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.stage import run_stages
@@ -154,6 +155,19 @@ def test_a_worker_with_other_files_or_another_printctl_is_not_believed(tmp_path:
         evaluate(replace(task, code="other"))
     with pytest.raises(WorkerError, match=r"ends.csv isn't there on the worker"):
         evaluate(replace(task, files={"ends.csv": "0" * 64}))
+    with pytest.raises(WorkerError, match="a profile that the recipe names is another"):
+        evaluate(replace(task, limits_mm=(0.1, 2.0, 0.3)))
+
+
+def test_a_profile_of_the_user_s_own_that_changes_makes_other_candidates(tmp_path: Path) -> None:
+    needle = tmp_path / "mine.yaml"
+    base = BASE | {"toolpath": {"method": "embedded", "needle": str(needle)}}
+    path, keys = write(tmp_path, SEARCH, base), []
+    for bore in (0.16, 0.21):
+        facts = load(Needle, "30g").model_dump(mode="json") | {"inner_mm": bore, "outer_mm": 0.41}
+        needle.write_text(yaml.safe_dump(facts), encoding="utf-8")
+        keys.append(draw_candidates(load_search(path), tmp_path).candidates[0].key)
+    assert keys[0] != keys[1]
 
 
 def test_the_command_prints_the_table_and_its_exit_code_tells_the_outcome(
