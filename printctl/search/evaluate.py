@@ -40,6 +40,8 @@ from printctl.search.quantities import QUANTITIES, Grown, numbers_of
 
 CODE = ("design", "firmware_profiles", "kernels")
 """Packages whose sources a candidate's numbers rest on."""
+LATER = ("name", "solid", "scan", "registration")
+"""What of a recipe no number here follows from."""
 NUMBERS = 1
 """Raised when a quantity comes to mean something else: results from before are then made anew."""
 
@@ -55,7 +57,7 @@ class Task:
     Attributes
     ----------
     key : str
-        Hash of all that the numbers follow from (but not of the recipe's name), 16 hex digits.
+        Hash of all that the numbers follow from, 16 hex digits.
     recipe : mapping
         What the user said, JSON-able.
     folder : str
@@ -100,7 +102,7 @@ def task_of(
     context = _context(recipe, folder, folder)
     files, limits, code = input_digests(context), _limits(context), code_digest()
     # With all defaults: one that changes makes another candidate.
-    whole = recipe.model_dump(mode="json", by_alias=True, exclude={"name"})
+    whole = recipe.model_dump(mode="json", by_alias=True, exclude=set(LATER))
     key = digest_json([NUMBERS, list(QUANTITIES), whole, files, limits, samples, band_pa, code])
     return Task(key[:16], recipe_data(recipe), str(folder), files, limits, samples, band_pa, code)
 

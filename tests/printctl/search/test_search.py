@@ -88,6 +88,14 @@ def test_other_goals_rank_what_is_known_anew(folder: Path) -> None:
     assert not (out / "best.yaml").exists()
 
 
+def test_another_scan_changes_no_candidate_and_another_wall_does(folder: Path) -> None:
+    out = folder / "out"
+    scanned = BASE | {"scan": {"simulated": "microct", "voxel_um": [50, 50, 50]}}
+    assert run(write(folder, SEARCH, scanned), out, limit=0).kept == 4
+    thicker = {**BASE["vasculature"], "clearance_mm": 0.11}
+    assert run(write(folder, SEARCH, BASE | {"vasculature": thicker}), out, limit=0).kept == 0
+
+
 def test_a_candidate_that_can_t_grow_is_recorded_with_its_message(tmp_path: Path) -> None:
     vary = {"vasculature.smallest_diameter_mm": [0.3, 3.5]}
     path, out = write(tmp_path, SEARCH | {"vary": vary}), tmp_path / "out"
