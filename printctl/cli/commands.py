@@ -35,6 +35,7 @@ COMMANDS: dict[str, str] = {
     "convert": "convert:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",
+    "search": "search:search",
     "flow": "flow:flow",
     "lumens": "lumens:lumens",
     "ports": "ports:ports",
