@@ -34,6 +34,7 @@ LAYERED: dict[str, Any] = {
     "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
     "vasculature": {"design": "planar_four_vessel"},
     "flow": {"pulse": {"amplitude_ml_min": 0.1, "period_s": 1}},
+    "oxygen": {"grid_cells": 2000},
     "toolpath": {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400},
     "scan": {"simulated": "oct", "voxel_um": [60, 60, 30]},
     "registration": {"tolerance_um": 1000},

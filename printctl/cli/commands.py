@@ -37,6 +37,7 @@ COMMANDS: dict[str, str] = {
     "measure": "measure:measure",
     "search": "search:search",
     "flow": "flow:flow",
+    "oxygen": "oxygen:oxygen",
     "lumens": "lumens:lumens",
     "ports": "ports:ports",
     "profiles": "profiles:profiles",
