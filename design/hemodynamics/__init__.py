@@ -1,6 +1,15 @@
-"""Flow in vessel networks: lumped, steady and pulsatile."""
+"""Flow in vessel networks: lumped, steady and pulsatile; 1D waves."""
 
 from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.one_d import (
+    OneDOptions,
+    OneDSolution,
+    one_d_summary,
+    one_d_table,
+    one_d_waves,
+    solve_one_d,
+    write_svoned,
+)
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
@@ -29,6 +38,8 @@ __all__ = [
     "FlowSolution",
     "GelWall",
     "MarchOptions",
+    "OneDOptions",
+    "OneDSolution",
     "PressureOutlet",
     "PulsatileConditions",
     "PulsatileSolution",
@@ -44,13 +55,18 @@ __all__ = [
     "flow_table",
     "march_pulsatile",
     "node_inflow",
+    "one_d_summary",
+    "one_d_table",
+    "one_d_waves",
     "pulsatile_summary",
     "pulsatile_table",
     "question_pressure",
     "scaled_flow",
     "scaled_network",
     "solve_flow",
+    "solve_one_d",
     "solve_pulsatile",
     "vessel_resistance",
     "write_flow_csv",
+    "write_svoned",
 ]
