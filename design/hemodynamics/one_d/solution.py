@@ -33,7 +33,8 @@ class OneDSolution:
     change : (c,) float64
         From each cycle's begin to its end, over the swing.
     mass_imbalance : float
-        What went in over the last cycle less what came out and what stayed, over the first.
+        What went in over the last cycle less what came out and what stayed, over the greatest
+        flow times the period.
     steps, cells : int
         Of the last cycle; of the network.
     friction_exponent : float

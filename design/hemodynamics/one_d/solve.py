@@ -195,7 +195,7 @@ def _balance(problem: Problem, begun: State, lines: Lines) -> tuple[float, float
     passed = state.passed - begun.passed
     sizes = grid.cell[grid.vessel_of_cell]
     gained = float(sizes @ state.area - sizes @ begun.area)
-    through = max(float(np.abs(passed).sum()) / 2.0, 1e-300)
+    through = max(greatest * problem.period_s, 1e-300)
     return float(max(changes)), abs(gained + float(passed.sum())) / through
 
 

@@ -24,7 +24,7 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
 )
 from design.network import FloatArray, IntArray, VesselNetwork
 
-_SMALL = 0.01
+_SMALL = 0.3
 """Of a vessel's swing: changes from cell to cell below it aren't limited, so that crests keep
 their height."""
 

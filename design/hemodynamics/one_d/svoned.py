@@ -1,8 +1,8 @@
 """Write a network under pulsatile conditions as svOneDSolver's input, in cm, g, s.
 
 The cards are those of its input file guide (SimVascular/svOneDSolver on GitHub,
-docs/source/content/inputFileGuide.rst). What differs there, read from its sources (cvOneDMaterialOlufsen.cxx,
-cvOneDOptionsLegacySerializer.cxx):
+docs/source/content/inputFileGuide.rst). What differs there, read from its sources
+(cvOneDMaterialOlufsen.cxx, cvOneDOptionsLegacySerializer.cxx):
 
 - its wall is p = p₀ + (4/3)(E h/r₀)(1 - √(A₀/A)), of the same compliance as ours at rest and softer
   when wide; the material `OLUFSEN` with k₁ = 0 gives each vessel the k₃ = E h/r₀ of ours,

@@ -128,6 +128,7 @@ def smooth_viscously(
     flow: FloatArray,
     node_flow: FloatArray,
     step: float,
+    smoothed: FloatArray,
     work: FloatArray,
 ) -> None:
     """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
@@ -138,12 +139,15 @@ def smooth_viscously(
     Parameters
     ----------
     node_flow : (2 v,) float64
-        Positive out of the vessel.
+        At the step's end, positive out of the vessel.
+    smoothed : (2 v,) float64
+        Written: what it did to the last cells' outward flow.
     work : (2, n) float64
         Scratch.
     """
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
+        before_first, before_last = flow[first], flow[last]
         scale = step / (grid.density * grid.cell[vessel] ** 2)
         face = first + vessel
         left = 2.0 * gamma(
@@ -170,6 +174,8 @@ def smooth_viscously(
         flow[last] = work[1, last]
         for i in range(last - 1, first - 1, -1):
             flow[i] = work[1, i] + work[0, i] * flow[i + 1]
+        smoothed[2 * vessel] = before_first - flow[first]
+        smoothed[2 * vessel + 1] = flow[last] - before_last
 
 
 @jit

@@ -37,9 +37,27 @@ _CLOSE = 1e-9
 
 @jit
 def gather_ends(
-    grid: Grid, area: FloatArray, pressure: FloatArray, flow: FloatArray, ends: FloatArray
+    grid: Grid,
+    area: FloatArray,
+    pressure: FloatArray,
+    flow: FloatArray,
+    smoothed: FloatArray,
+    share: float,
+    ends: FloatArray,
 ) -> int:
     """Carry cells' pressure and flow to the ends of vessels in straight lines, and begin there.
+
+    Parameters
+    ----------
+    area, pressure, flow : (n,) float64
+        Of cells.
+    smoothed : (2 v,) float64
+        What a viscous wall did to the last cells' outward flow in the step before.
+    share : float
+        Of a step that has gone by without it: within a step the wall's viscosity hasn't acted
+        yet, and the difference to the node's flow, which is of the size of a step, would be
+        wrong by as much.
+    ends : (14, 2 v) float64
 
     Returns
     -------
@@ -71,6 +89,7 @@ def gather_ends(
             if grid.relaxation > 0.0:
                 g = gamma(stiff, grid.relaxation, area[i], base)
                 ends[7, end], ends[8, end] = 2.0 * g / grid.cell[vessel], sign * flow[i]
+                ends[8, end] += share * smoothed[end]
     return -1
 
 

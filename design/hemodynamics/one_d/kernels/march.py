@@ -53,6 +53,8 @@ class Work(NamedTuple):
     stored: FloatArray
     ends: FloatArray
     mean_flow: FloatArray
+    late_flow: FloatArray
+    smoothed: FloatArray
     lines: FloatArray
 
 
@@ -68,15 +70,22 @@ def make_work(grid: Grid, nodes: Nodes) -> Work:
         stored=np.zeros(len(nodes.kind)),
         ends=np.zeros((ROWS, ends)),
         mean_flow=np.zeros(ends),
+        late_flow=np.zeros(ends),
+        smoothed=np.zeros(ends),
         lines=np.zeros((2, cells)),
     )
 
 
 @jit
-def settle_ends(grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: Work) -> int:
-    """Find what vessels' ends are at a state; ``work.ends`` and ``work.pressure`` hold it."""
+def settle_ends(
+    grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: Work, share: float = 0.0
+) -> int:
+    """Find what vessels' ends are at a state; ``work.ends`` and ``work.pressure`` hold it.
+
+    ``share`` of a step has gone by since a viscous wall was heard.
+    """
     cell_pressures(grid, state.area, work.pressure)
-    bad = gather_ends(grid, state.area, work.pressure, state.flow, work.ends)
+    bad = gather_ends(grid, state.area, work.pressure, state.flow, work.smoothed, share, work.ends)
     if bad >= 0:
         return bad
     return solve_ends(nodes, state.stored, drive, grid.density, work.ends)
@@ -112,7 +121,8 @@ def advance(
         work.mean_flow[:] = 0.0
         for stage in range(3):
             at = 2 * number + (0 if stage == 0 else 2 if stage == 1 else 1)
-            bad = settle_ends(grid, nodes, state, drives[at], work)
+            share = 0.5 * (at - 2 * number)
+            bad = settle_ends(grid, nodes, state, drives[at], work, share)
             if bad >= 0:
                 return bad
             cell_rates(grid, state.area, state.flow, work.pressure, work.ends[0], work.ends[1],
@@ -123,9 +133,13 @@ def advance(
                 return bad
             weight = 2.0 / 3.0 if stage == 2 else 1.0 / 6.0
             work.mean_flow[:] += weight * work.ends[1]
+            if stage == 1:
+                work.late_flow[:] = work.ends[1]
         _pass(nodes, state, step, work)
         if grid.relaxation > 0.0:
-            smooth_viscously(grid, state.area, state.flow, work.mean_flow, step, work.lines)
+            smooth_viscously(
+                grid, state.area, state.flow, work.late_flow, step, work.smoothed, work.lines
+            )
     return -1
 
 
@@ -134,11 +148,15 @@ def _mix(grid: Grid, nodes: Nodes, state: State, step: float, work: Work, old: f
     """``old`` of the step's begin and the rest of an Euler step."""
     new = 1.0 - old
     for i in range(len(state.area)):
-        state.area[i] = old * work.area[i] + new * (state.area[i] + step * work.area_rate[i])
-        state.flow[i] = old * work.flow[i] + new * (state.flow[i] + step * work.flow_rate[i])
+        # From the step's begin: what is added is small, and so is its rounding.
+        area, flow = work.area[i], work.flow[i]
+        state.area[i] = area + new * ((state.area[i] - area) + step * work.area_rate[i])
+        state.flow[i] = flow + new * ((state.flow[i] - flow) + step * work.flow_rate[i])
     for i in range(len(state.area)):
         if not state.area[i] > 0.0:
-            bad: int = np.searchsorted(grid.offset, i, side="right") - 1
+            bad = 0
+            while grid.offset[bad + 1] <= i:
+                bad += 1
             return bad
     for node in range(len(nodes.kind)):
         if nodes.kind[node] == RESISTANCE and nodes.capacitance[node] > 0.0:
