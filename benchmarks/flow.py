@@ -1,4 +1,4 @@
-"""Lumped flow: steady, pulsatile, and its balances: ``make bench-flow``.
+"""Flow: lumped, steady and pulsatile, its balances, and 1D waves: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
 sums of this file's own. svZeroDSolver's time for the same case, 15.8 CPU s, was measured on this
@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.command import Job, Row, run
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees
+from benchmarks.flow_one_d import one_d_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
     FlowConditions,
@@ -141,6 +142,7 @@ JOBS: dict[str, Job] = {
     "steady": steady_rows,
     "pulsatile": pulsatile_rows,
     "balance": balance_rows,
+    "one_d": one_d_rows,
 }
 
 

@@ -51,7 +51,7 @@ def arteries(vessels: int = 50) -> VesselNetwork:
     )
 
 
-def at_rest_conditions(network: VesselNetwork) -> PulsatileConditions:
+def heart_and_beds(network: VesselNetwork) -> PulsatileConditions:
     """A heart's ejection, and a Windkessel at every terminal, its share by area.
 
     The proximal resistance is the terminal vessel's own impedance, so that the bed takes what

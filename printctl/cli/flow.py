@@ -24,6 +24,14 @@ from design.hemodynamics.zero_d.svzerod import (
 )
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN
+from printctl.cli.flow_one_d import (
+    CellOption,
+    OneDFlag,
+    SvonedOption,
+    WallViscosityOption,
+    follow_waves,
+    one_d_part,
+)
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
@@ -70,6 +78,10 @@ def flow(
         Path | None,
         typer.Option("--svzerod", help="Write the pulsatile problem for svZeroDSolver, too."),
     ] = None,
+    one_d: OneDFlag = False,
+    cell_mm: CellOption = None,
+    wall_viscosity_pa_s: WallViscosityOption = None,
+    svoned: SvonedOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network; in pulses, too, where a wave is given.
@@ -94,8 +106,10 @@ def flow(
             "steps": steps,
         },
     )
-    if part.pulse is None and svzerod is not None:
-        raise UsageError("--svzerod writes a pulsatile problem; give --amplitude-ml-min, --shape "
+    waves = one_d_part(one_d, cell_mm, wall_viscosity_pa_s, part.pulse is not None)
+    if part.pulse is None and (svzerod or svoned) is not None:
+        name = "--svoned" if svzerod is None else "--svzerod"
+        raise UsageError(f"{name} writes a pulsatile problem; give --amplitude-ml-min, --shape "
                          "or --waveform")  # fmt: skip
     found, files = _steady(source.network, part, out)
     if part.pulse is not None:
@@ -105,6 +119,10 @@ def flow(
         if svzerod is not None:
             write_svzerod(svzerod, source.network, conditions, part.pulse.steps)
             files.append(svzerod)
+        found["one_d"], more = follow_waves(
+            out, source.network, conditions, waves, part.pulse.steps, svoned
+        )
+        files += more
     _say(found, files, as_json)
 
 
@@ -119,7 +137,7 @@ def is_svzerod(path: Path) -> bool:
     return isinstance(data, dict) and {"boundary_conditions", "vessels"} <= set(data)
 
 
-def _part(pulse: dict[str, Any], **flow_section: float) -> FlowPart:
+def _part(pulse: dict[str, Any], **flow_section: Any) -> FlowPart:
     """The options as a recipe's section, checked as it would be."""
     waves = any(pulse[key] is not None for key in ("amplitude_ml_min", "shape", "table"))
     idle = [key for key in ("period_s", "wall_young_kpa", "wall_thickness_mm")
@@ -174,7 +192,8 @@ def _say(found: dict[str, Any], files: list[Path], as_json: bool) -> None:
     if as_json:
         print_json(found)
         return
-    pulse = found.pop("pulsatile", {})
+    pulse, waves = found.pop("pulsatile", {}), found.pop("one_d", {})
     lines = [f"{key}: {value:.6g}" for key, value in found.items()]
     lines += [f"pulsatile {key}: {value:.6g}" for key, value in pulse.items()]
+    lines += [f"1D {key}: {value:.6g}" for key, value in waves.items()]
     print_lines(*lines, *map(str, files))

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from printctl.recipe.pulse import PulsePart
+from printctl.recipe.waves import OneDPart
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Point = Annotated[
@@ -48,3 +49,14 @@ class FlowPart(Part):
     pulse: PulsePart | None = Field(
         default=None, description="Without it the flow is steady, with it solved both ways."
     )
+    one_d: OneDPart | None = Field(
+        default=None, description="With it the pulse's waves are followed along vessels, too."
+    )
+
+    @model_validator(mode="after")
+    def _waves_have_a_wall(self) -> FlowPart:
+        if self.one_d is not None and (self.pulse is None or self.pulse.wall_young_kpa is None):
+            raise ValueError(
+                "one_d follows a pulse in walls that give way; give pulse, with wall_young_kpa"
+            )
+        return self

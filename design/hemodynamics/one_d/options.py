@@ -52,7 +52,7 @@ class OneDOptions:
     """
 
     cell_mm: float | None = None
-    cells_per_period: int = 400
+    cells_per_period: int = 800
     least_cells: int = 4
     profile_exponent: float = PARABOLIC
     alpha: float | None = None

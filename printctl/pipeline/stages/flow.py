@@ -1,4 +1,4 @@
-"""Stage 3: 0D flow in the network."""
+"""Stage 3: 0D flow in the network, and 1D where it is asked for."""
 
 from __future__ import annotations
 
@@ -17,12 +17,22 @@ from design.hemodynamics import (
     write_flow_csv,
 )
 from design.network_vtp import write_network_vtp
-from printctl.flow import PULSES, WAVES, pulsatile_conditions, solve_and_write
+from printctl.flow import (
+    ONE_D,
+    ONE_D_WAVES,
+    PULSES,
+    WAVES,
+    one_d_options,
+    pulsatile_conditions,
+    solve_and_write,
+    solve_and_write_one_d,
+)
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.pulse import PulsePart
+from printctl.recipe.waves import OneDPart
 
 TABLE, PICTURE = "flow.csv", "network.vtp"
 
@@ -47,6 +57,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if driven_by.pulse is not None:
         summary["pulsatile"] = pulses(context, driven_by.pulse)
         written += [PULSES, WAVES]
+        if driven_by.one_d is not None:
+            summary["one_d"] = waves(context, driven_by.pulse, driven_by.one_d, report)
+            written += [ONE_D, ONE_D_WAVES]
     return {**summary, "vessels": rows(flow_table(network, solution))}, written
 
 
@@ -55,6 +68,19 @@ def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
     recipe = context.recipe
     conditions = pulsatile_conditions(recipe.flow, pulse, context.recipe_folder, recipe.print_scale)
     return solve_and_write(context.folder, context.network, conditions, pulse.steps)
+
+
+def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report) -> dict[str, Any]:
+    """The same along the vessels, in the print's size."""
+    recipe = context.recipe
+    conditions = pulsatile_conditions(recipe.flow, pulse, context.recipe_folder, recipe.print_scale)
+    options = one_d_options(part, pulse.steps)
+
+    def tell(cycle: int, change: float) -> None:
+        done = min(1.0, np.log(change) / np.log(options.tolerance)) if change > 0.0 else 1.0
+        report(max(0.0, float(done)), f"1D, cycle {cycle}")
+
+    return solve_and_write_one_d(context.folder, context.network, conditions, options, tell)
 
 
 def scaled(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:

@@ -58,7 +58,9 @@ def cell_rates(
     area_rate, flow_rate : (n,) float64
         Written.
     """
-    third, density, alpha = 1.0 / 3.0, grid.density, grid.alpha
+    third, alpha = 1.0 / 3.0, grid.alpha
+    per_density = 1.0 / grid.density
+    third_density, quarter_density = third * per_density, 0.25 * per_density
     extra = alpha * (alpha - 1.0)
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
@@ -69,20 +71,20 @@ def cell_rates(
         a_node, q_node = node_area[2 * vessel], -node_flow[2 * vessel]
         face = first + vessel
         base, stiff = grid.face_area[face], grid.face_stiffness[face]
-        phi_node = stiff * a_node * np.sqrt(a_node / base) * third / density
+        phi_node = stiff * a_node * np.sqrt(a_node / base) * third_density
         mass_in = q_node
         push_in = alpha * q_node * q_node / a_node + phi_node
         b_p, b_q = pressure[first + 1] - pressure[first], flow[first + 1] - flow[first]
         left_p, left_q = pressure[first] - 0.5 * b_p, flow[first] - 0.5 * b_q
         y = 1.0 + left_p / stiff
-        phi_in = stiff * base * third / density * y * y * y
+        phi_in = stiff * base * third_density * y * y * y
         near_p, near_q = pressure[first] + 0.5 * b_p, flow[first] + 0.5 * b_q
         for i in range(first, last + 1):
             # Here near_… is cell i's own value at its far face, left_… at its near one.
             face = i + vessel + 1
             base, stiff = grid.face_area[face], grid.face_stiffness[face]
             inverse = 1.0 / stiff
-            weight = stiff * base * third / density
+            weight = stiff * base * third_density
             y0 = 1.0 + near_p * inverse
             own = weight * y0 * y0 * y0
             far_own, far_left_p, far_p, far_q = 0.0, 0.0, 0.0, 0.0
@@ -102,9 +104,9 @@ def cell_rates(
                 area0, area1 = base * y0 * y0, base * y1 * y1
                 u0, u1 = near_q / area0, left_q / area1
                 u = 0.5 * (u0 + u1)
-                speed = np.sqrt(stiff * (y0 + y1) / (4.0 * density) + extra * u * u)
+                speed = np.sqrt(stiff * (y0 + y1) * quarter_density + extra * u * u)
                 slow, fast = alpha * u - speed, alpha * u + speed
-                span = 1.0 / (fast - slow)
+                span = 0.5 / speed
                 mass = (fast * near_q - slow * left_q + slow * fast * (area1 - area0)) * span
                 push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
                 push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
@@ -115,7 +117,7 @@ def cell_rates(
                 push = alpha * mass * mass / a_node
                 push += weight * (a_node / base) * np.sqrt(a_node / base)
             area_rate[i] = (mass_in - mass) * per_cell
-            driven = (push_in - push) + (own - phi_in) - area[i] / density * (near_p - left_p)
+            driven = (push_in - push) + (own - phi_in) - area[i] * per_density * (near_p - left_p)
             flow_rate[i] = driven * per_cell - grid.friction[i] * flow[i] / area[i]
             mass_in, push_in, phi_in = mass, push, far_own
             left_p, near_p, near_q = far_left_p, far_p, far_q
