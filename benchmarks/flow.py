@@ -1,4 +1,4 @@
-"""Flow: lumped (steady, pulsatile, balances), and oxygen: ``make bench-flow``.
+"""Flow: lumped (steady, pulsatile, balances), 1D waves, and oxygen: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
 sums of this file's own. svZeroDSolver's time for the same case, 15.8 CPU s, was measured on this
@@ -25,6 +25,7 @@ from benchmarks.checkers.lumped_energy import (
 )
 from benchmarks.command import Job, Row, run
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees, tapered
+from benchmarks.flow_one_d import one_d_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
@@ -148,6 +149,7 @@ JOBS: dict[str, Job] = {
     "steady": steady_rows,
     "pulsatile": pulsatile_rows,
     "balance": balance_rows,
+    "one_d": one_d_rows,
     "oxygen": oxygen_rows,
 }
 

@@ -1,7 +1,16 @@
-"""Flow in vessel networks: lumped, steady and pulsatile."""
+"""Flow in vessel networks: lumped, steady and pulsatile; 1D waves."""
 
 from design.hemodynamics.conditions import Behind, FlowConditions
 from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
+from design.hemodynamics.one_d import (
+    OneDOptions,
+    OneDSolution,
+    one_d_summary,
+    one_d_table,
+    one_d_waves,
+    solve_one_d,
+    write_svoned,
+)
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.vessel.drops import resistance_at
@@ -41,6 +50,8 @@ __all__ = [
     "Losses",
     "MarchOptions",
     "Newtonian",
+    "OneDOptions",
+    "OneDSolution",
     "PowerLaw",
     "PressureOutlet",
     "Pries1994",
@@ -64,6 +75,9 @@ __all__ = [
     "flow_table",
     "march_pulsatile",
     "node_inflow",
+    "one_d_summary",
+    "one_d_table",
+    "one_d_waves",
     "pulsatile_at_probes",
     "pulsatile_summary",
     "pulsatile_table",
@@ -72,8 +86,10 @@ __all__ = [
     "scaled_flow",
     "scaled_network",
     "solve_flow",
+    "solve_one_d",
     "solve_pulsatile",
     "steady_at_probes",
     "vessel_resistance",
     "write_flow_csv",
+    "write_svoned",
 ]

@@ -9,7 +9,7 @@ import typer
 from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
-from printctl.cli.flow_solve import Found, pulsatile, steady
+from printctl.cli.flow_solve import Found, pulsatile, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.networks import Drive, load_source
@@ -42,6 +42,10 @@ def flow(
     profile: options.ProfileOption = "womersley",
     steps: options.StepsOption = 100,
     svzerod: options.SvzerodOption = None,
+    one_d: options.OneDFlag = False,
+    cell_mm: options.CellOption = None,
+    wall_viscosity_pa_s: options.WallViscosityOption = None,
+    svoned: options.SvonedOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network; in pulses, too, where a wave is given.
@@ -57,6 +61,7 @@ def flow(
     found = Found()
     steady(source.network, part, out, found)
     pulsatile(source.network, part, out, svzerod, found)
+    waves(source.network, part, out, svoned, found)
     _say(found, as_json)
 
 

@@ -86,3 +86,14 @@ SvzerodOption = Annotated[
     Path | None,
     typer.Option("--svzerod", help="Write the pulsatile problem for svZeroDSolver, too."),
 ]
+OneDFlag = Annotated[
+    bool, typer.Option("--one-d", help="Follow the pulse's waves along the vessels, too.")
+]
+CellOption = Annotated[float | None, typer.Option("--cell-mm", help="Of 1D flow.")]
+WallViscosityOption = Annotated[
+    float | None, typer.Option("--wall-viscosity-pa-s", help="Kelvin-Voigt walls in 1D flow.")
+]
+SvonedOption = Annotated[
+    Path | None,
+    typer.Option("--svoned", help="Write the pulsatile problem for svOneDSolver, too."),
+]

@@ -18,6 +18,7 @@ _STEADY: Final = (
 _BEHIND: Final = ("resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_ml_mmhg")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _FOR_WAVES: Final = ("period_s", "wall_young_kpa", "wall_thickness_mm")
+_FOR_ONE_D: Final = ("cell_mm", "wall_viscosity_pa_s")
 
 
 def part_of(asked: Mapping[str, Any]) -> FlowPart:
@@ -38,6 +39,9 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
         )
     if waves:
         section["pulse"] = _pulse(asked)
+    if asked["one_d"]:
+        given = {key: asked[key] for key in _FOR_ONE_D}
+        section["one_d"] = {key: value for key, value in given.items() if value is not None}
     try:
         return FlowPart(**section)
     except ValidationError as exc:
@@ -101,6 +105,15 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
             f"--{idle[0].replace('_', '-')} is for pulsatile flow; give --amplitude-ml-min, "
             "--shape or --waveform"
         )
-    if asked["svzerod"] is not None and not waves:
-        raise UsageError("--svzerod writes a pulsatile problem; give --amplitude-ml-min, --shape "
-                         "or --waveform")  # fmt: skip
+    for key in _FOR_ONE_D:
+        if asked[key] is not None and not asked["one_d"]:
+            raise UsageError(f"--{key.replace('_', '-')} is for --one-d; add that, or leave it out")
+    for key, does in (
+        ("svzerod", "writes a pulsatile problem"),
+        ("svoned", "writes a pulsatile problem"),
+        ("one_d", "follows a pulse"),
+    ):
+        if asked[key] and not waves:
+            raise UsageError(
+                f"--{key.replace('_', '-')} {does}; give --amplitude-ml-min, --shape or --waveform"
+            )

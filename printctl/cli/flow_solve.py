@@ -6,18 +6,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from design.hemodynamics import write_svoned
 from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
+from printctl.cli.options import messages
 from printctl.flow import (
+    ONE_D,
+    ONE_D_WAVES,
     PULSES,
     TABLE,
     WAVES,
+    one_d_options,
     pulsatile_conditions,
     solve_and_write,
+    solve_and_write_one_d,
     solve_steady,
     steady_conditions,
 )
 from printctl.recipe.parts import FlowPart
+from printctl.recipe.waves import OneDPart
 
 
 @dataclass
@@ -59,3 +66,30 @@ def pulsatile(
     if svzerod is not None:
         write_svzerod(svzerod, network, conditions, part.pulse.steps)
         found.files.append(svzerod)
+
+
+def waves(
+    network: VesselNetwork, part: FlowPart, out: Path, svoned: Path | None, found: Found
+) -> None:
+    """Follow the pulse along vessels where the section asks for it, and write its tables.
+
+    Raises
+    ------
+    FlowError, UsageError, OSError
+        As `pulsatile_conditions`, `solve_and_write_one_d` and `write_svoned`.
+    """
+    if part.pulse is None:
+        return
+    conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
+    options = one_d_options(part.one_d or OneDPart(), part.pulse.steps)
+    if part.one_d is not None:
+        with messages().status("1D flow") as status:
+
+            def tell(cycle: int, change: float) -> None:
+                status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
+
+            found.summary["one_d"] = solve_and_write_one_d(out, network, conditions, options, tell)
+        found.files += [out / ONE_D, out / ONE_D_WAVES]
+    if svoned is not None:
+        write_svoned(svoned, network, conditions, options)
+        found.files.append(svoned)

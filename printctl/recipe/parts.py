@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from printctl.recipe.fluids import FluidPart, LossPart
 from printctl.recipe.pulse import PulseOutlet, PulsePart
+from printctl.recipe.waves import OneDPart
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 Point = Annotated[
@@ -70,6 +71,9 @@ class FlowPart(Part):
     pulse: PulsePart | None = Field(
         default=None, description="Without it the flow is steady, with it solved both ways."
     )
+    one_d: OneDPart | None = Field(
+        default=None, description="With it the pulse's waves are followed along vessels, too."
+    )
 
     @model_validator(mode="after")
     def _one_of_each(self) -> FlowPart:
@@ -82,6 +86,7 @@ class FlowPart(Part):
             if getattr(self, one) is not None and other in given and getattr(self, other):
                 raise ValueError(f"give {one} or {other}, and not both")
         self._check_pulse()
+        self._waves_have_a_wall()
         band = self.shear_band_dyn_cm2
         if band is not None and not 0.0 <= band[0] < band[1]:
             raise ValueError(
@@ -103,4 +108,10 @@ class FlowPart(Part):
             raise ValueError(
                 "a pulse is solved with viscosity_mpa_s and no losses; leave viscosity and losses "
                 "out, or the pulse"
+            )
+
+    def _waves_have_a_wall(self) -> None:
+        if self.one_d is not None and (self.pulse is None or self.pulse.wall_young_kpa is None):
+            raise ValueError(
+                "one_d follows a pulse in walls that give way; give pulse, with wall_young_kpa"
             )

@@ -25,7 +25,7 @@ from design.tissue import Tissue
 from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.context import RunContext, designed_conditions
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
 from printctl.pipeline.manifest import Manifest, digest_json
 from printctl.pipeline.printability import printability
@@ -173,7 +173,7 @@ def _grown(context: RunContext, task: Task) -> Grown:
     question_pressure(flow["pressure_drop_pa"])
     designed = context.designed_network
     options = replace(measures.options(context), samples=task.samples)
-    through = solve_flow(designed, designed_conditions(recipe.flow)).flow
+    through = solve_flow(designed, context.designed_conditions).flow
     found = measures_dict(measure_network(designed, context.tissue, options, through))
     return Grown(designed, found, flow, solution, printability(context), task.band_pa)
 

@@ -1,4 +1,4 @@
-"""Stage 3: 0D flow in the network."""
+"""Stage 3: 0D flow in the network, and 1D where it is asked for."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from design.hemodynamics import flow_table, scaled_flow
 from design.network_vtp import write_network_vtp
 from printctl.flow import (
+    ONE_D,
+    ONE_D_WAVES,
     PULSES,
     TABLE,
     WAVES,
+    one_d_options,
     pulsatile_conditions,
     solve_and_write,
+    solve_and_write_one_d,
     solve_steady,
 )
 from printctl.flow.steady import shear_band
@@ -24,6 +28,7 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.pulse import PulsePart
+from printctl.recipe.waves import OneDPart
 
 PICTURE = "network.vtp"
 
@@ -45,10 +50,11 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if driven_by.pulse is not None:
         summary["pulsatile"] = pulses(context, driven_by.pulse)
         written += [PULSES, WAVES]
-    return {
-        **summary,
-        "vessels": rows(flow_table(network, solution, band=shear_band(driven_by))),
-    }, written
+        if driven_by.one_d is not None:
+            summary["one_d"] = waves(context, driven_by.pulse, driven_by.one_d, report)
+            written += [ONE_D, ONE_D_WAVES]
+    table = rows(flow_table(network, solution, band=shear_band(driven_by)))
+    return {**summary, "vessels": table}, written
 
 
 def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
@@ -58,6 +64,21 @@ def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
         recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
     )
     return solve_and_write(context.folder, context.network, conditions, pulse.steps)
+
+
+def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report) -> dict[str, Any]:
+    """The same along the vessels, in the print's size."""
+    recipe = context.recipe
+    conditions = pulsatile_conditions(
+        recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
+    )
+    options = one_d_options(part, pulse.steps)
+
+    def tell(cycle: int, change: float) -> None:
+        done = min(1.0, np.log(change) / np.log(options.tolerance)) if change > 0.0 else 1.0
+        report(max(0.0, float(done)), f"1D, cycle {cycle}")
+
+    return solve_and_write_one_d(context.folder, context.network, conditions, options, tell)
 
 
 def scaled(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:
