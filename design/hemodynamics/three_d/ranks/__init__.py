@@ -4,6 +4,7 @@ from design.hemodynamics.three_d.ranks.case import (
     PortCondition,
     PortFlow,
     PortPressure,
+    PortShare,
     RankConditions,
     write_case,
 )
@@ -13,6 +14,7 @@ __all__ = [
     "PortCondition",
     "PortFlow",
     "PortPressure",
+    "PortShare",
     "RankConditions",
     "RankResult",
     "read_result",

@@ -25,9 +25,16 @@ RESULTS: Final = ("ranks.json", "velocity.npy", "pressure.npy")
 
 @dataclass(frozen=True)
 class PortFlow:
-    """A flow into the lumen, µL/s (below 0: out of it)."""
+    """A velocity profile of a flow into the lumen, µL/s (below 0: out of it)."""
 
     flow_ul_s: float
+
+
+@dataclass(frozen=True)
+class PortShare:
+    """One of the ports that share a supply's flow, and one pressure: which supply."""
+
+    supply: int
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class PortPressure:
     resistance: float = 0.0
 
 
-PortCondition = PortFlow | PortPressure
+PortCondition = PortFlow | PortShare | PortPressure
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,8 @@ class RankConditions:
     ports : tuple of PortCondition
         One for each of the mesh's ports, in their order.
     viscosity_pa_s : float, Pa·s
+    supplies : tuple of float, µL/s
+        Flow into the lumen by all ports of each supply.
     density : float, Pa·s²/mm²
     model : {"stokes", "navier_stokes"}
     profile : {"developed", "parabola"}
@@ -62,6 +71,7 @@ class RankConditions:
 
     ports: tuple[PortCondition, ...]
     viscosity_pa_s: float
+    supplies: tuple[float, ...] = ()
     density: float = WATER_DENSITY
     model: Literal["stokes", "navier_stokes"] = "navier_stokes"
     profile: Profile = "developed"
@@ -120,20 +130,35 @@ def _told(mesh: LumenMesh, conditions: RankConditions) -> dict[str, Any]:
         "solver": conditions.solver,
         "tolerance": conditions.tolerance,
         "ports": [
-            {"label": k + 1, "node": mesh.ports[k].node, **_port(given)}
+            {
+                "label": k + 1,
+                "node": mesh.ports[k].node,
+                "outlet": not mesh.ports[k].inlet,
+                "kind": "profile" if isinstance(given, PortFlow) else "open",
+                "pressure_pa": _held(given),
+            }
             for k, given in enumerate(conditions.ports)
         ],
+        "groups": _groups(conditions),
     }
 
 
-def _port(given: PortCondition) -> dict[str, Any]:
-    if isinstance(given, PortFlow):
-        return {"kind": "flow", "flow_ul_s": given.flow_ul_s}
-    return {
-        "kind": "pressure",
-        "pressure_pa": given.pressure_pa,
-        "resistance": given.resistance,
-    }
+def _held(given: PortCondition) -> float:
+    """Pressure that holds whatever flows."""
+    return given.pressure_pa if isinstance(given, PortPressure) and not given.resistance else 0.0
+
+
+def _groups(conditions: RankConditions) -> list[dict[str, Any]]:
+    """Ports of one unknown pressure p, and the law Q - D p = s of their flow Q outward."""
+    groups = [
+        {"ports": [k], "slope": 1.0 / x.resistance, "given": -x.pressure_pa / x.resistance}
+        for k, x in enumerate(conditions.ports)
+        if isinstance(x, PortPressure) and x.resistance
+    ]
+    for supply, flow in enumerate(conditions.supplies):
+        ports = [k for k, x in enumerate(conditions.ports) if x == PortShare(supply)]
+        groups.append({"ports": ports, "slope": 0.0, "given": -flow})
+    return groups
 
 
 def _digest(told: dict[str, Any], arrays: dict[str, Any]) -> str:
@@ -153,18 +178,25 @@ def _check(conditions: RankConditions) -> None:
         if not (np.isfinite(value) and value > 0.0):
             raise FlowError(f"{name} is {value:g} {unit}; give a number above 0".replace(" ;", ";"))
     for port, given in enumerate(conditions.ports):
-        _check_port(port, given)
+        _check_port(port, given, len(conditions.supplies))
+    for supply, flow in enumerate(conditions.supplies):
+        if not np.isfinite(flow) or PortShare(supply) not in conditions.ports:
+            raise FlowError(
+                f"supply {supply} of {flow} µL/s: give a number, and a port that has it"
+            )
     if not any(isinstance(given, PortPressure) for given in conditions.ports):
         raise FlowError(
             "every port has a flow, so no pressure is determined; give one port a pressure"
         )
 
 
-def _check_port(port: int, given: PortCondition) -> None:
+def _check_port(port: int, given: PortCondition, supplies: int) -> None:
     values = vars(given)
     for name, value in values.items():
         if not np.isfinite(value):
             raise FlowError(f"port {port}: {name} is {value}; give a number")
+    if isinstance(given, PortShare) and not 0 <= given.supply < supplies:
+        raise FlowError(f"port {port} is of supply {given.supply}, and there are {supplies}")
     if values.get("resistance", 0.0) < 0.0:
         raise FlowError(
             f"port {port}: resistance is {values['resistance']:g} Pa·s/µL; give 0 or more"

@@ -1,4 +1,4 @@
-"""Linear solvers: MUMPS, or multigrid in a Krylov method; the ports' resistances."""
+"""Linear solvers: MUMPS, or multigrid in a Krylov method; what couples ports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MULTIGRID = {
 
 
 class LinearSolver:
-    """Solves with a problem's Jacobian and its ports' resistances, and counts iterations."""
+    """Solves with a problem's Jacobian and its groups of ports, and counts iterations."""
 
     def __init__(self, problem: Problem, matrix: Any, kind: str, tolerance: float) -> None:
         self.problem, self.matrix, self.iterations = problem, matrix, 0
@@ -37,27 +37,22 @@ class LinearSolver:
         """Take note that the matrix has new values."""
         self.solver.setOperators(self.matrix)
 
-    def solve(self, right: Any) -> Any:
-        """Solve (K + Σ R b bᵀ) x = right by Woodbury's identity.
+    def solve(self, right: Any, laws: Any) -> tuple[Any, Any]:
+        """Solve K x + B y = right, Bᵀ x - D y = laws, by the Schur complement in the groups.
 
-        R couples all velocities of its port b, which would fill the matrix.
+        A group couples all velocities of its ports, which would fill the matrix.
         """
         found = self._plain(right)
-        ports = zip(self.problem.case["ports"], self.problem.loads, strict=True)
-        terms = [
-            (port["resistance"], cleared(self.problem, load.copy()))
-            for port, load in ports
-            if port.get("resistance", 0.0) > 0.0
-        ]
-        if not terms:
-            return found
-        each = [self._plain(load) for _, load in terms]
-        small = np.array([[load.dot(x) for x in each] for _, load in terms])
-        small += np.diag([1.0 / resistance for resistance, _ in terms])
-        weight = np.linalg.solve(small, [load.dot(found) for _, load in terms])
-        for amount, x in zip(weight, each, strict=True):
+        groups = [cleared(self.problem, load.copy()) for load in self.problem.groups]
+        if not groups:
+            return found, laws
+        each = [self._plain(load) for load in groups]
+        small = np.array([[load.dot(x) for x in each] for load in groups])
+        small += np.diag([law["slope"] for law in self.problem.case["groups"]])
+        pressure = np.linalg.solve(small, [load.dot(found) for load in groups] - laws)
+        for amount, x in zip(pressure, each, strict=True):
             found.axpy(-amount, x)
-        return found
+        return found, pressure
 
     def _plain(self, right: Any) -> Any:
         found = self.matrix.createVecRight()

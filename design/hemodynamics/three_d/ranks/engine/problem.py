@@ -29,7 +29,10 @@ class Field:
 
 @dataclass(frozen=True)
 class Problem:
-    """Forms, unknowns, what is given, and per port the load of a unit pressure."""
+    """Forms, unknowns, what is given; loads of a unit pressure at each port and each group.
+
+    `group_pressure`, an array that is changed in place, holds the groups' unknowns.
+    """
 
     case: dict[str, Any]
     space: Any
@@ -43,6 +46,8 @@ class Problem:
     mass: Any
     faces: Any
     loads: list[Any]
+    groups: list[Any]
+    group_pressure: Any
 
     @property
     def owned(self) -> int:
@@ -69,7 +74,7 @@ def problem_of(folder: Path, case: dict[str, Any]) -> Problem:
     value = fem.Function(flow)
     inflow = np.load(folder / "inflow.npy", mmap_mode="r")
     value.x.array[:] = inflow[velocity.node].ravel()
-    driven = [port["label"] for port in case["ports"] if port["kind"] == "flow"]
+    driven = [port["label"] for port in case["ports"] if port["kind"] == "profile"]
     facets = tags.indices[np.isin(tags.values, [WALL, *driven])]
     at = fem.locate_dofs_topological((space.sub(0), flow), 2, facets)
     solution = fem.Function(space)
@@ -78,12 +83,21 @@ def problem_of(folder: Path, case: dict[str, Any]) -> Problem:
     test, normal = ufl.TestFunctions(space)[0], ufl.FacetNormal(domain)
     loads = [summed(fem.form(ufl.dot(test, normal) * faces(x["label"]))) for x in case["ports"]]
     given = fem.dirichletbc(value, at, space.sub(0))
-    forms = _forms(case, space, solution)
+    forms = _forms(case, space, solution, faces)
+    groups = [together([loads[k] for k in group["ports"]]) for group in case["groups"]]
     return Problem(case, space, velocity, pressure, solution, given, np.asarray(at[0]), *forms,
-                   faces, loads)  # fmt: skip
+                   faces, loads, groups, np.zeros(len(groups)))  # fmt: skip
 
 
-def _forms(case: dict[str, Any], space: Any, solution: Any) -> tuple[Any, Any, Any]:
+def together(vectors: list[Any]) -> Any:
+    """Their sum, a new vector."""
+    found = vectors[0].copy()
+    for vector in vectors[1:]:
+        found.axpy(1.0, vector)
+    return found
+
+
+def _forms(case: dict[str, Any], space: Any, solution: Any, faces: Any) -> tuple[Any, Any, Any]:
     """What the weak form leaves, its derivative, and the pressure's mass by viscosity."""
     volume = ufl.dx(metadata=DEGREE)
     u, p = ufl.split(solution)
@@ -94,11 +108,16 @@ def _forms(case: dict[str, Any], space: Any, solution: Any) -> tuple[Any, Any, A
     )
     left = viscosity * ufl.inner(ufl.grad(u), ufl.grad(v)) - p * ufl.div(v) - q * ufl.div(u)
     left += 0.0 * p * q  # a place in the matrix for the pressure's diagonal
+    whole = left * volume
     if case["model"] == "navier_stokes":
-        left += density * ufl.dot(ufl.dot(ufl.grad(u), u), v)
-    mass = ufl.TrialFunctions(space)[1] * q / viscosity
-    derivative = ufl.derivative(left * volume, solution)
-    return fem.form(left * volume), fem.form(derivative), fem.form(mass * volume)
+        whole += density * ufl.dot(ufl.dot(ufl.grad(u), u), v) * volume
+        out = ufl.dot(u, ufl.FacetNormal(space.mesh))
+        back = -0.5 * density * ufl.conditional(ufl.lt(out, 0.0), out, 0.0) * ufl.dot(u, v)
+        for port in case["ports"]:
+            if port["outlet"] and port["kind"] == "open":
+                whole += back * faces(port["label"])
+    mass = ufl.TrialFunctions(space)[1] * q / viscosity * volume
+    return fem.form(whole), fem.form(ufl.derivative(whole, solution)), fem.form(mass)
 
 
 def summed(form: Any) -> Any:
@@ -108,20 +127,23 @@ def summed(form: Any) -> Any:
     return vector
 
 
-def flows(problem: Problem) -> Any:
-    """Out of each port, µL/s."""
+def flows(problem: Problem, loads: list[Any]) -> Any:
+    """Out of each port or group, µL/s."""
     values = problem.solution.x.array[: problem.owned]
-    return np.array([WORLD.allreduce(float(load.array @ values)) for load in problem.loads])
+    return np.array([WORLD.allreduce(float(load.array @ values)) for load in loads])
 
 
-def residual(problem: Problem) -> Any:
-    """What the weak form leaves, with the ports' pressures; 0 where a velocity is given."""
+def residual(problem: Problem) -> tuple[Any, Any]:
+    """What the weak form leaves, 0 where a velocity is given; and what the groups' laws leave."""
     left = summed(problem.residual)
-    ports = zip(problem.case["ports"], problem.loads, flows(problem), strict=True)
-    for port, load, flow in ports:
-        if port["kind"] == "pressure":
-            left.axpy(port["pressure_pa"] + port["resistance"] * flow, load)
-    return cleared(problem, left)
+    for port, load in zip(problem.case["ports"], problem.loads, strict=True):
+        left.axpy(port["pressure_pa"], load)
+    for pressure, load in zip(problem.group_pressure, problem.groups, strict=True):
+        left.axpy(pressure, load)
+    laws = problem.case["groups"]
+    slope, given = (np.array([law[key] for law in laws]) for key in ("slope", "given"))
+    laws_left = flows(problem, problem.groups) - slope * problem.group_pressure - given
+    return cleared(problem, left), laws_left
 
 
 def cleared(problem: Problem, vector: Any) -> Any:

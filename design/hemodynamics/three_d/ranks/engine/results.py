@@ -21,7 +21,7 @@ def port_rows(problem: Problem) -> list[dict[str, Any]]:
     pressure = ufl.split(problem.solution)[1]
     one = fem.Constant(problem.space.mesh, PETSc.ScalarType(1.0))
     found = []
-    for port, flow in zip(problem.case["ports"], flows(problem), strict=True):
+    for port, flow in zip(problem.case["ports"], flows(problem, problem.loads), strict=True):
         over = problem.faces(port["label"])
         push, area = (
             WORLD.allreduce(float(fem.assemble_scalar(fem.form(value * over))))
