@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.command import Job, Row, run
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees
+from benchmarks.flow_ranks import ranks_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
     FlowConditions,
@@ -141,6 +142,7 @@ JOBS: dict[str, Job] = {
     "steady": steady_rows,
     "pulsatile": pulsatile_rows,
     "balance": balance_rows,
+    "ranks": ranks_rows,
 }
 
 

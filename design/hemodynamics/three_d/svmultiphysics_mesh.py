@@ -140,10 +140,11 @@ def _array(name: str, values: NDArray[Any]) -> str:
     code = values.dtype.str[1:]
     data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
     text = base64.b64encode(np.array(len(data), dtype="<u8").tobytes() + data).decode()
-    components = 1 if values.ndim == 1 else values.shape[1]
+    # Of scalars the number of components isn't given: some readers make columns of them then.
+    many = "" if values.ndim == 1 else f'NumberOfComponents="{values.shape[1]}" '
     return (
-        f'<DataArray type="{_TYPES[code]}" Name={quoteattr(name)} '
-        f'NumberOfComponents="{components}" format="binary">{text}</DataArray>\n'
+        f'<DataArray type="{_TYPES[code]}" Name={quoteattr(name)} {many}format="binary">'
+        f"{text}</DataArray>\n"
     )
 
 

@@ -15,7 +15,8 @@ from printctl.errors import PrintctlError
 
 PYTHON_VARIABLE: Final = "PRINTCTL_DOLFINX_PYTHON"
 INSTALL: Final = (
-    "On Debian or Ubuntu: sudo apt-get install --no-install-recommends python3-dolfinx (140 MB). "
+    "On Debian or Ubuntu: sudo apt-get install --no-install-recommends python3-dolfinx "
+    "libopenblas0-pthread (150 MB). "
     "Anywhere else: conda create -n fenicsx -c conda-forge fenics-dolfinx mpich, then --python "
     f"PATH/TO/envs/fenicsx/bin/python, or the same in {PYTHON_VARIABLE}."
 )
