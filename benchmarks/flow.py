@@ -27,6 +27,7 @@ from benchmarks.command import Job, Row, run
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees, tapered
 from benchmarks.flow_one_d import one_d_rows
 from benchmarks.flow_oxygen import oxygen_rows
+from benchmarks.flow_ranks import ranks_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
     Carreau,
@@ -151,6 +152,7 @@ JOBS: dict[str, Job] = {
     "balance": balance_rows,
     "one_d": one_d_rows,
     "oxygen": oxygen_rows,
+    "ranks": ranks_rows,
 }
 
 
