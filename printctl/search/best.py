@@ -12,7 +12,7 @@ from printctl.recipe.override import recipe_data
 from printctl.search.rank import Ranked
 from printctl.search.run import Found
 
-_WITH_FILES = ("tissue", "vasculature", "toolpath", "scan")
+_WITH_FILES = ("tissue", "vasculature", "flow", "toolpath", "scan")
 
 
 def best_recipe(found: Found, row: Ranked, out: Path) -> str:

@@ -117,5 +117,10 @@ def _candidate(
 ) -> Candidate:
     origin = f"vary ({Point(values).label})"
     recipe = overridden(base, values, f"{search.name}_best", origin)
-    task = task_of(recipe, folder, search.samples, search.wall_shear_band_pa)
+    task = task_of(recipe, folder, search.samples)
+    if "wall_shear_outside_percent" in search.objectives and not recipe.flow.shear_band_dyn_cm2:
+        raise RecipeError(
+            f"{origin}: wall_shear_outside_percent needs a band; add flow.shear_band_dyn_cm2: "
+            "[least, greatest] to the recipe"
+        )
     return Candidate(number, values, recipe, task)

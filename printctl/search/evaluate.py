@@ -18,12 +18,19 @@ from typing import Any
 from rich.console import Console
 
 from design.errors import DesignError
-from design.hemodynamics import flow_summary, question_pressure, scaled_network, solve_flow
+from design.hemodynamics import (
+    band_summary,
+    flow_summary,
+    question_pressure,
+    scaled_network,
+    solve_flow,
+)
 from design.measures import measure_network, measures_dict
 from design.network_csv import write_network_csv
 from design.tissue import Tissue
 from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
+from printctl.flow.steady import shear_band
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
@@ -69,7 +76,6 @@ class Task:
         combined.
     samples : int
         Points in the tissue.
-    band_pa : (least, greatest) or None, Pa
     code : str
         `code_digest` of who asks.
     """
@@ -80,7 +86,6 @@ class Task:
     files: Mapping[str, str]
     limits_mm: tuple[float | None, ...]
     samples: int
-    band_pa: tuple[float, float] | None
     code: str
 
 
@@ -89,9 +94,7 @@ def code_digest() -> str:
     return source_digest(CODE)
 
 
-def task_of(
-    recipe: Recipe, folder: Path, samples: int, band_pa: tuple[float, float] | None
-) -> Task:
+def task_of(recipe: Recipe, folder: Path, samples: int) -> Task:
     """The task of growing and measuring one recipe.
 
     Raises
@@ -100,11 +103,18 @@ def task_of(
         When it names a profile that isn't there.
     """
     context = _context(recipe, folder, folder)
-    files, limits, code = input_digests(context), _limits(context), code_digest()
+    files, limits, code = _files(context), _limits(context), code_digest()
     # With all defaults: one that changes makes another candidate.
     whole = recipe.model_dump(mode="json", by_alias=True, exclude=set(LATER))
-    key = digest_json([NUMBERS, list(QUANTITIES), whole, files, limits, samples, band_pa, code])
-    return Task(key[:16], recipe_data(recipe), str(folder), files, limits, samples, band_pa, code)
+    key = digest_json([NUMBERS, list(QUANTITIES), whole, files, limits, samples, code])
+    return Task(key[:16], recipe_data(recipe), str(folder), files, limits, samples, code)
+
+
+def _files(context: RunContext) -> dict[str, str]:
+    """Digests of all the user's files, those of the flow among them."""
+    flow = context.recipe.flow
+    named = [flow.outlets, flow.pulse and flow.pulse.table]
+    return input_digests(context) | context.digests([name for name in named if name])
 
 
 def _limits(context: RunContext) -> tuple[float | None, ...]:
@@ -148,7 +158,7 @@ def evaluate(task: Task) -> dict[str, Any]:
 
 
 def _check_files(context: RunContext, task: Task) -> None:
-    found = input_digests(context)
+    found = _files(context)
     wrong = [name for name, digest in task.files.items() if found.get(name) != digest]
     if wrong:
         raise WorkerError(
@@ -175,7 +185,9 @@ def _grown(context: RunContext, task: Task) -> Grown:
     options = replace(measures.options(context), samples=task.samples)
     through = solve_flow(designed, context.designed_conditions).flow
     found = measures_dict(measure_network(designed, context.tissue, options, through))
-    return Grown(designed, found, flow, solution, printability(context), task.band_pa)
+    band = shear_band(recipe.flow)
+    shares = None if band is None else band_summary(context.network, solution, band)
+    return Grown(designed, found, flow, printability(context), shares)
 
 
 @lru_cache(maxsize=4)

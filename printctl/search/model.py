@@ -15,7 +15,6 @@ MOST = 100_000
 
 Draw = Literal["grid", "random", "sobol", "latin_hypercube"]
 Goal = Literal["minimise", "maximise"]
-Shear = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Range(Part):
@@ -111,9 +110,6 @@ class SearchFile(Part):
     samples: Annotated[int, Field(ge=100, le=50_000_000)] = Field(
         default=200_000, description="Points in the tissue; the default is that of a run."
     )
-    wall_shear_band_pa: tuple[Shear, Shear] | None = Field(
-        default=None, description="What the cells on the wall are to feel: least, greatest."
-    )
 
     @property
     def goals(self) -> dict[str, Objective]:
@@ -149,10 +145,3 @@ class SearchFile(Part):
             )
         if not self.goals:
             raise ValueError("objectives hold limits alone; minimise or maximise one of them")
-        band = self.wall_shear_band_pa
-        if band is None and "wall_shear_outside_percent" in self.objectives:
-            raise ValueError(
-                "wall_shear_outside_percent needs a band; add wall_shear_band_pa: [least, greatest]"
-            )
-        if band is not None and not band[0] < band[1]:
-            raise ValueError(f"wall_shear_band_pa {list(band)} doesn't ascend; swap them")

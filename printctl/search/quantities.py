@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from design.hemodynamics import FlowSolution
 from design.network import VesselNetwork
 from design.vasculature import collisions
 from printctl.pipeline.printability import Printability
@@ -30,18 +29,16 @@ class Grown:
         Of `measures_dict`: the stage's own, in the design's size.
     flow : mapping
         Of `flow_summary`, in the print's size.
-    solution : FlowSolution
-        In the print's size.
     limits : Printability
-    band_pa : (least, greatest) or None, Pa
+    band : mapping or None
+        Of `band_summary`, in the print's size; None where the recipe asks for no band.
     """
 
     network: VesselNetwork
     measures: Mapping[str, Any]
     flow: Mapping[str, float]
-    solution: FlowSolution
     limits: Printability
-    band_pa: tuple[float, float] | None
+    band: Mapping[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -118,12 +115,10 @@ def thin_walls(grown: Grown) -> float:
 
 
 def wall_shear_outside_percent(grown: Grown) -> float | None:
-    """Share of the length whose wall shear is outside the band; None without a band."""
-    if grown.band_pa is None:
+    """Share of the wall's area with a wall shear outside the band; None without a band."""
+    if grown.band is None:
         return None
-    shear, length = np.abs(grown.solution.wall_shear), grown.network.lengths()
-    outside = (shear < grown.band_pa[0]) | (shear > grown.band_pa[1])
-    return float(100 * length[outside].sum() / length.sum())
+    return 100.0 * (float(grown.band["area_below"]) + float(grown.band["area_above"]))
 
 
 QUANTITIES: Final[dict[str, Quantity]] = {
@@ -164,7 +159,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "wall_shear_min_pa": Quantity("least wall shear", "Pa", _flow("wall_shear_min_pa")),
     "wall_shear_max_pa": Quantity("greatest wall shear", "Pa", _flow("wall_shear_max_pa")),
     "wall_shear_outside_percent": Quantity(
-        "length with wall shear outside the band", "%", wall_shear_outside_percent
+        "wall with a shear outside the band", "%", wall_shear_outside_percent
     ),
 }
 """Name to quantity, in the order of the results' file."""

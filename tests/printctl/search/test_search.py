@@ -135,6 +135,7 @@ def test_the_best_recipe_runs_to_the_very_numbers_of_the_search(tmp_path: Path) 
     (tmp_path / "given" / "ends.csv").write_text(points, encoding="utf-8")
     grown = {"grow": "tree", "terminal_points": "ends.csv", "smallest_diameter_mm": 0.3}
     base = BASE | {"vasculature": grown, "print_scale": 1.3}
+    base["flow"] = {"shear_band_dyn_cm2": [0.5, 4.0]}
     vary = {"seed": [2], "vasculature.murray_exponent": [2.71]}
     search = SEARCH | {"vary": vary, "samples": 200_000}
     out = tmp_path / "elsewhere" / "out"
@@ -152,6 +153,9 @@ def test_the_best_recipe_runs_to_the_very_numbers_of_the_search(tmp_path: Path) 
     assert numbers["distance_p95_mm"] == told["supply"]["distance_p95_mm"]
     assert numbers["volume_mm3"] == told["volume_mm3"]
     assert numbers["supply_over_demand_p5"] == told["territories"]["p5"]
+    inside = 100 * driven["shear_band"]["area_inside"]
+    assert numbers["wall_shear_outside_percent"] == pytest.approx(100 - inside, abs=1e-9)
+    assert 0 < inside < 100
     for key in ("pressure_drop_mmhg", "wall_shear_max_pa", "dissipated_uw"):
         assert numbers[key] == driven[key]
 

@@ -39,8 +39,6 @@ RANGE = {"from": 1, "to": 2}
         ({"objectives": {"volume_mm3": "less"}}, r"objectives\.volume_mm3\.goal: .*is 'less'"),
         ({"objectives": {"volume_mm3": {"at_most": 1, "weight": 2}}}, "weight without a goal"),
         ({"objectives": {"volume_mm3": {"at_most": 1, "at_least": 2}}}, "at_least 2 is above"),
-        ({"objectives": {"wall_shear_outside_percent": "minimise"}}, "needs a band; add wall_"),
-        ({"wall_shear_band_pa": [2, 1]}, r"wall_shear_band_pa \[2.0, 1.0\] doesn't ascend"),
         ({"samples": 3}, "samples: .*100"),
     ],
 )  # fmt: skip
@@ -79,6 +77,13 @@ def test_a_recipe_of_a_plate_and_one_that_isn_t_there_are_refused(tmp_path: Path
     with pytest.raises(RecipeError, match=r"recipe .*base.yaml doesn't exist; check the path"):
         run(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_share_outside_the_band_needs_a_band(tmp_path: Path) -> None:
+    objectives = {"wall_shear_outside_percent": "minimise"}
+    search = load_search(write(tmp_path, SEARCH | {"objectives": objectives}))
+    with pytest.raises(RecipeError, match=r"needs a band; add flow\.shear_band_dyn_cm2"):
+        draw_candidates(search, tmp_path)
 
 
 def test_workers_are_here_or_there() -> None:
