@@ -33,7 +33,10 @@ LAYERED: dict[str, Any] = {
     "name": "warm_fresh",
     "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
     "vasculature": {"design": "planar_four_vessel"},
-    "flow": {"pulse": {"amplitude_ml_min": 0.1, "period_s": 1}},
+    "flow": {
+        "pulse": {"amplitude_ml_min": 0.1, "period_s": 1, "wall_young_kpa": 100},
+        "one_d": {},
+    },
     "oxygen": {"grid_cells": 2000},
     "toolpath": {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400},
     "scan": {"simulated": "oct", "voxel_um": [60, 60, 30]},

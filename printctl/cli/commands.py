@@ -35,6 +35,7 @@ COMMANDS: dict[str, str] = {
     "convert": "convert:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",
+    "search": "search:search",
     "flow": "flow:flow",
     "oxygen": "oxygen:oxygen",
     "lumens": "lumens:lumens",

@@ -44,6 +44,7 @@ FLOW_COLUMNS: Final = (
     Column("pressure_in_mmhg", "Pressure in", "mmHg"),
     Column("pressure_out_mmhg", "Pressure out", "mmHg"),
     Column("wall_shear_pa", "Wall shear", "Pa", digits=4),
+    Column("wall_shear_band", "Band", kind="text"),
 )
 OXYGEN_COLUMNS: Final = (
     Column("vessel", "Vessel", kind="text"),

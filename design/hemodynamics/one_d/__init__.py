@@ -1,0 +1,19 @@
+"""1D flow: waves of area and flow along compliant vessels."""
+
+from design.hemodynamics.one_d.options import OneDOptions
+from design.hemodynamics.one_d.solution import OneDSolution
+from design.hemodynamics.one_d.solve import solve_one_d
+from design.hemodynamics.one_d.summary import one_d_summary, one_d_waves
+from design.hemodynamics.one_d.svoned import svoned_input, write_svoned
+from design.hemodynamics.one_d.table import one_d_table
+
+__all__ = [
+    "OneDOptions",
+    "OneDSolution",
+    "one_d_summary",
+    "one_d_table",
+    "one_d_waves",
+    "solve_one_d",
+    "svoned_input",
+    "write_svoned",
+]

@@ -1,0 +1,186 @@
+"""What happens inside vessels: finite volumes of second order, well balanced.
+
+A_t + Q_x = 0 and Q_t + (α Q²/A)_x + (A/ϱ) p_x = -f Q/A. Pressure and flow, not area, are carried
+to a cell's faces (κ = 1/3 with van Albada's limiter), where A₀ and K have one value; so a network
+at rest, p the same and Q = 0, has equal states on both sides of every face, however its radius
+changes. The pressure's term isn't in conservation form: in each cell it is A Δp/ϱ. Between cells
+stands the flux α Q²/A + Φ(A), with Φ = ∫ c² dA = K A₀/(3ϱ) (A/A₀)^{3/2} at the face's A₀ and K,
+of Harten, Lax & van Leer (1983, doi 10.1137/1025002); what each cell adds of Φ at its two faces
+is taken off again, and at rest nothing is left.
+
+Kernels are longer than elsewhere: a cell-step is some tens of nanoseconds, a call between loops
+costs as much memory traffic as it saves words.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from design.hemodynamics.one_d.grid import Grid
+from design.network import FloatArray
+from kernels import jit
+
+
+@jit
+def cell_pressures(grid: Grid, area: FloatArray, pressure: FloatArray) -> None:
+    """P = K (√(A/A₀) - 1) of every cell, elastic."""
+    for i in range(len(area)):
+        pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
+
+
+@jit
+def _share(a: float, b: float, small: float) -> float:
+    """Van Albada's: 1 where neighbouring steps are alike or small, 0 at a kink."""
+    product = 2.0 * a * b + small
+    return product / (a * a + b * b + small) if product > 0.0 else 0.0
+
+
+@jit
+def cell_rates(
+    grid: Grid,
+    area: FloatArray,
+    flow: FloatArray,
+    pressure: FloatArray,
+    node_area: FloatArray,
+    node_flow: FloatArray,
+    area_rate: FloatArray,
+    flow_rate: FloatArray,
+) -> None:
+    """Rates of change of every cell's area and flow.
+
+    Parameters
+    ----------
+    grid : Grid
+    area, flow, pressure : (n,) float64
+        Pressure as `cell_pressures` gives it.
+    node_area, node_flow : (2 v,) float64
+        At the ends of vessels, as the nodes want them; flow positive out of the vessel.
+    area_rate, flow_rate : (n,) float64
+        Written.
+    """
+    third, alpha = 1.0 / 3.0, grid.alpha
+    per_density = 1.0 / grid.density
+    third_density, quarter_density = third * per_density, 0.25 * per_density
+    extra = alpha * (alpha - 1.0)
+    for vessel in range(len(grid.cell)):
+        first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
+        per_cell = 1.0 / grid.cell[vessel]
+        small_p = grid.small_pressure[vessel] + 1e-300
+        small_q = grid.small_flow[vessel] + 1e-300
+        # The face before the first cell is the node's.
+        a_node, q_node = node_area[2 * vessel], -node_flow[2 * vessel]
+        face = first + vessel
+        base, stiff = grid.face_area[face], grid.face_stiffness[face]
+        phi_node = stiff * a_node * np.sqrt(a_node / base) * third_density
+        mass_in = q_node
+        push_in = alpha * q_node * q_node / a_node + phi_node
+        b_p, b_q = pressure[first + 1] - pressure[first], flow[first + 1] - flow[first]
+        left_p, left_q = pressure[first] - 0.5 * b_p, flow[first] - 0.5 * b_q
+        y = 1.0 + left_p / stiff
+        phi_in = stiff * base * third_density * y * y * y
+        near_p, near_q = pressure[first] + 0.5 * b_p, flow[first] + 0.5 * b_q
+        for i in range(first, last + 1):
+            # Here near_… is cell i's own value at its far face, left_… at its near one.
+            face = i + vessel + 1
+            base, stiff = grid.face_area[face], grid.face_stiffness[face]
+            inverse = 1.0 / stiff
+            weight = stiff * base * third_density
+            y0 = 1.0 + near_p * inverse
+            own = weight * y0 * y0 * y0
+            far_own, far_left_p, far_p, far_q = 0.0, 0.0, 0.0, 0.0
+            if i < last:
+                a_p, a_q = b_p, b_q
+                here_p, here_q = pressure[i + 1], flow[i + 1]
+                if i + 1 < last:
+                    b_p, b_q = pressure[i + 2] - here_p, flow[i + 2] - here_q
+                s_p, s_q = _share(a_p, b_p, small_p), _share(a_q, b_q, small_q)
+                t_p, t_q = s_p * third, s_q * third
+                far_left_p = here_p - 0.25 * s_p * ((1.0 - t_p) * b_p + (1.0 + t_p) * a_p)
+                left_q = here_q - 0.25 * s_q * ((1.0 - t_q) * b_q + (1.0 + t_q) * a_q)
+                far_p = here_p + 0.25 * s_p * ((1.0 - t_p) * a_p + (1.0 + t_p) * b_p)
+                far_q = here_q + 0.25 * s_q * ((1.0 - t_q) * a_q + (1.0 + t_q) * b_q)
+                y1 = 1.0 + far_left_p * inverse
+                far_own = weight * y1 * y1 * y1
+                area0, area1 = base * y0 * y0, base * y1 * y1
+                u0, u1 = near_q / area0, left_q / area1
+                u = 0.5 * (u0 + u1)
+                speed = np.sqrt(stiff * (y0 + y1) * quarter_density + extra * u * u)
+                slow, fast = alpha * u - speed, alpha * u + speed
+                span = 0.5 / speed
+                mass = (fast * near_q - slow * left_q + slow * fast * (area1 - area0)) * span
+                push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
+                push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
+            else:
+                end = 2 * vessel + 1
+                mass = node_flow[end]
+                a_node = node_area[end]
+                push = alpha * mass * mass / a_node
+                push += weight * (a_node / base) * np.sqrt(a_node / base)
+            area_rate[i] = (mass_in - mass) * per_cell
+            driven = (push_in - push) + (own - phi_in) - area[i] * per_density * (near_p - left_p)
+            flow_rate[i] = driven * per_cell - grid.friction[i] * flow[i] / area[i]
+            mass_in, push_in, phi_in = mass, push, far_own
+            left_p, near_p, near_q = far_left_p, far_p, far_q
+
+
+@jit
+def smooth_viscously(
+    grid: Grid,
+    area: FloatArray,
+    flow: FloatArray,
+    node_flow: FloatArray,
+    step: float,
+    smoothed: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
+
+    Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at its ends that of the
+    nodes; stable for any step.
+
+    Parameters
+    ----------
+    node_flow : (2 v,) float64
+        At the step's end, positive out of the vessel.
+    smoothed : (2 v,) float64
+        Written: what it did to the last cells' outward flow.
+    work : (2, n) float64
+        Scratch.
+    """
+    for vessel in range(len(grid.cell)):
+        first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
+        before_first, before_last = flow[first], flow[last]
+        scale = step / (grid.density * grid.cell[vessel] ** 2)
+        face = first + vessel
+        left = 2.0 * gamma(
+            grid.face_stiffness[face], grid.relaxation, area[first], grid.face_area[face]
+        )
+        before, upper = 0.0, 0.0
+        for i in range(first, last + 1):
+            face = i + vessel + 1
+            beside = area[i] if i == last else 0.5 * (area[i] + area[i + 1])
+            right = gamma(grid.face_stiffness[face], grid.relaxation, beside, grid.face_area[face])
+            right *= 2.0 if i == last else 1.0
+            weight = scale * area[i]
+            value = flow[i]
+            if i == first:
+                value -= weight * left * node_flow[2 * vessel]
+            if i == last:
+                value += weight * right * node_flow[2 * vessel + 1]
+            lower = 0.0 if i == first else weight * left
+            pivot = 1.0 + weight * (left + right) - lower * upper
+            upper = 0.0 if i == last else weight * right / pivot
+            before = (value + lower * before) / pivot
+            work[0, i], work[1, i] = upper, before
+            left = right
+        flow[last] = work[1, last]
+        for i in range(last - 1, first - 1, -1):
+            flow[i] = work[1, i] + work[0, i] * flow[i + 1]
+        smoothed[2 * vessel] = before_first - flow[first]
+        smoothed[2 * vessel + 1] = flow[last] - before_last
+
+
+@jit
+def gamma(stiff: float, relaxation: float, area: float, rest: float) -> float:
+    """γ = K τ/(2 √(A A₀)), Pa·s/mm²: a viscous wall's pressure over the area's rate."""
+    return 0.5 * stiff * relaxation / np.sqrt(area * rest)

@@ -1,0 +1,187 @@
+"""Periodic states, against linear theory and the lumped model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import FlowError
+from design.hemodynamics import (
+    GelWall,
+    OneDOptions,
+    PressureOutlet,
+    PulsatileConditions,
+    ResistanceOutlet,
+    ThinWall,
+    WindkesselOutlet,
+    one_d_summary,
+    one_d_table,
+    one_d_waves,
+    solve_flow,
+    solve_one_d,
+    solve_pulsatile,
+)
+from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.probes import Probes
+from design.hemodynamics.waveforms import Constant, Sine, shape
+from design.network import FloatArray
+from tests.design.hemodynamics.networks import network_of
+from tests.design.hemodynamics.one_d.linear import Tube, node_pressures
+
+LOOP = network_of(
+    [[0, 0, 0], [400, 0, 0], [600, 200, 0], [600, -150, 0], [900, 0, 0], [1200, 0, 0]],
+    [(0, 1), (1, 2), (1, 3), (2, 4), (4, 3), (4, 5)],
+    [6.0, 4.0, 3.0, 4.0, 3.0, 5.0],
+)
+
+
+def phasor(wave: FloatArray) -> complex:
+    """The fundamental of samples over a cycle."""
+    return complex(2.0 * np.fft.fft(wave)[1] / len(wave))
+
+
+@pytest.mark.parametrize(
+    ("outlet", "load"),
+    [
+        (ResistanceOutlet(0.02), lambda w: 1 / 0.02),
+        (WindkesselOutlet(0.01, 20.0, 0.05), lambda w: 1 / (0.01 + 1 / (1j * w * 20.0 + 20.0))),
+    ],
+)
+@pytest.mark.parametrize("viscous", [0.0, 2e3])
+def test_small_waves_in_a_loop_are_those_of_linear_theory(outlet, load, viscous) -> None:  # type: ignore[no-untyped-def]
+    wall, period, small = ThinWall(4e5, 0.5), 0.25, 10.0
+    conditions = PulsatileConditions(
+        4e-3, Sine(0.0, small, period), outlet=outlet, wall=wall, outlets=(5,)
+    )
+    options = OneDOptions(cell_mm=5.0, wall_viscosity_pa_s=viscous, tolerance=1e-6)
+    found = solve_one_d(LOOP, conditions, options)
+    omega = 2.0 * np.pi / period
+    tubes = [
+        Tube(float(length), np.pi * r * r, 4e5 * 0.5 / 0.75 / r, 8 * np.pi * 4e-3 / 1.06e-3,
+             1.06e-3, viscous / 4e5)
+        for length, r in zip(LOOP.lengths(), LOOP.mean_radius(), strict=True)
+    ]  # fmt: skip
+    exact = node_pressures(LOOP, tubes, omega, {0: -1j * small}, {5: load(omega)})
+    # The wall's viscosity is of first order.
+    near = np.abs(exact).max() * (1e-2 if viscous else 3e-4)
+    for vessel, (first, last) in enumerate(LOOP.vessel_nodes):
+        assert abs(phasor(found.pressure_in[vessel]) - exact[first]) < near
+        assert abs(phasor(found.pressure_out[vessel]) - exact[last]) < near
+    assert found.mass_imbalance < 1e-9
+
+
+def test_slow_pulses_are_the_lumped_models() -> None:
+    fork = network_of(
+        [[0, 0, 0], [10, 0, 0], [15, 5, 0], [15, -5, 0]], [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.3]
+    )
+    conditions = PulsatileConditions(
+        1e-3, Sine(2.0, 1.0, 60.0), wall=GelWall(1e6), outlet=PressureOutlet(Constant(50.0))
+    )
+    probes = Probes(np.array([1, 2]), np.array([0.5, 0.0]))
+    options = OneDOptions(probes=probes, samples=24, least_cells=2)
+    found = solve_one_d(fork, replace(conditions, inlet=Sine(2.0, 1.0, 6.0)), options)
+    lumped = solve_pulsatile(fork, replace(conditions, inlet=Sine(2.0, 1.0, 6.0)))
+    pressure = lumped.at(lumped.pressure, found.time_s)
+    first, last = fork.vessel_nodes.T
+    swing = np.ptp(pressure)
+    # Heads, ½ϱu², are in the 1D pressures, and a parabola's inertia in the lumped ones.
+    np.testing.assert_allclose(found.pressure_in.T, pressure[:, first], atol=0.01 * swing)
+    np.testing.assert_allclose(found.pressure_out.T, pressure[:, last], atol=0.01 * swing)
+    flow = lumped.at(lumped.flow_in, found.time_s)
+    np.testing.assert_allclose(found.flow_in.T, flow, atol=0.01 * np.abs(flow).max())
+    assert found.probes is not None
+    np.testing.assert_allclose(found.probes.pressure[1], found.pressure_in[2], rtol=1e-12)
+    np.testing.assert_allclose(found.probes.flow[0], found.flow[1], rtol=1e-12)
+
+
+def test_steady_flow_is_poiseuilles_in_vessels_that_pressure_has_widened() -> None:
+    pipe = network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.5)
+    gel, flow, base = GelWall(1e4), 5.0, 500.0
+    conditions = PulsatileConditions(
+        4e-3, Constant(flow), wall=gel, outlet=PressureOutlet(Constant(base))
+    )
+    found = solve_one_d(pipe, conditions, OneDOptions(samples=8, least_cells=20))
+    stiff = 1e4 / 1.5
+    # dp/dx = -8πμ Q/A² with A = A₀ (1 + p/K)²: (1 + p/K)⁵ falls in a straight line; friction
+    # alone, the head's change is 1e-5 of it.
+    fall = 5.0 / stiff * 8.0 * np.pi * 4e-3 * flow / (np.pi * 0.25) ** 2 * 20.0
+    inlet = stiff * (((1.0 + base / stiff) ** 5 + fall) ** 0.2 - 1.0)
+    assert found.pressure_in[0] == pytest.approx(np.full(8, inlet), rel=1e-4)
+    narrow = solve_flow(pipe, FlowConditions(4e-3, inlet_flow_ul_s=flow, outlet_pressure_pa=base))
+    assert inlet - base < 0.8 * (narrow.pressure[0] - base)
+
+
+def test_a_windkessel_of_many_cycles_is_reached_in_few() -> None:
+    pipe = network_of([[0, 0, 0], [200, 0, 0]], [(0, 1)], 8.0)
+    slow = WindkesselOutlet(0.02, 100.0, 0.2)  # 20 s
+    conditions = PulsatileConditions(
+        4e-3, shape("ejection", 6e4, 1.0), outlet=slow, wall=ThinWall(4e5, 1.0)
+    )
+    seen: list[tuple[int, float]] = []
+    found = solve_one_d(pipe, conditions, progress=lambda *told: seen.append(told))
+    assert len(found.change) == len(seen) <= 10
+    assert found.change[-1] < 1e-4
+    # In a periodic state the mean pressure at the outlet is the mean flow's over R₁ + R₂.
+    assert found.flow_out[0].mean() == pytest.approx(6e4, rel=1e-3)
+    assert found.pressure_out[0].mean() == pytest.approx(6e4 * 0.22, rel=1e-3)
+    with pytest.raises(FlowError, match="no periodic state after 2 cycles"):
+        solve_one_d(pipe, conditions, OneDOptions(most_cycles=2, tolerance=1e-9))
+
+
+def test_tables_waves_and_summary_agree() -> None:
+    conditions = PulsatileConditions(
+        4e-3,
+        Sine(800.0, 400.0, 0.5),
+        outlet=ResistanceOutlet(0.05),
+        wall=ThinWall(4e5, 0.5),
+        outlets=(5,),
+    )
+    found = solve_one_d(LOOP, conditions)
+    table = one_d_table(LOOP, found, conditions)
+    waves = one_d_waves(LOOP, found, conditions)
+    summary = one_d_summary(LOOP, found, conditions)
+    assert waves["inlet_flow_ml_min"].mean() == pytest.approx(48.0)
+    assert waves["outlet_flow_ml_min"].mean() == pytest.approx(48.0, rel=1e-3)
+    assert table["flow_mean_ul_s"][0] == pytest.approx(800.0, rel=1e-3)
+    assert table["flow_mean_ul_s"][1:3].sum() == pytest.approx(800.0, rel=1e-3)
+    assert table["wave_speed_mm_s"][0] == pytest.approx(np.sqrt(4e5 / 0.75 * 0.5 / 6 / 2.12e-3))
+    shear = 4.0 * 4e-3 * found.flow[0] / found.area[0] / np.sqrt(found.area[0] / np.pi)
+    assert table["wall_shear_max_pa"][0] == pytest.approx(shear.max())
+    assert summary["cycles"] == len(found.change)
+    assert all(len(column) == LOOP.vessel_count for column in table.values())
+    assert (table["pressure_max_anywhere_pa"] >= table["pressure_in_max_mmhg"] * 133.32).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"inlet": Sine(2e5, 1e5, 1.0), "wall": GelWall(2e3)}, "collapses, or its flow outruns"),
+        ({"outlet": PressureOutlet(Constant(-9e3)), "wall": GelWall(1e4)}, "would collapse"),
+        ({"outlet": {}}, "outlet 5 has no condition"),
+    ],
+)
+def test_what_has_no_solution_is_said(change: dict[str, object], words: str) -> None:
+    conditions = PulsatileConditions(1e-3, Sine(10.0, 5.0, 1.0), wall=GelWall(1e5), outlets=(5,))
+    with pytest.raises(FlowError, match=words):
+        solve_one_d(LOOP, replace(conditions, **change))  # type: ignore[arg-type]
+
+
+def test_steps_beyond_reason_are_refused_with_their_cause() -> None:
+    hair = network_of([[0, 0, 0], [1, 0, 0]], [(0, 1)], 1e-3)
+    conditions = PulsatileConditions(1e-3, Sine(1e-9, 5e-10, 100.0), wall=GelWall(1e5))
+    with pytest.raises(FlowError, match=r"because of friction in vessel 0; .* solve it lumped"):
+        solve_one_d(hair, conditions)
+
+
+def test_a_reflection_is_for_an_outlet_that_stands_at_a_pressure() -> None:
+    conditions = PulsatileConditions(1e-3, Sine(10.0, 5.0, 1.0), wall=GelWall(1e5), outlets=(5,))
+    with pytest.raises(FlowError, match="isn't one of the outlets"):
+        solve_one_d(LOOP, conditions, OneDOptions(reflection={2: 0.5}))
+    with pytest.raises(FlowError, match="a resistance of its own"):
+        solve_one_d(
+            LOOP,
+            replace(conditions, outlet=ResistanceOutlet(1.0)),
+            OneDOptions(reflection={5: 0.5}),
+        )
