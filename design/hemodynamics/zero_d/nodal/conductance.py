@@ -118,7 +118,8 @@ class NodalSystem:
     def solve(self, injected: Numbers, given: Numbers) -> tuple[Numbers, Numbers]:
         """Pressures (s,) and flows (v,) for flows in (s,) and pressures at fixed unknowns (s,)."""
         s, kind = self.structure, self.conductance.dtype
-        pressure = np.multiply(given, s.fixed, dtype=kind)
+        # Read where fixed only, and written elsewhere.
+        pressure = np.array(given, dtype=kind)
         source = np.array(injected, dtype=kind)
         push(*s.beside, self.conductance, pressure, source)
         gather(s.order, s.onto, self.share, source)
