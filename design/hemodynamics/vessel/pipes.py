@@ -41,7 +41,7 @@ class Pipes:
 
     def conductance(self, viscosity: FloatArray | float) -> tuple[FloatArray, FloatArray]:
         """Resistance and its inverse, (v,) each; as `resistance`."""
-        found, inverse = (np.empty(len(self.radius)) for _ in range(2))
+        found, inverse = np.empty((2, len(self.radius)))
         each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), found.shape)
         if not _resist(each, self.per_viscosity, found, inverse):
             _refuse(self, found)
@@ -50,7 +50,7 @@ class Pipes:
 
 def measure_pipes(network: VesselNetwork) -> Pipes:
     """Measure each vessel; radii go linearly from point to point."""
-    pipes = Pipes(network, *(np.empty(network.vessel_count) for _ in range(2)))
+    pipes = Pipes(network, *np.empty((2, network.vessel_count)))
     points, radius = np.ascontiguousarray(network.points), np.ascontiguousarray(network.radius)
     _measure(points, radius, network.offset, pipes.radius, pipes.per_viscosity)
     return pipes
@@ -60,7 +60,7 @@ def speed_and_shear(
     pipes: Pipes, flow: FloatArray, viscosity: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
     """Mean velocity Q/(π r²), mm/s, and wall shear 4 μ Q/(π r³), Pa, at the mean radius, (v,)."""
-    speed, shear = np.empty_like(flow), np.empty_like(flow)
+    speed, shear = np.empty((2, len(flow)))
     each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), flow.shape)
     _speed(pipes.radius, flow, each, speed, shear)
     return speed, shear
