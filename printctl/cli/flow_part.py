@@ -76,9 +76,12 @@ def _fluid(path: Any) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        return {"viscosity": yaml.safe_load(Path(path).read_text(encoding="utf-8"))}
+        found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
+    if not isinstance(found, dict):
+        raise UsageError(f"{path} names no fluid; write model: carreau and its numbers")
+    return {"viscosity": found}
 
 
 def _losses(asked: Mapping[str, Any]) -> dict[str, Any]:

@@ -37,16 +37,20 @@ class Pipes:
         FlowError
             For a vessel of zero length, or one whose resistance leaves the range of numbers.
         """
-        found = np.asarray(viscosity * self.per_viscosity)
-        # The extremes tell at once that nothing is wrong; NaN fails every comparison.
-        if not (found.min() > 0.0 and found.max() < np.inf):
+        return self.conductance(viscosity)[0]
+
+    def conductance(self, viscosity: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Resistance and its inverse, (v,) each; as `resistance`."""
+        found, inverse = np.empty((2, len(self.radius)))
+        each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), found.shape)
+        if not _resist(each, self.per_viscosity, found, inverse):
             _refuse(self, found)
-        return found
+        return found, inverse
 
 
 def measure_pipes(network: VesselNetwork) -> Pipes:
     """Measure each vessel; radii go linearly from point to point."""
-    pipes = Pipes(network, *(np.empty(network.vessel_count) for _ in range(2)))
+    pipes = Pipes(network, *np.empty((2, network.vessel_count)))
     points, radius = np.ascontiguousarray(network.points), np.ascontiguousarray(network.radius)
     _measure(points, radius, network.offset, pipes.radius, pipes.per_viscosity)
     return pipes
@@ -56,7 +60,7 @@ def speed_and_shear(
     pipes: Pipes, flow: FloatArray, viscosity: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
     """Mean velocity Q/(π r²), mm/s, and wall shear 4 μ Q/(π r³), Pa, at the mean radius, (v,)."""
-    speed, shear = np.empty_like(flow), np.empty_like(flow)
+    speed, shear = np.empty((2, len(flow)))
     each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), flow.shape)
     _speed(pipes.radius, flow, each, speed, shear)
     return speed, shear
@@ -98,6 +102,19 @@ def _measure(
             resists += step * (a * a + ab + b * b) / (ab * ab * ab)
         mean[vessel] = 0.5 * area / whole
         per_viscosity[vessel] = 8.0 / (3.0 * np.pi) * resists
+
+
+@jit
+def _resist(
+    viscosity: FloatArray, per_viscosity: FloatArray, found: FloatArray, inverse: FloatArray
+) -> bool:
+    """Whether all came out as numbers above 0."""
+    sound = True
+    for v in range(len(found)):
+        r = viscosity[v] * per_viscosity[v]
+        found[v], inverse[v] = r, 1.0 / r
+        sound = sound and 0.0 < r < np.inf
+    return sound
 
 
 @jit

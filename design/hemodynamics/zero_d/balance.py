@@ -104,8 +104,10 @@ def balance(
     ------
     FlowError
         When shares can't be met: not positive, not as many as connections, against the flow's
-        direction or below the smallest radius (with the count), or spread left over.
+        direction or below the smallest radius (with the count), or spread left over; for a fluid
+        that isn't Newtonian, losses, or resistances behind outlets.
     """
+    _refuse_others(conditions)
     loops = loop_vessels(network)
     wanted = _shares(shares, len(loops))
     resistance = vessel_resistance(network, conditions.viscosity_pa_s)
@@ -120,6 +122,14 @@ def balance(
             "network for vessels of absurd resistance"
         )
     return adjusted
+
+
+def _refuse_others(conditions: FlowConditions) -> None:
+    if conditions.fluid is not None or conditions.losses.any or conditions.behind:
+        raise FlowError(
+            "loops are balanced for a Newtonian fluid without losses whose outlets have pressures "
+            "or flows; leave fluid, losses and what lies behind outlets out"
+        )
 
 
 def _needed(

@@ -108,8 +108,8 @@ def _linear(
     pipes: Pipes, boundary: Boundary, nodal: Structure, viscosity: FloatArray | float
 ) -> FlowSolution:
     """``viscosity``: that which gives each vessel its resistance, and so its wall shear."""
-    resistance = pipes.resistance(viscosity)
-    system = nodal.factorise(1.0 / resistance, boundary.ground)
+    resistance, conductance = pipes.conductance(viscosity)
+    system = nodal.factorise(conductance, boundary.ground)
     pressure, flow = system.balanced(boundary.injected, boundary.above_lowest())
     return _solution(pipes, boundary, pressure, flow, viscosity, resistance, None)
 

@@ -1,8 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, balance, flow_spread, solve_flow
+from design.hemodynamics import (
+    Behind,
+    Carreau,
+    FlowConditions,
+    Losses,
+    balance,
+    flow_spread,
+    solve_flow,
+)
 from design.network import VesselKind, VesselNetwork
 
 FLOW = FlowConditions(4e-3, inlet_flow_ul_s=2.0)
@@ -113,3 +123,12 @@ def test_narrowing_alone_refuses_what_needs_widening():
     assert flow_spread(balance(chain, FLOW, [1.0, 1.0, 2.0]), FLOW, [1.0, 1.0, 2.0]) < 1e-9
     with pytest.raises(FlowError, match=r"\d of 3 connections would have to be widened"):
         balance(chain, FLOW, [1.0, 1.0, 2.0], widen=False)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"fluid": Carreau()}, {"losses": Losses(junction=1.0)}, {"behind": {5: Behind(1.0)}}],
+)
+def test_loops_are_balanced_for_newtonian_flow_alone(given):
+    with pytest.raises(FlowError, match="Newtonian fluid without losses"):
+        balance(ladder(4), replace(FLOW, **given))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from design.hemodynamics import WindkesselOutlet
+from design.hemodynamics import Pries1994, WindkesselOutlet
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.errors import UsageError
-from printctl.flow import pulsatile_conditions
+from printctl.flow import pulsatile_conditions, steady_conditions
 from printctl.recipe.parts import FlowPart
 from registration.report.flow_figures import wave_figure
 from tests.system.cli import called as printctl
@@ -122,3 +122,37 @@ def test_the_waves_are_drawn_alike_each_time() -> None:
     drawn = wave_figure(waves)
     assert drawn.startswith(b"<?xml") or b"<svg" in drawn[:200]
     assert drawn == wave_figure(waves)
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ({"pulse": {"amplitude_ml_min": 1, "period_s": 1, "outlet": {"resistance_mmhg_min_ml": 4}},
+          "outlet": {"resistance_mmhg_min_ml": 4}}, "or pulse.outlet"),
+        ({"outlets": "o.csv", "outlet": {"resistance_mmhg_min_ml": 4}}, "outlet or outlets"),
+        ({"viscosity": {"model": "power_law", "index": 0.5}}, "consistency_mpa_sn"),
+        ({"viscosity": {"model": "carreau", "index": 3}}, "index"),
+        ({"losses": {"stenoses": [{"vessel": 0, "diameter_share": 2, "length_mm": 1}]}}, "share"),
+        ({"losses": {"junction_k": -1}}, "junction_k"),
+    ],
+)  # fmt: skip
+def test_a_flow_section_that_says_too_much_or_too_little_is_refused(
+    section: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ValidationError, match=words):
+        FlowPart.model_validate(section)
+
+
+def test_a_section_becomes_the_fluid_and_the_losses_it_names() -> None:
+    part = FlowPart.model_validate(
+        {
+            "inlet_pressure_mmhg": 2,
+            "viscosity": {"model": "pries_1994", "haematocrit": 0.4},
+            "losses": {"junction_k": 0.5},
+        }
+    )
+    made = steady_conditions(part)
+    assert made.inlet_pressure_pa == pytest.approx(2 * PA_PER_MMHG)
+    assert made.inlet_flow_ul_s is None
+    assert made.fluid == Pries1994(4e-3, 0.4)
+    assert made.losses.junction == 0.5

@@ -110,6 +110,7 @@ def test_a_band_of_wall_shear_gets_a_verdict(fork: Path) -> None:
         (("--stenosis", "7,0.3,1"), "the network has 0 to 2"),
         (("--fluid", "ink.yaml"), "viscosity"),
         (("--fluid", "no.yaml"), "no.yaml"),
+        (("--fluid", "empty.yaml"), "names no fluid"),
         (("--fluid", "blood.yaml", *SINE), "a pulse is solved with viscosity_mpa_s"),
         (("--fluid", "blood.yaml", "--viscosity-mpa-s", "2"), "viscosity or viscosity_mpa_s"),
         (("--outlets", "short.csv"), "outlet 3 has no condition"),
@@ -129,6 +130,7 @@ def test_what_cannot_be_meant_ends_in_one_message(
     for name, text in (
         ("blood.yaml", "model: carreau\n"),
         ("ink.yaml", "model: honey\n"),
+        ("empty.yaml", "\n"),
         ("short.csv", "vessel,pressure_mmhg\n1,0\n"),
         ("wrong.csv", "node,pressure_mmhg\n1,0\n"),
         ("odd.csv", "node,flow\n1,0\n"),

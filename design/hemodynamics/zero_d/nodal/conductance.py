@@ -118,8 +118,9 @@ class NodalSystem:
     def solve(self, injected: Numbers, given: Numbers) -> tuple[Numbers, Numbers]:
         """Pressures (s,) and flows (v,) for flows in (s,) and pressures at fixed unknowns (s,)."""
         s, kind = self.structure, self.conductance.dtype
-        pressure = np.multiply(given, s.fixed, dtype=kind)
-        source = np.array(injected, dtype=kind)
+        # The pressure is read where fixed only, and written elsewhere.
+        pressure, source = np.empty((2, len(given)), kind)
+        pressure[:], source[:] = given, injected
         push(*s.beside, self.conductance, pressure, source)
         gather(s.order, s.onto, self.share, source)
         pressure[s.core] = self.core.solve(source[s.core])
