@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow clean
+.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -53,6 +53,10 @@ bench-embedded: $(VENV)/.ready
 # Lumped flow, steady and pulsatile; BENCH="--quick" without the million vessels.
 bench-flow: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.flow $(BENCH)
+
+# A design search in one process and on two workers; BENCH="--quick" for eight candidates.
+bench-search: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks.search $(BENCH)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'

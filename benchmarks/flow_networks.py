@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from design.network import FloatArray, IntArray, VesselNetwork
@@ -43,6 +45,13 @@ def crossed_tree(terminals: int, loops: int, seed: int = 0) -> VesselNetwork:
     ends = np.concatenate([tree.vessel_nodes, cross])
     radius = np.concatenate([tree.radius[::2], np.full(loops, 0.05)])
     return _network(tree.nodes, ends, radius)
+
+
+def tapered(network: VesselNetwork) -> VesselNetwork:
+    """The same with every vessel a fifth narrower at its end."""
+    radius = network.radius.copy()
+    radius[network.offset[1:] - 1] *= 0.8
+    return replace(network, radius=radius)
 
 
 def _halving(points: FloatArray, axis: int) -> tuple[IntArray, IntArray, int]:

@@ -37,6 +37,7 @@ LAYERED: dict[str, Any] = {
         "pulse": {"amplitude_ml_min": 0.1, "period_s": 1, "wall_young_kpa": 100},
         "one_d": {},
     },
+    "oxygen": {"grid_cells": 2000},
     "toolpath": {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400},
     "scan": {"simulated": "oct", "voxel_um": [60, 60, 30]},
     "registration": {"tolerance_um": 1000},

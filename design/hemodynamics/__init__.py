@@ -1,6 +1,7 @@
 """Flow in vessel networks: lumped, steady and pulsatile; 1D waves."""
 
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import Behind, FlowConditions
+from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
 from design.hemodynamics.one_d import (
     OneDOptions,
     OneDSolution,
@@ -11,8 +12,12 @@ from design.hemodynamics.one_d import (
     write_svoned,
 )
 from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+from design.hemodynamics.probes import Probes, ProbeWaves
+from design.hemodynamics.vessel.drops import resistance_at
+from design.hemodynamics.vessel.losses import Losses, Stenosis
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
+from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
 from design.hemodynamics.zero_d.balance import balance, flow_spread
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.pulsatile import (
@@ -28,29 +33,44 @@ from design.hemodynamics.zero_d.pulsatile import (
     pulsatile_table,
     solve_pulsatile,
 )
-from design.hemodynamics.zero_d.steady import node_inflow, solve_flow
+from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
+from design.hemodynamics.zero_d.steady import FlowStructure, flow_structure, node_inflow, solve_flow
 from design.hemodynamics.zero_d.summary import flow_summary
 from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
 from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
+    "Behind",
+    "Carreau",
     "FlowConditions",
     "FlowSolution",
+    "FlowStructure",
+    "Fluid",
     "GelWall",
+    "Losses",
     "MarchOptions",
+    "Newtonian",
     "OneDOptions",
     "OneDSolution",
+    "PowerLaw",
     "PressureOutlet",
+    "Pries1994",
+    "ProbeWaves",
+    "Probes",
     "PulsatileConditions",
     "PulsatileSolution",
     "ResistanceOutlet",
     "RigidWall",
+    "ShearBand",
+    "Stenosis",
     "ThinWall",
     "WindkesselOutlet",
     "at_same_shear",
     "balance",
+    "band_summary",
     "end_waves",
     "flow_spread",
+    "flow_structure",
     "flow_summary",
     "flow_table",
     "march_pulsatile",
@@ -58,14 +78,17 @@ __all__ = [
     "one_d_summary",
     "one_d_table",
     "one_d_waves",
+    "pulsatile_at_probes",
     "pulsatile_summary",
     "pulsatile_table",
     "question_pressure",
+    "resistance_at",
     "scaled_flow",
     "scaled_network",
     "solve_flow",
     "solve_one_d",
     "solve_pulsatile",
+    "steady_at_probes",
     "vessel_resistance",
     "write_flow_csv",
     "write_svoned",

@@ -8,6 +8,33 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.fluids.fluid import Fluid, Newtonian
+from design.hemodynamics.vessel.losses import Losses
+from design.units import WATER_DENSITY
+
+
+@dataclass(frozen=True)
+class Behind:
+    """What lies behind an outlet in steady flow; a Windkessel is its two resistances in series.
+
+    Attributes
+    ----------
+    resistance : float, Pa·s/µL
+        0 for none: the outlet itself has the pressure.
+    pressure_pa : float, Pa
+        Beyond it.
+    """
+
+    resistance: float = 0.0
+    pressure_pa: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.resistance) and self.resistance >= 0.0):
+            raise FlowError(
+                f"the resistance behind an outlet is {self.resistance:g} Pa·s/µL; give 0 or more"
+            )
+        if not np.isfinite(self.pressure_pa):
+            raise FlowError(f"the pressure behind an outlet is {self.pressure_pa}; give a number")
 
 
 @dataclass(frozen=True)
@@ -20,7 +47,7 @@ class FlowConditions:
     Attributes
     ----------
     viscosity_pa_s : float, Pa·s
-        Newtonian.
+        Newtonian; where a fluid is given, a stand-in for what knows no other.
     inlet_flow_ul_s : float, µL/s
         Total into the network. Several inlets hang on one supply: they share its pressure, and
         the flow divides by itself.
@@ -30,8 +57,16 @@ class FlowConditions:
         At every outlet without a flow of its own.
     outlet_flow_ul_s : mapping of node to µL/s
         Flow out of single outlets; those not named have `outlet_pressure_pa`.
+    behind : mapping of node to Behind
+        Of single outlets.
     inlets, outlets : tuples of nodes, optional
         Where the network's own (nodes that vessels only leave, or only enter) aren't meant.
+    fluid : Fluid, optional
+        Whose viscosity isn't one number (`design.hemodynamics.fluids`).
+    losses : Losses
+        At bifurcations and stenoses; none by default.
+    density : float, Pa·s²/mm²
+        For the losses.
     """
 
     viscosity_pa_s: float
@@ -41,6 +76,15 @@ class FlowConditions:
     outlet_flow_ul_s: Mapping[int, float] = field(default_factory=dict)
     inlets: tuple[int, ...] | None = None
     outlets: tuple[int, ...] | None = None
+    fluid: Fluid | None = None
+    behind: Mapping[int, Behind] = field(default_factory=dict)
+    losses: Losses = field(default_factory=Losses)
+    density: float = WATER_DENSITY
+
+    @property
+    def whole_fluid(self) -> Fluid:
+        """The fluid, Newtonian where none is given."""
+        return self.fluid or Newtonian(self.viscosity_pa_s)
 
     def __post_init__(self) -> None:
         _check(self)

@@ -38,8 +38,15 @@ def at_same_shear(conditions: FlowConditions, factor: float) -> FlowConditions:
     if factor == 1:
         return conditions
     flow, outlets = conditions.inlet_flow_ul_s, conditions.outlet_flow_ul_s
+    losses = conditions.losses
+    narrow = (replace(s, length_mm=s.length_mm * factor) for s in losses.stenoses)
     return replace(
         conditions,
+        losses=replace(losses, stenoses=tuple(narrow)),
+        behind={
+            node: replace(behind, resistance=behind.resistance / factor**3)
+            for node, behind in conditions.behind.items()
+        },
         inlet_flow_ul_s=None if flow is None else flow * factor**3,
         outlet_flow_ul_s={node: out * factor**3 for node, out in outlets.items()},
     )

@@ -1,4 +1,4 @@
-"""`printctl dye`: hold a film of dye against a design's 0D solution."""
+"""`printctl dye`: hold a film of dye against a design's 0D solution, or foresee the front."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import Annotated
 import typer
 
 from design.files import write_text
+from design.hemodynamics.dye import DYE_DIFFUSIVITY
 from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.units import UL_S_PER_ML_MIN
+from printctl.cli.dye_predict import Foreseen, predict_front
+from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import NETWORK
@@ -29,19 +32,19 @@ NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
 
 
 def dye(
-    video: Annotated[
-        Path,
-        typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),
-    ],
     model: Annotated[
         Path,
         typer.Option("--model", help="A run folder, or its network.csv in mm.", show_default=False),
     ],
-    marks: Annotated[
-        Path,
-        typer.Option("--marks", help="YAML: known points and their pixels.", show_default=False),
-    ],
     out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
+    video: Annotated[
+        Path | None,
+        typer.Argument(help="Film of dye run through the part (docs/dye.md).", show_default=False),
+    ] = None,
+    marks: Annotated[
+        Path | None,
+        typer.Option("--marks", help="YAML: known points and their pixels.", show_default=False),
+    ] = None,
     flow_ml_min: Annotated[
         float | None,
         typer.Option("--flow-ml-min", min=1e-6, help="Into the part; else fitted."),
@@ -54,12 +57,45 @@ def dye(
         float,
         typer.Option("--tolerance-percent", min=0.1, help="Of the predicted way from the inlet."),
     ] = 40.0,
+    predict: Annotated[
+        bool, typer.Option("--predict", help="No film yet: when dye will come to each vessel.")
+    ] = False,
+    frames_per_s: Annotated[
+        float, typer.Option("--frames-per-s", min=1e-3, help="Of the film to come (--predict).")
+    ] = 25.0,
+    as_printed: Annotated[
+        bool,
+        typer.Option("--as-printed", help="Lumens as registration found them (--predict)."),
+    ] = False,
+    at: Annotated[
+        list[str] | None,
+        typer.Option("--at", metavar="VESSEL:SHARE", help="Places of curves (--predict)."),
+    ] = None,
+    unit: UnitOption = None,
+    diffusivity_mm2_s: Annotated[
+        float, typer.Option("--diffusivity-mm2-s", min=0.0, help="Of the dye (--predict).")
+    ] = DYE_DIFFUSIVITY,
     as_json: JsonFlag = False,
 ) -> None:
     """Arrival of dye along the vessels against the prediction, and which vessels are open.
 
-    Exit code 1 unless the part passes.
+    Exit code 1 unless the part passes. With --predict the front alone: its tip and its mean in
+    each vessel, curves at places, and whether a film's frames are near enough.
     """
+    if predict:
+        if video is not None or marks is not None:
+            raise UsageError("--predict takes no film and no marks; leave them out, or --predict")
+        asked = Foreseen(model, unit, out, flow_ml_min, frames_per_s, as_printed,
+                         tuple(at or ()), diffusivity_mm2_s)  # fmt: skip
+        predict_front(asked, as_json)
+        return
+    idle = {"--as-printed": as_printed, "--at": at, "--unit": unit not in (None, "mm")}
+    if any(idle.values()):
+        raise UsageError(f"{next(k for k in idle if idle[k])} is for --predict; leave it out")
+    if video is None or marks is None:
+        raise UsageError(
+            "give a film and its --marks (docs/dye.md), or --predict to foresee the front"
+        )
     network = _network(model)
     options = DyeOptions(
         flow_ul_s=None if flow_ml_min is None else flow_ml_min * UL_S_PER_ML_MIN,

@@ -57,7 +57,7 @@ def measure(
         printable_diameter_mm=printable_mm,
         murray_exponent=murray_exponent,
     )
-    around = _tissue(tissue if tissue is not None else network, tissue_unit)
+    around = tissue_around(tissue if tissue is not None else network, tissue_unit)
     found = measures_dict(
         measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
     )
@@ -72,7 +72,7 @@ def measure(
     print_lines(*measure_lines(found), *([str(out)] if out is not None else []))
 
 
-def _tissue(path: Path, unit: LengthUnit | None) -> Tissue:
+def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:
     """The tissue that the user names, or that of the run."""
     if path.is_dir():
         path, unit = path / SURFACE, "mm"

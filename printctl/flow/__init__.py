@@ -1,17 +1,21 @@
-"""Pulsatile flow as the user asks for it, and the files it leaves."""
+"""Flow as the user asks for it, and the files it leaves."""
 
-from printctl.flow.conditions import pulsatile_conditions
+from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options, solve_and_write_one_d
 from printctl.flow.outputs import PULSES, WAVES, read_waves, solve_and_write
+from printctl.flow.steady import TABLE, solve_steady
 
 __all__ = [
     "ONE_D",
     "ONE_D_WAVES",
     "PULSES",
+    "TABLE",
     "WAVES",
     "one_d_options",
     "pulsatile_conditions",
     "read_waves",
     "solve_and_write",
     "solve_and_write_one_d",
+    "solve_steady",
+    "steady_conditions",
 ]

@@ -1,87 +1,172 @@
-"""A recipe's words on pulsatile flow in the design's units."""
+"""A recipe's words on flow in the design's units."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from design.hemodynamics import (
+    Carreau,
+    FlowConditions,
+    Fluid,
     GelWall,
-    PressureOutlet,
+    Losses,
+    PowerLaw,
+    Pries1994,
     PulsatileConditions,
-    ResistanceOutlet,
     RigidWall,
+    Stenosis,
     ThinWall,
-    WindkesselOutlet,
 )
-from design.hemodynamics.waveforms import Constant, Sine, Waveform, read_waveform, shape
+from design.hemodynamics.waveforms import Sine, Tabulated, Waveform, read_waveform, shape
 from design.hemodynamics.waveforms.waveform import cycle_times
+from design.network import VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.errors import UsageError
+from printctl.flow.outlets import Outlet, outlet_of, read_outlets, steady_of
+from printctl.recipe.fluids import CarreauPart, FluidPart, LossPart, PowerLawPart
 from printctl.recipe.parts import FlowPart
-from printctl.recipe.pulse import PulseOutlet, PulsePart
+from printctl.recipe.pulse import PulsePart
 
 _MEAN: Final = 0.01
-_RESISTANCE: Final = PA_PER_MMHG / UL_S_PER_ML_MIN
-_COMPLIANCE: Final = 1000.0 / PA_PER_MMHG
+
+
+def steady_conditions(
+    part: FlowPart, folder: Path = Path(), network: VesselNetwork | None = None
+) -> FlowConditions:
+    """Conditions of the design's size; ``network`` is needed where something is behind outlets.
+
+    Raises
+    ------
+    UsageError, OSError
+        For a table of outlets that can't be read, or isn't one.
+    """
+    by_flow = part.inlet_pressure_mmhg is None
+    behind: Mapping[int, Outlet] = {}
+    if network is not None:
+        every = None if part.outlet is None else outlet_of(part.outlet, _distal(part))
+        found = _outlets(part, every, folder, network, 1.0)
+        nodes = network.outlets().tolist()
+        if found is not None:
+            behind = found if isinstance(found, Mapping) else dict.fromkeys(nodes, found)
+    return FlowConditions(
+        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
+        inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN if by_flow else None,
+        inlet_pressure_pa=None if by_flow else (part.inlet_pressure_mmhg or 0.0) * PA_PER_MMHG,
+        outlet_pressure_pa=_distal(part),
+        fluid=None if part.viscosity is None else fluid_of(part.viscosity),
+        losses=losses_of(part.losses),
+        behind={node: steady_of(outlet) for node, outlet in behind.items()},
+    )
+
+
+def fluid_of(part: FluidPart) -> Fluid:
+    """The fluid of a recipe."""
+    if isinstance(part, CarreauPart):
+        return Carreau(
+            part.zero_shear_mpa_s * 1e-3,
+            part.infinite_shear_mpa_s * 1e-3,
+            part.time_s,
+            part.index,
+            part.yasuda,
+        )
+    if isinstance(part, PowerLawPart):
+        return PowerLaw(part.consistency_mpa_sn * 1e-3, part.index)
+    return Pries1994(part.wide_mpa_s * 1e-3, part.haematocrit)
+
+
+def losses_of(part: LossPart) -> Losses:
+    """The losses of a recipe."""
+    stenoses = (Stenosis(s.vessel, s.diameter_share, s.length_mm) for s in part.stenoses)
+    return Losses(part.junction_k, tuple(stenoses))
 
 
 def pulsatile_conditions(
-    part: FlowPart, pulse: PulsePart, folder: Path, print_scale: float = 1.0
+    part: FlowPart,
+    pulse: PulsePart,
+    folder: Path,
+    print_scale: float = 1.0,
+    network: VesselNetwork | None = None,
 ) -> PulsatileConditions:
     """Conditions of a print ``print_scale`` times the design's size, at the design's wall shear.
 
     Flows grow by the scale's third power and pressures stay; so resistances of outlets fall and
-    their compliances grow by it. A table's name is relative to ``folder``.
+    their compliances grow by it. Tables' names are relative to ``folder``; ``network`` is needed
+    for one of outlets.
 
     Raises
     ------
     UsageError
-        For a table whose mean isn't the recipe's flow.
+        For a table whose mean isn't the recipe's, or a table of outlets that isn't one.
     FlowError, OSError
         For a table that is no waveform, or can't be read.
     """
     volume = print_scale**3
+    every = outlet_of(part.outlet or pulse.outlet, _distal(part), volume)
+    found = None if network is None else _outlets(part, every, folder, network, volume)
     return PulsatileConditions(
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
-        inlet=_wave(part.inlet_flow_ml_min, pulse, folder, UL_S_PER_ML_MIN * volume),
-        outlet=_outlet(pulse.outlet, part.outlet_pressure_mmhg * PA_PER_MMHG, volume),
+        inlet=_wave(part, pulse, folder, volume),
+        inlet_is="flow" if part.inlet_pressure_mmhg is None else "pressure",
+        outlet=every if found is None else found,
         wall=_wall(pulse, print_scale),
         profile=pulse.profile,
     )
 
 
-def _wave(mean: float, pulse: PulsePart, folder: Path, scale: float) -> Waveform:
+def _distal(part: FlowPart) -> float:
+    return part.outlet_pressure_mmhg * PA_PER_MMHG
+
+
+def _outlets(
+    part: FlowPart, every: Outlet | None, folder: Path, network: VesselNetwork, volume: float
+) -> Outlet | Mapping[int, Outlet] | None:
+    if part.outlets is None:
+        return every
+    return read_outlets(folder / part.outlets, network, volume)
+
+
+def _wave(part: FlowPart, pulse: PulsePart, folder: Path, volume: float) -> Waveform:
+    """The inlet's flow in µL/s, or its pressure in Pa."""
+    if part.inlet_pressure_mmhg is None:
+        mean, scale, swing = part.inlet_flow_ml_min, UL_S_PER_ML_MIN * volume, "amplitude_ml_min"
+    else:
+        mean, scale, swing = part.inlet_pressure_mmhg, PA_PER_MMHG, "amplitude_mmhg"
     if pulse.table is not None:
-        return _table(folder / pulse.table, mean, pulse, scale)
+        by_flow = part.inlet_pressure_mmhg is None
+        return _table(folder / pulse.table, mean, pulse, scale, by_flow=by_flow)
     period = pulse.period_s or 1.0
     if pulse.shape is not None:
         return shape(pulse.shape, mean * scale, period)
-    return Sine(mean * scale, (pulse.amplitude_ml_min or 0.0) * scale, period)
+    return Sine(mean * scale, (getattr(pulse, swing) or 0.0) * scale, period)
 
 
-def _table(path: Path, mean: float, pulse: PulsePart, scale: float) -> Waveform:
-    wave = read_waveform(path, "flow_ml_min", scale, pulse.period_s)
+def _table(path: Path, mean: float, pulse: PulsePart, scale: float, *, by_flow: bool) -> Waveform:
+    column, key, unit = (
+        ("flow_ml_min", "inlet_flow_ml_min", "mL/min")
+        if by_flow
+        else ("pressure_mmhg", "inlet_pressure_mmhg", "mmHg")
+    )
+    wave = read_waveform(path, column, scale, pulse.period_s)
+    if by_flow:
+        _refuse_backflow(path, wave, scale)
     found = float(wave.at(cycle_times(wave.period_s, 2000)).mean()) / scale
     if abs(found - mean) > _MEAN * abs(mean):
         raise UsageError(
-            f"{path}: the flow's mean is {found:.4g} mL/min, and inlet_flow_ml_min is {mean:g}; "
-            f"set inlet_flow_ml_min: {found:.4g}, or scale the table"
+            f"{path}: the {column.split('_')[0]}'s mean is {found:.4g} {unit}, and {key} is "
+            f"{mean:g}; set {key}: {found:.4g}, or scale the table"
         )
     return wave
 
 
-def _outlet(
-    given: PulseOutlet | None, distal_pa: float, volume: float
-) -> PressureOutlet | ResistanceOutlet | WindkesselOutlet:
-    if given is None:
-        return PressureOutlet(Constant(distal_pa))
-    resistance = given.resistance_mmhg_min_ml * _RESISTANCE / volume
-    if given.proximal_mmhg_min_ml is None or given.compliance_ml_mmhg is None:
-        return ResistanceOutlet(resistance, distal_pa)
-    proximal = given.proximal_mmhg_min_ml * _RESISTANCE / volume
-    compliance = given.compliance_ml_mmhg * _COMPLIANCE * volume
-    return WindkesselOutlet(proximal, compliance, resistance, distal_pa)
+def _refuse_backflow(path: Path, wave: Tabulated, scale: float) -> None:
+    least = int(wave.samples.argmin())
+    if wave.samples[least] < 0.0:
+        raise UsageError(
+            f"{path}: sample {least + 1} is {wave.samples[least] / scale:.4g} mL/min: the flow "
+            "goes back out of the inlet; correct it, or drive the inlet by pressure"
+        )
 
 
 def _wall(pulse: PulsePart, scale: float) -> RigidWall | GelWall | ThinWall:

@@ -18,9 +18,9 @@ from design.network_csv import read_network_csv
 from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError
+from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
 from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.stages.flow import TABLE
 from printctl.pipeline.stages.registration import NUMBERS
 from printctl.pipeline.stages.tissue import SURFACE
 from registration.picture import FLOW, GAUGED, Known, Surface

@@ -21,10 +21,10 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections
-from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.errors import UsageError
+from printctl.flow.conditions import steady_conditions
 from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
@@ -34,7 +34,6 @@ from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan
-from printctl.recipe.parts import FlowPart
 
 SIMULATED_PORT = "simulated"
 
@@ -206,7 +205,18 @@ class RunContext:
     @cached_property
     def conditions(self) -> FlowConditions:
         """What drives the print's flow: the recipe's, at the wall shear of the design's size."""
-        return at_same_shear(designed_conditions(self.recipe.flow), self.recipe.print_scale)
+        return at_same_shear(self.designed_conditions, self.recipe.print_scale)
+
+    @cached_property
+    def designed_conditions(self) -> FlowConditions:
+        """The recipe's, in the design's size."""
+        return steady_conditions(self.recipe.flow, self.recipe_folder, self.designed_network)
+
+    @property
+    def outlets_digest(self) -> dict[str, str]:
+        """SHA-256 of the table of outlets by its name; empty without one."""
+        name = self.recipe.flow.outlets
+        return {} if name is None else self.digests([name])
 
     @cached_property
     def lumen(self) -> Solid:
@@ -284,15 +294,6 @@ class RunContext:
         if self.stand is None:
             return over_part
         return max(over_part, self.stand.safe_z_mm - self.printer.z_mm.low)
-
-
-def designed_conditions(part: FlowPart) -> FlowConditions:
-    """The recipe's words on flow in the design's units."""
-    return FlowConditions(
-        viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
-        inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN,
-        outlet_pressure_pa=part.outlet_pressure_mmhg * PA_PER_MMHG,
-    )
 
 
 def default_place(

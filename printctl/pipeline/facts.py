@@ -10,6 +10,7 @@ from typing import Any
 
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
+from printctl.recipe import Recipe
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
 
@@ -44,7 +45,7 @@ def run_facts(context: RunContext) -> dict[str, Any]:
     """Versions, machine, recipe with all defaults, profiles and frames."""
     recipe = context.recipe
     return {
-        "recipe": recipe.model_dump(mode="json", by_alias=True),
+        "recipe": recipe_facts(recipe),
         "seed": recipe.seed,
         "inputs": input_digests(context),
         "versions": versions(),
@@ -63,6 +64,12 @@ def run_facts(context: RunContext) -> dict[str, Any]:
             "bath": context.bath.model_dump(mode="json"),
         },
     }
+
+
+def recipe_facts(recipe: Recipe) -> dict[str, Any]:
+    """The recipe with all defaults; a stage that isn't asked for isn't named."""
+    unasked = {"oxygen"} if recipe.oxygen is None else set()
+    return recipe.model_dump(mode="json", by_alias=True, exclude=unasked)
 
 
 def heads_facts(context: RunContext) -> dict[str, Any]:

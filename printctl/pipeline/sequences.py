@@ -10,6 +10,7 @@ from printctl.pipeline.stages import (
     flow,
     lumens,
     measures,
+    oxygen,
     printing,
     registration,
     scan,
@@ -19,7 +20,14 @@ from printctl.pipeline.stages import (
     vasculature,
 )
 
-DESIGN: Sequence[Stage] = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE, solid.STAGE)
+DESIGN: Sequence[Stage] = (
+    tissue.STAGE,
+    vasculature.STAGE,
+    flow.STAGE,
+    measures.STAGE,
+    oxygen.STAGE,
+    solid.STAGE,
+)
 JOB: Sequence[Stage] = (toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
 TOOLPATH: Sequence[Stage] = (*DESIGN, *JOB)
 WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)

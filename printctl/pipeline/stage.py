@@ -34,6 +34,8 @@ class Stage:
         Packages whose sources take part; a changed source makes the stage run again.
     work : function of the context and a progress report
         Does the work, returns the stage's summary (JSON-able) and the files it wrote.
+    asked : function of the context
+        Whether the recipe wants it; by default always.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Stage:
     reads: tuple[str, ...] | Callable[[RunContext], tuple[str, ...]]
     code: tuple[str, ...]
     work: Callable[[RunContext, Report], tuple[dict[str, Any], Sequence[str]]]
+    asked: Callable[[RunContext], bool] = lambda context: True
 
     def key(self, context: RunContext) -> str:
         """Hash of all that goes into the stage."""
@@ -69,7 +72,7 @@ def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) ->
     taken for done.
     """
     with bars.all():
-        for stage in stages:
+        for stage in wanted(context, stages):
             name = f"{context.title} {stage.name}".strip()
             with bars.stage(name) as report:
                 note = _run_one(context, stage, report)
@@ -80,12 +83,21 @@ def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, na
     """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
     with bars.all(), bars.stage(name) as report, Meter() as meter:
         notes = []
+        stages = wanted(context, stages)
         for number, stage in enumerate(stages):
             report(number / len(stages), stage.name)
             notes.append(_run_one(context, stage, lambda fraction, note="": None))
     new = [note for note in notes if note.endswith(" s")]
     kept = f", {len(notes) - len(new)} of {len(notes)} stages as before or as in another well"
     bars.say(name, f"{meter.seconds:.1f} s{kept if len(new) < len(notes) else ''}")
+
+
+def wanted(context: RunContext, stages: Sequence[Stage]) -> list[Stage]:
+    """The stages that the recipe asks for; what an earlier recipe asked for is forgotten."""
+    for stage in stages:
+        if not stage.asked(context):
+            context.manifest.stages.pop(stage.name, None)
+    return [stage for stage in stages if stage.asked(context)]
 
 
 def _run_one(context: RunContext, stage: Stage, report: Report) -> str:

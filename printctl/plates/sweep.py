@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from firmware_profiles import Ink
 from printctl.errors import RecipeError
-from printctl.recipe import Recipe, parse_recipe
+from printctl.recipe import Recipe
+from printctl.recipe.override import overridden
 from registration.report.wording import label_and_unit
 
 DESIGN: Final = ("tissue", "vasculature", "solid", "toolpath")
@@ -103,28 +104,9 @@ def varied_recipe(recipe: Recipe, point: Point, well: str) -> Recipe:
     RecipeError
         For a key that the recipe hasn't, or a value that it refuses.
     """
-    data = recipe.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    data.pop("plate")
-    data["toolpath"] = recipe.toolpath.model_dump(mode="json", exclude_unset=True)
-    data["toolpath"]["method"] = recipe.toolpath.method
-    data["name"] = f"{recipe.name[:56]}_{well}"
-    for key, value in point.values.items():
-        if not key.startswith("ink."):
-            _put(data, key, value)
-    return parse_recipe(data, f"plate.sweep ({point.label})" if point.values else "plate")
-
-
-def _put(data: dict[str, Any], key: str, value: Any) -> None:
-    *sections, last = key.split(".")
-    inside = data
-    for section in sections:
-        inside = inside.setdefault(section, {})
-        if not isinstance(inside, dict):
-            raise RecipeError(
-                f"plate.sweep: {key} goes into {section}, which holds no keys of its own; name the "
-                "whole of it"
-            )
-    inside[last] = value
+    design = {key: value for key, value in point.values.items() if not key.startswith("ink.")}
+    origin = f"plate.sweep ({point.label})" if point.values else "plate"
+    return overridden(recipe, design, f"{recipe.name[:56]}_{well}", origin)
 
 
 def varied_ink(ink: Ink, changes: Mapping[str, Any]) -> Ink:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ from pydantic import ValidationError
 
 from printctl.errors import RecipeError
 from printctl.recipe.model import Recipe
+
+UserPath = Callable[[tuple[int | str, ...]], Sequence[int | str]]
 
 _REMEDIES = {
     "extra_forbidden": "remove it or mend its spelling",
@@ -26,19 +29,36 @@ def load_recipe(path: Path) -> Recipe:
     RecipeError
         With the path of every wrong key, its value, the limit and the remedy.
     """
+    return parse_recipe(read_mapping(path, "recipe", "`printctl init` writes a starter"), str(path))
+
+
+def read_mapping(path: Path, kind: str, start: str) -> dict[str, Any]:
+    """Keys and values of a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file is, for messages.
+    start : str
+        Where one begins who has none.
+
+    Raises
+    ------
+    RecipeError
+        When it isn't there, isn't YAML or holds no keys.
+    """
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError as exc:
-        raise RecipeError(
-            f"recipe {path} doesn't exist; check the path, or write a starter with `printctl init`"
-        ) from exc
+        raise RecipeError(f"{kind} {path} doesn't exist; check the path, or: {start}") from exc
     except IsADirectoryError as exc:
-        raise RecipeError(f"recipe {path} is a folder; give the .yaml file in it") from exc
+        raise RecipeError(f"{kind} {path} is a folder; give the .yaml file in it") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise RecipeError(f"{path} isn't YAML: {exc}") from exc
     if not isinstance(data, dict):
-        raise RecipeError(f"{path} holds no keys; start from `printctl init`")
-    return parse_recipe(data, str(path))
+        raise RecipeError(f"{path} holds no keys; {start}")
+    return data
 
 
 def parse_recipe(data: dict[str, Any], origin: str) -> Recipe:
@@ -46,13 +66,28 @@ def parse_recipe(data: dict[str, Any], origin: str) -> Recipe:
     try:
         return Recipe.model_validate(data)
     except ValidationError as exc:
-        lines = [_sentence(dict(problem)) for problem in exc.errors()]
-        raise RecipeError("\n".join([f"{origin} can't be used:", *lines])) from exc
+        raise RecipeError(refusal(exc, origin)) from exc
 
 
-def _sentence(problem: dict[str, Any]) -> str:
+def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None) -> str:
+    """What is wrong with a file, a line for each key.
+
+    Parameters
+    ----------
+    exc : ValidationError
+    origin : str
+        The file.
+    user_path : function, optional
+        From pydantic's path of a key to the one that the user wrote; a recipe's by default.
+    """
+    path_of = user_path or _user_path
+    lines = [_sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
+    return "\n".join([f"{origin} can't be used:", *lines])
+
+
+def _sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
     """One line: the key's path, what is wrong with which value, and the remedy."""
-    place = ".".join(str(part) for part in _user_path(problem["loc"])) or "recipe"
+    place = ".".join(str(part) for part in path) or "recipe"
     if problem["type"] == "union_tag_invalid":
         tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]
         return f"  {place}: {tag!r} isn't a kind of {place}; choose one of {choices}"

@@ -15,6 +15,7 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
+from printctl.recipe.oxygen import OxygenPart
 from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
@@ -35,6 +36,9 @@ class Recipe(Part):
     tissue: TissuePart
     vasculature: NetworkPart
     flow: FlowPart = FlowPart()
+    oxygen: OxygenPart | None = Field(
+        default=None, description="Without it, oxygen isn't solved for."
+    )
     solid: SolidPart = SolidPart()
     toolpath: ToolpathPart = Fresh(method="fresh")
     printer: PrinterPart = PrinterPart()

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from printctl.recipe.pulse import PulsePart
+from printctl.recipe.fluids import FluidPart, LossPart
+from printctl.recipe.pulse import PulseOutlet, PulsePart
 from printctl.recipe.waves import OneDPart
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
@@ -44,8 +45,29 @@ class FlowPart(Part):
     """How the network is perfused."""
 
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    viscosity: FluidPart | None = Field(
+        default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
+    )
     inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = 0.25
+    inlet_pressure_mmhg: Annotated[float, Field(ge=-1000, le=1e6)] | None = Field(
+        default=None, description="In place of inlet_flow_ml_min."
+    )
     outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = 0.0
+    outlet: PulseOutlet | None = Field(
+        default=None, description="A resistance behind every outlet, or a Windkessel."
+    )
+    outlets: str | None = Field(
+        default=None,
+        description="CSV with a row for each outlet: node or vessel, and pressure_mmhg or "
+        "resistance_mmhg_min_ml (and proximal_mmhg_min_ml, compliance_ml_mmhg).",
+    )
+    losses: LossPart = LossPart()
+    shear_band_dyn_cm2: (
+        Annotated[
+            tuple[float, float], Field(description="Least and greatest wall shear wanted, dyn/cm².")
+        ]
+        | None
+    ) = None
     pulse: PulsePart | None = Field(
         default=None, description="Without it the flow is steady, with it solved both ways."
     )
@@ -54,9 +76,42 @@ class FlowPart(Part):
     )
 
     @model_validator(mode="after")
-    def _waves_have_a_wall(self) -> FlowPart:
+    def _one_of_each(self) -> FlowPart:
+        given = self.model_fields_set
+        for one, other in (
+            ("inlet_pressure_mmhg", "inlet_flow_ml_min"),
+            ("viscosity", "viscosity_mpa_s"),
+            ("outlet", "outlets"),
+        ):
+            if getattr(self, one) is not None and other in given and getattr(self, other):
+                raise ValueError(f"give {one} or {other}, and not both")
+        self._check_pulse()
+        self._waves_have_a_wall()
+        band = self.shear_band_dyn_cm2
+        if band is not None and not 0.0 <= band[0] < band[1]:
+            raise ValueError(
+                f"shear_band_dyn_cm2 goes from {band[0]:g} to {band[1]:g}; let it rise"
+            )
+        return self
+
+    def _check_pulse(self) -> None:
+        if self.pulse is None:
+            return
+        by_pressure = self.inlet_pressure_mmhg is not None
+        if by_pressure and self.pulse.amplitude_ml_min is not None:
+            raise ValueError("inlet_pressure_mmhg goes with amplitude_mmhg, not amplitude_ml_min")
+        if not by_pressure and self.pulse.amplitude_mmhg is not None:
+            raise ValueError("amplitude_mmhg needs inlet_pressure_mmhg")
+        if self.pulse.outlet is not None and (self.outlet or self.outlets):
+            raise ValueError("give outlet or outlets, or pulse.outlet, and not both")
+        if self.viscosity is not None or self.losses != LossPart():
+            raise ValueError(
+                "a pulse is solved with viscosity_mpa_s and no losses; leave viscosity and losses "
+                "out, or the pulse"
+            )
+
+    def _waves_have_a_wall(self) -> None:
         if self.one_d is not None and (self.pulse is None or self.pulse.wall_young_kpa is None):
             raise ValueError(
                 "one_d follows a pulse in walls that give way; give pulse, with wall_young_kpa"
             )
-        return self

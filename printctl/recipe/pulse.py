@@ -38,12 +38,16 @@ class PulsePart(BaseModel):
     amplitude_ml_min: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
         default=None, description="Of a sine about inlet_flow_ml_min."
     )
+    amplitude_mmhg: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
+        default=None, description="Of a sine about inlet_pressure_mmhg."
+    )
     shape: Literal["ejection", "roller_pump"] | None = Field(
-        default=None, description="Scaled to a mean of inlet_flow_ml_min."
+        default=None, description="Scaled to the inlet's mean."
     )
     table: str | None = Field(
         default=None,
-        description="CSV with time_s, flow_ml_min over one cycle, of mean inlet_flow_ml_min.",
+        description="CSV with time_s and flow_ml_min or, where the inlet's pressure is given, "
+        "pressure_mmhg over one cycle, of the inlet's mean.",
     )
     period_s: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
         default=None, description="Of a sine or a shape; of a table whose end isn't its begin."
@@ -55,13 +59,16 @@ class PulsePart(BaseModel):
         default=None, description="Of free tubes, where the lumens aren't in thick gel."
     )
     profile: Literal["womersley", "poiseuille"] = "womersley"
-    outlet: PulseOutlet | None = None
+    outlet: PulseOutlet | None = Field(
+        default=None, description="Of the pulse alone; flow.outlet holds for steady flow, too."
+    )
     steps: Annotated[int, Field(ge=8, le=10_000)] = 100
 
     @model_validator(mode="after")
     def _one_wave(self) -> PulsePart:
-        if sum(x is not None for x in (self.amplitude_ml_min, self.shape, self.table)) != 1:
-            raise ValueError("give one of amplitude_ml_min, shape and table")
+        waves = (self.amplitude_ml_min, self.amplitude_mmhg, self.shape, self.table)
+        if sum(x is not None for x in waves) != 1:
+            raise ValueError("give one of amplitude_ml_min, amplitude_mmhg, shape and table")
         if self.table is None and self.period_s is None:
             raise ValueError("give period_s, the length of a cycle")
         if self.wall_thickness_mm is not None and self.wall_young_kpa is None:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from design.hemodynamics.dye import Carried, dye_curves
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals
 from registration.dye.marks import FloatArray
-from registration.dye.predict import Carried, dye_curves
 from registration.dye.stations import Stations
 from registration.dye.traces import Traces, end_frames
 from registration.errors import DyeError
@@ -32,6 +32,8 @@ class Prediction:
         Concentration due at the end of the film.
     plug_s : (s,) float64, s
         With one mean velocity in each vessel, along the earliest path, film's clock.
+    tip_s : (s,) float64, s
+        Of the first dye, on the axis at twice the mean speed, film's clock.
     start_s, flow_ul_s : float
         When dye enters the inlets, film's clock, and the flow into the network.
     start_given, flow_given : bool
@@ -40,6 +42,7 @@ class Prediction:
     time_s: FloatArray
     level: FloatArray
     plug_s: FloatArray
+    tip_s: FloatArray
     start_s: float
     flow_ul_s: float
     start_given: bool
@@ -98,6 +101,7 @@ def predict(
         time_s=model.arrival(rate, start),
         level=model.level(rate, start),
         plug_s=start + plug / rate,
+        tip_s=start + plug / rate / 2.0,
         start_s=start,
         flow_ul_s=rate,
         start_given=start_s is not None,

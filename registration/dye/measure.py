@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.dye import check_frames, dye_front
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals, find_arrivals
 from registration.dye.fit import Prediction, predict
@@ -140,6 +141,9 @@ def measure_dye(
     end = float(traces.times[-1])
     vessels = find_patency(network, flow, stations, arrivals, prediction, end)
     notes = _notes(view, marks, traces, arrivals.dyed, arrivals.time_s)
+    front = dye_front(network, flow, prediction.flow_ul_s)
+    warning = check_frames(front, float(np.median(np.diff(traces.times)))).warning
+    notes += [warning] if warning else []
     report = DyeReport(view, stations, traces, arrivals, prediction, vessels, tuple(notes))
     return _held_beside(report, network, inlet, given)
 

@@ -90,6 +90,7 @@ def place_rows(report: DyeReport) -> list[dict[str, Any]]:
             "predicted_s": report.prediction.time_s[k],
             "predicted_held_s": report.held_to.time_s[k],
             "predicted_plug_s": report.prediction.plug_s[k],
+            "predicted_tip_s": report.prediction.tip_s[k],
             "level": report.arrivals.level[k],
         }
         found = {name: float(v) if np.isfinite(v) else None for name, v in numbers.items()}

@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.dye import Carried, downstream, ends_along
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals
 from registration.dye.fit import Prediction, along_flow
 from registration.dye.marks import FloatArray
-from registration.dye.predict import Carried, downstream, ends_along
 from registration.dye.stations import Stations, volume_shares
 
 Patency = Literal["open", "blocked", "not reached", "not seen", "no flow"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, solve_flow, vessel_resistance
+from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
 from registration.gauging.trace import VesselTrace
 
@@ -139,7 +139,7 @@ def perfusion(
     outlets = driven.outlets or tuple(network.outlets().tolist())
     as_printed = printed_network(network, traces)
     closed = np.array([bool((t.seen & ~t.sections.open).any()) for t in traces])
-    resistance = vessel_resistance(as_printed, driven.viscosity_pa_s)
+    resistance = resistance_at(as_printed, driven.whole_fluid, designed.flow)
     flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
     inflow = _inflow(network, flow, inlets)
     fed = np.abs(flow) >= 0.01 * np.abs(designed.flow)
@@ -192,11 +192,11 @@ def _flow(
     sinks = tuple(number[node] for node in outlets if node in number)
     solution = solve_flow(
         part,
-        FlowConditions(
-            viscosity_pa_s=driven.viscosity_pa_s,
-            inlet_flow_ul_s=driven.inlet_flow_ul_s,
-            inlet_pressure_pa=driven.inlet_pressure_pa,
-            outlet_pressure_pa=driven.outlet_pressure_pa,
+        replace(
+            driven,
+            # Where vessels are taken out their numbers aren't the design's any more.
+            losses=replace(driven.losses, stenoses=()),
+            behind={number[node]: b for node, b in driven.behind.items() if node in number},
             outlet_flow_ul_s={
                 number[node]: q for node, q in driven.outlet_flow_ul_s.items() if node in number
             },

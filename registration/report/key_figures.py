@@ -23,7 +23,7 @@ class KeyFigure:
 def key_figures(data: Mapping[str, Any]) -> list[KeyFigure]:
     """The handful of numbers a reader wants first."""
     made = [_rms(data), _within(data), _open_vessels(data), _worst_error(data),
-            _pressure(data), _time(data)]  # fmt: skip
+            _pressure(data), _shear(data), _time(data)]  # fmt: skip
     return [figure for figure in made if figure is not None]
 
 
@@ -82,6 +82,18 @@ def _pressure(data: Mapping[str, Any]) -> KeyFigure | None:
         return None
     note = f"at {number(inlet, 3)} mL/min" if is_number(inlet) else ""
     return KeyFigure("Pressure drop, designed", number(drop, 3), "mmHg", note)
+
+
+def _shear(data: Mapping[str, Any]) -> KeyFigure | None:
+    """Wall area within the band of wall shear that the recipe asks for."""
+    band = mapping(mapping(data, "flow"), "shear_band")
+    inside, low, high = (band.get(k) for k in ("area_inside", "low_dyn_cm2", "high_dyn_cm2"))
+    if not is_number(inside):
+        return None
+    below, above = (number(100 * band[f"area_{k}"], 3) for k in ("below", "above"))
+    note = f"{below} % below, {above} % above: {plain(band.get('verdict'))}"
+    label = f"Wall area at {number(low, 3)} to {number(high, 3)} dyn/cm²"
+    return KeyFigure(label, number(100 * inside, 3), "%", note)
 
 
 def _time(data: Mapping[str, Any]) -> KeyFigure | None:

@@ -32,6 +32,7 @@ from registration.report.gauging_sections import (
 )
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
+from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import pack_surfaces
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.sections import mapping, records
@@ -40,7 +41,7 @@ from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
 
 _HERE: Final = Path(__file__).parent
-PLACES: Final = ("flow", "design", "toolpath", "print", "scan", "registration")
+PLACES: Final = ("flow", "oxygen", "design", "toolpath", "print", "scan", "registration")
 """Sections a figure can be put into by a prefix of its name, ``toolpath/Layer 12``."""
 
 
@@ -125,6 +126,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "vessel_summary": sections.vessel_summary(registration),
         "vessel_table": sections.vessel_table(registration),
         "flow_table": sections.flow_table(flow),
+        "oxygen_table": sections.oxygen_table(mapping(data, "oxygen")),
         "check_table": sections.check_table(mapping(data, "dry_run")),
         "lumen_facts": sections.lumen_facts(mapping(data, "lumens")),
         "lumen_table": sections.lumen_table(mapping(data, "lumens")),
@@ -184,6 +186,7 @@ def _drawings(
                 histogram_figure, histogram["edges_um"], histogram[key]
             )
     made |= _gauged(registration)
+    made |= _oxygen(mapping(data, "oxygen"))
     gauged = records(registration, "vessels")
     if any(is_number(r.get("measured_um")) for r in gauged):
         made["diameters/Measured against designed diameter"] = partial(_diameters, gauged)
@@ -198,6 +201,14 @@ def _drawings(
             name = "flow/Pressure along the network, as designed"
             made[name] = partial(network_figure, network, pressure, "pressure / mmHg")
     return made
+
+
+def _oxygen(oxygen: Mapping[str, Any]) -> dict[str, Callable[[], bytes | None]]:
+    """How much of the tissue holds how much."""
+    shares, level = mapping(oxygen, "histogram"), oxygen.get("threshold_millimolar")
+    if not shares or not is_number(level):
+        return {}
+    return {"oxygen/Share of the tissue by its oxygen": partial(oxygen_histogram, shares, level)}
 
 
 def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | None]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -43,6 +44,18 @@ FLOW_COLUMNS: Final = (
     Column("pressure_in_mmhg", "Pressure in", "mmHg"),
     Column("pressure_out_mmhg", "Pressure out", "mmHg"),
     Column("wall_shear_pa", "Wall shear", "Pa", digits=4),
+    Column("wall_shear_band", "Band", kind="text"),
+)
+OXYGEN_COLUMNS: Final = (
+    Column("vessel", "Vessel", kind="text"),
+    Column("kind", "Kind", kind="text"),
+    Column("diameter_mm", "Diameter", "mm"),
+    Column("length_mm", "Length", "mm"),
+    Column("oxygen_in_millimolar", "In", "mM", digits=4),
+    Column("oxygen_out_millimolar", "Out", "mM", digits=4),
+    Column("oxygen_in_mmhg", "In", "mmHg"),
+    Column("oxygen_out_mmhg", "Out", "mmHg"),
+    Column("wall_flux_nmol_s", "To the tissue", "nmol/s", digits=4),
 )
 CHECK_COLUMNS: Final = (
     Column("check", "Check", kind="text"),
@@ -177,6 +190,20 @@ def flow_table(flow: Mapping[str, Any]) -> Table | None:
     if len(rows) > MAX_ROWS:
         rows.sort(key=_by_flow)
     return make_table("flow", rows, FLOW_COLUMNS, order="by flow") if rows else None
+
+
+def oxygen_table(oxygen: Mapping[str, Any]) -> Table | None:
+    """Oxygen in the vessels; where not all can be shown, those that it leaves with least."""
+    rows = records(oxygen, "vessels")
+    if len(rows) > MAX_ROWS:
+        rows.sort(key=_by_oxygen)
+    order = "least oxygen at the end first"
+    return make_table("oxygen", rows, OXYGEN_COLUMNS, order=order) if rows else None
+
+
+def _by_oxygen(record: Record) -> float:
+    left = record.get("oxygen_out_millimolar")
+    return float(left) if is_number(left) else math.inf
 
 
 def _by_flow(record: Record) -> float:

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeGuard
 MISSING: Final = "–"
 
 _UNITS: Final = {
+    "_millimolar": "mM", "_nmol_s": "nmol/s",
     "_pa_s_ul": "Pa·s/µL", "_per_mm2": "1/mm²", "_uw": "µW",
     "_ml_min": "mL/min", "_mm_s": "mm/s", "_ul_s": "µL/s", "_pa_s": "Pa·s", "_mmhg": "mmHg",
     "_mm3": "mm³", "_mm2": "mm²", "_percent": "%", "_kpa": "kPa", "_psi": "psi", "_deg": "°",

@@ -120,6 +120,11 @@ class Tabulated:
         """After which it repeats, s."""
         return self._period
 
+    @property
+    def samples(self) -> FloatArray:
+        """The values given, (n,), closed to a cycle."""
+        return self._value
+
     def at(self, time_s: FloatArray) -> FloatArray:
         """Values at any times, same shape."""
         within = self._start + np.mod(np.asarray(time_s) - self._start, self._period)

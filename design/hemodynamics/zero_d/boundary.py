@@ -7,12 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.network import FloatArray, IntArray, VesselNetwork
+from kernels import jit
 
 
 @dataclass(frozen=True)
@@ -28,13 +27,33 @@ class Boundary:
     pressure : (s,) float64, Pa
         The given pressures, 0 elsewhere.
     injected : (s,) float64, µL/s
-        Flow into the network at each unknown, where given.
+        Flow into the network at each unknown, where given; what comes back from behind outlets
+        at pressures above the lowest, too.
+    lowest : float, Pa
+        Of the given pressures.
+    ground : (s,) float64, µL/(s·Pa), or None
+        Conductance behind each unknown to the lowest pressure.
     """
 
     slot: IntArray
     fixed: NDArray[np.bool_]
     pressure: FloatArray
     injected: FloatArray
+    lowest: float
+    ground: FloatArray | None = None
+
+    def above_lowest(self) -> FloatArray:
+        """The given pressures from the lowest: outlets of most networks drop out of the sums."""
+        return self.pressure if self.lowest == 0.0 else self.pressure - self.lowest
+
+    def at_nodes(self, above_lowest: FloatArray) -> FloatArray:
+        """Pressures of nodes (m,) of those of unknowns (s,), which are changed."""
+        if self.lowest != 0.0:
+            above_lowest += self.lowest
+            above_lowest[self.fixed] = self.pressure[self.fixed]
+        if len(self.slot) == len(self.fixed):
+            return above_lowest
+        return above_lowest[self.slot]
 
 
 def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boundary:
@@ -47,30 +66,93 @@ def place_conditions(network: VesselNetwork, conditions: FlowConditions) -> Boun
     """
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
-    given = dict(conditions.outlet_flow_ul_s)
-    strangers = set(given) - set(outlets.tolist()) if given else set()
-    if strangers:
-        raise FlowError(f"outlet_flow_ul_s: node {min(strangers)} isn't one of the outlets")
-    slot = np.arange(len(network.nodes))
-    fixed = np.zeros(len(slot), dtype=bool)
-    pressure, injected = np.zeros(len(slot)), np.zeros(len(slot))
-    for node, flow in given.items():
-        injected[node] = -flow
-    is_free = np.ones(len(slot), dtype=bool)
-    is_free[list(given)] = False
-    free_outlets = outlets[is_free[outlets]]
+    return place_at(len(network.nodes), inlets, outlets, conditions)
+
+
+def place_at(
+    count: int,
+    inlets: IntArray,
+    outlets: IntArray,
+    conditions: FlowConditions,
+    slot: IntArray | None = None,
+) -> Boundary:
+    """As `place_conditions`, for ``count`` nodes whose ends are known.
+
+    ``slot`` is that of an earlier boundary of the same kind.
+    """
+    free_outlets, injected = _outflows(count, outlets, conditions)
+    fixed, pressure = np.zeros(count, dtype=bool), np.zeros(count)
     fixed[free_outlets], pressure[free_outlets] = True, conditions.outlet_pressure_pa
+    for node, behind in conditions.behind.items():
+        fixed[node], pressure[node] = behind.resistance == 0.0, behind.pressure_pa
     if conditions.inlet_pressure_pa is not None:
         fixed[inlets], pressure[inlets] = True, conditions.inlet_pressure_pa
     elif conditions.inlet_flow_ul_s is not None:
-        slot[inlets] = inlets[0]
         injected[inlets[0]] = conditions.inlet_flow_ul_s
-    if not fixed.any():
+    lowest = _lowest(conditions, free_outlets)
+    ground = _behind(conditions, injected, pressure, lowest)
+    if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
+        alone = np.arange(count) if slot is None else slot
+        return Boundary(alone, fixed, pressure, injected, lowest, ground)
+    slot = np.arange(count)
+    slot[inlets] = inlets[0]
+    slot, fixed, pressure, injected, whole = joined(
+        slot, fixed, pressure, injected, np.zeros(count) if ground is None else ground
+    )
+    return Boundary(slot, fixed, pressure, injected, lowest, None if ground is None else whole)
+
+
+def _lowest(conditions: FlowConditions, free_outlets: IntArray) -> float:
+    given = [behind.pressure_pa for behind in conditions.behind.values()]
+    if len(free_outlets):
+        given.append(conditions.outlet_pressure_pa)
+    if conditions.inlet_pressure_pa is not None:
+        given.append(conditions.inlet_pressure_pa)
+    if not given:
         raise FlowError(
             "every inlet and outlet has a flow, so no pressure is determined; give "
             "inlet_pressure_pa, or leave one outlet to outlet_pressure_pa"
         )
-    return Boundary(*joined(slot, fixed, pressure, injected))
+    return min(given)
+
+
+def _behind(
+    conditions: FlowConditions, injected: FloatArray, pressure: FloatArray, lowest: float
+) -> FloatArray | None:
+    """Conductances behind outlets; what comes from beyond them is added to ``injected``."""
+    resists = {n: b for n, b in conditions.behind.items() if b.resistance > 0.0}
+    if not resists:
+        return None
+    ground = np.zeros(len(injected))
+    for node, behind in resists.items():
+        pressure[node] = 0.0
+        ground[node] = 1.0 / behind.resistance
+        injected[node] += (behind.pressure_pa - lowest) / behind.resistance
+    return ground
+
+
+def _outflows(
+    count: int, outlets: IntArray, conditions: FlowConditions
+) -> tuple[IntArray, FloatArray]:
+    """Outlets without a condition of their own, and what flows in at each node."""
+    injected = np.zeros(count)
+    given, behind = conditions.outlet_flow_ul_s, conditions.behind
+    if not (given or behind):
+        return outlets, injected
+    strangers = (set(given) | set(behind)) - set(outlets.tolist())
+    if strangers:
+        raise FlowError(
+            f"node {min(strangers)} isn't one of the outlets, and is given a flow, a pressure or "
+            "a resistance of its own"
+        )
+    twice = set(given) & set(behind)
+    if twice:
+        raise FlowError(f"outlet {min(twice)} has both a flow and something behind it; give one")
+    is_free = np.ones(count, dtype=bool)
+    is_free[list(behind)] = False
+    for node, flow in given.items():
+        injected[node], is_free[node] = -flow, False
+    return outlets[is_free[outlets]], injected
 
 
 def joined(slot: IntArray, *values: NDArray[Any]) -> tuple[Any, ...]:
@@ -138,18 +220,43 @@ def check_parts(network: VesselNetwork, inlets: IntArray, outlets: IntArray) -> 
         Naming the first of them.
     """
     count = len(network.nodes)
-    bare = np.flatnonzero(network.degree() == 0)
-    if len(bare):
-        raise FlowError(f"node {int(bare[0])} is isolated: no vessel meets it; remove it")
-    first, last = network.vessel_nodes.T
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(count, count))
-    parts, part = connected_components(graph, directed=False)
+    part, bare = _parts(network.vessel_nodes, count)
+    if bare >= 0:
+        raise FlowError(f"node {bare} is isolated: no vessel meets it; remove it")
     for ends, what in ((inlets, "inlet"), (outlets, "outlet")):
-        without = np.bincount(part[ends], minlength=parts) == 0
-        if without.any():
-            cut_off = np.flatnonzero(without[part[first]])
+        has = np.zeros(count, dtype=bool)
+        has[part[ends]] = True
+        has = has[part]
+        if not has.all():
+            cut_off = np.flatnonzero(~has[network.vessel_nodes[:, 0]])
             raise FlowError(
                 f"vessel {int(cut_off[0])} lies in an isolated part without {what} "
                 f"({len(cut_off)} such vessels of {network.vessel_count}); join it to the "
                 f"network, remove it, or name its {what}"
             )
+
+
+@jit
+def _parts(ends: IntArray, count: int) -> tuple[IntArray, int]:
+    """A node of its part for each node, the same for all of the part; a node without vessel.
+
+    Trees of nodes are joined, their paths halved on the way (Tarjan & van Leeuwen 1984).
+    """
+    part, met = np.arange(count), np.zeros(count, np.bool_)
+    for v in range(len(ends)):
+        a, b = ends[v, 0], ends[v, 1]
+        met[a] = met[b] = True
+        while part[a] != a:
+            part[a] = part[part[a]]
+            a = part[a]
+        while part[b] != b:
+            part[b] = part[part[b]]
+            b = part[b]
+        part[max(a, b)] = min(a, b)
+    bare = -1
+    # Each hangs on a smaller one, so that roots come before what hangs on them.
+    for node in range(count):
+        part[node] = part[part[node]]
+        if not met[node] and bare < 0:
+            bare = node
+    return part, bare

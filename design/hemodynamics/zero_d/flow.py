@@ -23,9 +23,11 @@ class FlowSolution:
     velocity : (v,) float64, mm/s
         Mean over the cross-section at the length-weighted mean radius, signed like `flow`.
     wall_shear : (v,) float64, Pa
-        4 μ Q / (π r³) at the mean radius, signed like `flow`.
+        4 μ Q / (π r³) at the mean radius, signed like `flow`, μ the apparent viscosity there.
     resistance : (v,) float64, Pa·s/µL
-        Of each vessel.
+        What viscosity takes in each vessel, over its flow.
+    loss : (v,) float64, Pa, or None
+        What inertia takes at bifurcations and stenoses, signed like `flow`.
     """
 
     pressure: FloatArray
@@ -33,3 +35,4 @@ class FlowSolution:
     velocity: FloatArray
     wall_shear: FloatArray
     resistance: FloatArray
+    loss: FloatArray | None = None

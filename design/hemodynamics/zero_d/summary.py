@@ -25,8 +25,9 @@ def flow_summary(
 
     ``mass_imbalance`` is the greatest net flow at an inner node over the flow through it.
     ``energy_imbalance`` holds the power that enters and leaves, Σ p Q over inlets and outlets,
-    against what viscosity takes, Σ R Q², relative to the latter. ``pressure_drop`` is between the
-    network's extremes, and ``resistance`` that drop over the inflow (0 where nothing flows).
+    against what viscosity and losses take, Σ R Q² + Σ Δp Q, relative to the latter.
+    ``pressure_drop`` is between the network's extremes, and ``resistance`` that drop over the
+    inflow (0 where nothing flows).
     ``poiseuille_holds_share`` counts vessels in which the flow is laminar and developed but for a
     tenth of the length; ``entrance_share_max`` is the greatest such share.
 
@@ -49,6 +50,8 @@ def flow_summary(
     number = reynolds(network, solution, density)
     shear = np.abs(solution.wall_shear)
     dissipated = float(solution.resistance @ solution.flow**2)
+    if solution.loss is not None:
+        dissipated += float(solution.loss @ solution.flow)
     power = float(solution.pressure[ends] @ inflow[ends])
     return {
         "vessel_count": float(network.vessel_count),

@@ -11,24 +11,29 @@ from numpy.typing import NDArray
 
 from design.files import write_text
 from design.hemodynamics.zero_d.flow import FlowSolution
+from design.hemodynamics.zero_d.shear_band import ShearBand, places
 from design.hemodynamics.zero_d.validity import poiseuille_holds, reynolds
 from design.network import VesselKind, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
 
 
 def flow_table(
-    network: VesselNetwork, solution: FlowSolution, density: float = WATER_DENSITY
+    network: VesselNetwork,
+    solution: FlowSolution,
+    density: float = WATER_DENSITY,
+    band: ShearBand | None = None,
 ) -> dict[str, NDArray[np.generic]]:
     """Columns of a per-vessel table, each (v,).
 
     Flow, velocity and wall shear are signed: positive along the vessel, from "in" to "out", as
-    designed. ``density`` in Pa·s²/mm² goes into the Reynolds number.
+    designed. ``density`` in Pa·s²/mm² goes into the Reynolds number. With a ``band``
+    ``wall_shear_band`` says whether the wall shear is below, inside or above it.
     """
     first, last = network.vessel_nodes.T
     pressure_in, pressure_out = solution.pressure[first], solution.pressure[last]
     names = np.array([kind.name.lower() for kind in VesselKind])
     number = reynolds(network, solution, density)
-    return {
+    table: dict[str, NDArray[np.generic]] = {
         "vessel": np.arange(network.vessel_count),
         "kind": names[network.kind],
         "tree": network.tree,
@@ -47,9 +52,16 @@ def flow_table(
         "reynolds": number,
         "poiseuille_holds": poiseuille_holds(network, number).astype(np.int64),
     }
+    if solution.loss is not None:
+        table["loss_pa"] = solution.loss
+    if band is not None:
+        table["wall_shear_band"] = places(solution, band)
+    return table
 
 
-def write_flow_csv(path: Path, network: VesselNetwork, solution: FlowSolution) -> None:
+def write_flow_csv(
+    path: Path, network: VesselNetwork, solution: FlowSolution, band: ShearBand | None = None
+) -> None:
     """Write `flow_table` as CSV at full precision.
 
     Raises
@@ -57,7 +69,7 @@ def write_flow_csv(path: Path, network: VesselNetwork, solution: FlowSolution) -
     OSError
         When the file can't be written.
     """
-    table = flow_table(network, solution)
+    table = flow_table(network, solution, band=band)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(table)

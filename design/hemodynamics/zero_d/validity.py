@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.resistance import geometric_resistance
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, WATER_DENSITY
@@ -38,17 +37,19 @@ def question_pressure(drop_pa: float) -> None:
         )
 
 
-def effective_viscosity(network: VesselNetwork, solution: FlowSolution) -> FloatArray:
-    """Viscosity that each vessel was solved with, from its resistance, (v,), Pa·s."""
-    return solution.resistance / geometric_resistance(network)
-
-
 def reynolds(
     network: VesselNetwork, solution: FlowSolution, density: float = WATER_DENSITY
 ) -> FloatArray:
-    """Reynolds number ϱ |v| d / μ at the mean radius, (v,); ``density`` in Pa·s²/mm²."""
-    diameter = 2.0 * network.mean_radius()
-    return density * np.abs(solution.velocity) * diameter / effective_viscosity(network, solution)
+    """Reynolds number 8 ϱ v²/|τ_w| at the mean radius, (v,); ``density`` in Pa·s²/mm².
+
+    For a Newtonian fluid it is ϱ |v| d/μ; for others that of Metzner & Reed 1955 (doi
+    10.1002/aic.690010409), at which pipe flow has the friction of a Newtonian one's.
+    """
+    shear = np.abs(solution.wall_shear)
+    moves = shear > 0.0
+    number = np.zeros(network.vessel_count)
+    number[moves] = 8.0 * density * solution.velocity[moves] ** 2 / shear[moves]
+    return number
 
 
 def entrance_share(network: VesselNetwork, reynolds_number: FloatArray) -> FloatArray:

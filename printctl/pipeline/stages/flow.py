@@ -8,25 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics import (
-    flow_summary,
-    flow_table,
-    question_pressure,
-    scaled_flow,
-    solve_flow,
-    write_flow_csv,
-)
+from design.hemodynamics import flow_table, scaled_flow
 from design.network_vtp import write_network_vtp
 from printctl.flow import (
     ONE_D,
     ONE_D_WAVES,
     PULSES,
+    TABLE,
     WAVES,
     one_d_options,
     pulsatile_conditions,
     solve_and_write,
     solve_and_write_one_d,
+    solve_steady,
 )
+from printctl.flow.steady import shear_band
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
@@ -34,7 +30,7 @@ from printctl.progress import Report
 from printctl.recipe.pulse import PulsePart
 from printctl.recipe.waves import OneDPart
 
-TABLE, PICTURE = "flow.csv", "network.vtp"
+PICTURE = "network.vtp"
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -43,16 +39,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     All in the print's size, at the design's wall shear.
     """
     network, driven, driven_by = context.network, context.conditions, context.recipe.flow
-    solution = solve_flow(network, driven)
-    write_flow_csv(context.folder / TABLE, network, solution)
+    solution, summary = solve_steady(context.folder, network, driven, driven_by)
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
     write_network_vtp(context.folder / PICTURE, network, values)
-    summary: dict[str, Any] = flow_summary(network, solution, driven)
     summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
     if context.recipe.print_scale != 1:
         summary["print_scale"] = context.recipe.print_scale
         summary["scaled"] = scaled(context, summary)
-    question_pressure(summary["pressure_drop_pa"])
     written = [TABLE, PICTURE]
     if driven_by.pulse is not None:
         summary["pulsatile"] = pulses(context, driven_by.pulse)
@@ -60,20 +53,25 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         if driven_by.one_d is not None:
             summary["one_d"] = waves(context, driven_by.pulse, driven_by.one_d, report)
             written += [ONE_D, ONE_D_WAVES]
-    return {**summary, "vessels": rows(flow_table(network, solution))}, written
+    table = rows(flow_table(network, solution, band=shear_band(driven_by)))
+    return {**summary, "vessels": table}, written
 
 
 def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
     """The periodic state that the recipe asks for, in the print's size."""
     recipe = context.recipe
-    conditions = pulsatile_conditions(recipe.flow, pulse, context.recipe_folder, recipe.print_scale)
+    conditions = pulsatile_conditions(
+        recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
+    )
     return solve_and_write(context.folder, context.network, conditions, pulse.steps)
 
 
 def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report) -> dict[str, Any]:
     """The same along the vessels, in the print's size."""
     recipe = context.recipe
-    conditions = pulsatile_conditions(recipe.flow, pulse, context.recipe_folder, recipe.print_scale)
+    conditions = pulsatile_conditions(
+        recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
+    )
     options = one_d_options(part, pulse.steps)
 
     def tell(cycle: int, change: float) -> None:
@@ -110,11 +108,12 @@ def rows(table: dict[str, NDArray[np.generic]]) -> list[dict[str, Any]]:
 
 
 def key(context: RunContext) -> list[Any]:
-    """The section, the scale, and the user's waveform where it names one."""
+    """The section, the scale, and the user's tables where it names any."""
     part = context.recipe.flow
-    table = None if part.pulse is None else part.pulse.table
+    tables = [part.outlets, None if part.pulse is None else part.pulse.table]
+    named = [name for name in tables if name is not None]
     told = [part.model_dump(mode="json", exclude_none=True), context.recipe.print_scale]
-    return told if table is None else [*told, context.digests([table])]
+    return [*told, context.digests(named)] if named else told
 
 
 STAGE = Stage(

@@ -10,7 +10,7 @@ from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, measure_network, measures_dict
 from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.context import RunContext, designed_conditions
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
@@ -36,6 +36,7 @@ def depends(context: RunContext) -> Any:
     asked = options(context)
     return [
         context.recipe.flow.model_dump(mode="json"),
+        context.outlets_digest,
         context.recipe.print_scale,
         [asked.seed, asked.printable_diameter_mm, asked.murray_exponent],
     ]
@@ -44,7 +45,7 @@ def depends(context: RunContext) -> Any:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Measure in the design's size, and keep every number; the report shows the main ones."""
     network = context.designed_network
-    flow = solve_flow(network, designed_conditions(context.recipe.flow)).flow
+    flow = solve_flow(network, context.designed_conditions).flow
     found = measures_dict(measure_network(network, context.tissue, options(context), flow))
     write_text(context.folder / MEASURES, json.dumps(found, indent=1, allow_nan=False) + "\n")
     return found, [MEASURES]

@@ -55,6 +55,7 @@ def depends(context: RunContext) -> Any:
     made = [
         context.recipe.toolpath.model_dump(mode="json"),
         context.recipe.flow.model_dump(mode="json"),
+        context.outlets_digest,
         context.place_mm.tolist(),
         context.compensation_digest,
     ]

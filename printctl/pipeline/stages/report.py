@@ -12,6 +12,7 @@ from printctl.bead import PLAYED
 from printctl.flow import WAVES, read_waves
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
+from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.artefacts import HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.deviation_surfaces import split_surfaces
@@ -32,6 +33,7 @@ _SECTIONS = {
     "vasculature": "network",
     "flow": "flow",
     "measures": "measures",
+    "oxygen": "oxygen",
     "solid": "solid",
     "toolpath": "toolpath",
     "dry run": "dry_run",
@@ -126,7 +128,16 @@ def figures(context: RunContext) -> dict[str, bytes]:
         flow_ul_s=context.flow_ul_s,
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
     )
-    return waves(context) | layer_pictures(context.folder / GCODE, pushing)
+    return (
+        waves(context) | oxygen_picture(context) | layer_pictures(context.folder / GCODE, pushing)
+    )
+
+
+def oxygen_picture(context: RunContext) -> dict[str, bytes]:
+    """The section through the worst place, where the recipe asks for oxygen."""
+    if context.recipe.oxygen is None:
+        return {}
+    return {f"oxygen/{CAPTION}": (context.folder / SLICE).read_bytes()}
 
 
 def waves(context: RunContext) -> dict[str, bytes]:

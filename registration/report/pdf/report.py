@@ -130,7 +130,7 @@ def _each_vessel(registration: Mapping[str, Any]) -> list[Flowable]:
 def _pictures(drawn: Figures) -> list[Flowable]:
     """Two in a row, and what belongs to no other section."""
     shown = [
-        one for place in ("registration", "design", "flow", "toolpath", "other")
+        one for place in ("registration", "design", "flow", "oxygen", "toolpath", "other")
         for one in _drawn(drawn, place, HALF)
     ]  # fmt: skip
     if not shown:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, solve_flow
+from design.hemodynamics import Behind, FlowConditions, PowerLaw, solve_flow, vessel_resistance
 from tests.design.hemodynamics.networks import VISCOSITY, network_of
 
 LINE = network_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [(0, 1), (1, 2)], 0.2)
@@ -76,3 +77,26 @@ def test_ends_must_be_nodes_of_the_network(conditions: FlowConditions, message: 
 def test_named_ends_take_the_place_of_the_designed_ones() -> None:
     conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=1.0, inlets=(2,), outlets=(0,))
     assert solve_flow(LINE, conditions).flow.tolist() == pytest.approx([-1.0, -1.0], rel=1e-14)
+
+
+def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
+    """Two outlets behind 1:2; and pressures beyond, one of them the lowest."""
+    fork = network_of([[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.3)
+    r = vessel_resistance(fork, VISCOSITY)
+    behind = {2: Behind(5.0, 30.0), 3: Behind(10.0, -10.0)}
+    for fluid in (None, PowerLaw(VISCOSITY, 1.0000001)):
+        found = solve_flow(
+            fork, FlowConditions(VISCOSITY, inlet_pressure_pa=100.0, behind=behind, fluid=fluid)
+        )
+        g = 1 / np.array([r[0], r[1] + 5.0, r[2] + 10.0])
+        middle = g @ [100.0, 30.0, -10.0] / g.sum()
+        flow = g * [100.0 - middle, middle - 30.0, middle + 10.0]
+        assert found.flow == pytest.approx(flow, rel=1e-5)
+        assert found.pressure[2] == pytest.approx(30.0 + 5.0 * flow[1], rel=1e-5)
+
+
+def test_a_pressure_behind_nothing_is_the_outlets_own() -> None:
+    found = solve_flow(
+        LINE, FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, behind={2: Behind(0.0, 4.0)})
+    )
+    assert found.pressure.tolist() == pytest.approx([9.0, 6.5, 4.0])

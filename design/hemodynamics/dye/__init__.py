@@ -1,0 +1,31 @@
+"""Dye run through a network: its front, its curves at places, and what a film can see of it."""
+
+from design.hemodynamics.dye.carried import Carried, carried_by, downstream, ends_along
+from design.hemodynamics.dye.curves import dye_curves
+from design.hemodynamics.dye.frames import FrameCheck, check_frames
+from design.hemodynamics.dye.front import (
+    CARRIED_BELOW,
+    DISPERSED_ABOVE,
+    DYE_DIFFUSIVITY,
+    DyeFront,
+    dye_front,
+    front_table,
+    mean_age,
+)
+
+__all__ = [
+    "CARRIED_BELOW",
+    "DISPERSED_ABOVE",
+    "DYE_DIFFUSIVITY",
+    "Carried",
+    "DyeFront",
+    "FrameCheck",
+    "carried_by",
+    "check_frames",
+    "downstream",
+    "dye_curves",
+    "dye_front",
+    "ends_along",
+    "front_table",
+    "mean_age",
+]

@@ -1,0 +1,14 @@
+"""The law that trees grow by, for many radii."""
+
+from __future__ import annotations
+
+from design.network import FloatArray
+from design.vasculature.growth.viscosity import relative_viscosity
+from kernels import jit
+
+
+@jit
+def relative(radius: FloatArray, haematocrit: float, found: FloatArray) -> None:
+    """Viscosity at radii (n,), mm, over that in wide vessels, into ``found`` (n,)."""
+    for k in range(len(radius)):
+        found[k] = relative_viscosity(radius[k], haematocrit)

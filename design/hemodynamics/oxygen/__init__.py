@@ -1,0 +1,31 @@
+"""Oxygen and other solutes: carried by the vessels, spread and taken up in the tissue."""
+
+from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
+from design.hemodynamics.oxygen.refine import solve_refined
+from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
+from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen
+from design.hemodynamics.oxygen.summary import oxygen_summary, oxygen_table
+from design.hemodynamics.oxygen.tissue_grid import (
+    TissueGrid,
+    grid_of_box,
+    grid_of_tissue,
+    spacing_for,
+)
+from design.hemodynamics.oxygen.vti import write_oxygen_vti
+
+__all__ = [
+    "HALF",
+    "OxygenConditions",
+    "OxygenSolution",
+    "SolverOptions",
+    "TissueGrid",
+    "assumptions",
+    "grid_of_box",
+    "grid_of_tissue",
+    "oxygen_summary",
+    "oxygen_table",
+    "solve_oxygen",
+    "solve_refined",
+    "spacing_for",
+    "write_oxygen_vti",
+]

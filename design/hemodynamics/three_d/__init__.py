@@ -1,0 +1,51 @@
+"""Flow resolved in space: meshes of lumens, and finite elements on them (extra ``flow3d``)."""
+
+from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
+from design.hemodynamics.three_d.harmonic import solve_harmonics
+from design.hemodynamics.three_d.jacobian import least_jacobian, straightened
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
+from design.hemodynamics.three_d.march import march_flow
+from design.hemodynamics.three_d.options import FlowOptions
+from design.hemodynamics.three_d.record import Stepping
+from design.hemodynamics.three_d.residence import ResidenceTime, residence_time
+from design.hemodynamics.three_d.sections import (
+    Section,
+    place_of,
+    probe_steady,
+    probe_waves,
+    section_of,
+    sections_at,
+)
+from design.hemodynamics.three_d.solution import Field, ThreeDSolution, ThreeDWaves, WallShear
+from design.hemodynamics.three_d.steady import solve_steady
+from design.hemodynamics.three_d.vtu import at_points, write_flow_vtu
+from design.hemodynamics.three_d.wall_shear import wall_shear
+
+__all__ = [
+    "ErrorEstimate",
+    "Field",
+    "FlowOptions",
+    "LumenMesh",
+    "MeshPort",
+    "ResidenceTime",
+    "Section",
+    "Stepping",
+    "ThreeDSolution",
+    "ThreeDWaves",
+    "WallShear",
+    "at_points",
+    "estimate_error",
+    "least_jacobian",
+    "march_flow",
+    "place_of",
+    "probe_steady",
+    "probe_waves",
+    "residence_time",
+    "section_of",
+    "sections_at",
+    "solve_harmonics",
+    "solve_steady",
+    "straightened",
+    "wall_shear",
+    "write_flow_vtu",
+]

@@ -1,0 +1,99 @@
+"""Linear systems with a few unknown pressures beside the finite elements'.
+
+    A x + B λ = r,    Bᵀ x - D λ = s
+
+where B's columns are the flows out of ports and D what an outlet lets through for its pressure.
+Krylov steps (GMRES) on the whole, preconditioned by the factor of A's symmetric part, bordered
+exactly: one solve a column, once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import FlowError
+
+Array = NDArray[Any]
+Apply = Callable[[Array], Array]
+
+STEPS: Final = 120
+"""Krylov steps at most."""
+
+
+@dataclass(frozen=True)
+class Border:
+    """B (n, m), D (m,), and the factor's answer to B's columns."""
+
+    columns: Array
+    slope: Array
+    answered: Array
+    schur: Array
+
+    @staticmethod
+    def around(solve: Apply, columns: Array, slope: Array, free: NDArray[np.bool_]) -> Border:
+        """Prepare for a factor."""
+        columns = columns * free[:, None]
+        answered = np.stack([solve(c) for c in columns.T], axis=1) if columns.size else columns
+        return Border(columns, slope, answered, np.diag(slope) + columns.T @ answered)
+
+
+def solve_bordered(
+    times: Apply, solve: Apply, border: Border, right: Array, free: NDArray[np.bool_], rtol: float
+) -> tuple[Array, int]:
+    """The unknowns x and λ, one after the other, and the Krylov steps taken.
+
+    Raises
+    ------
+    FlowError
+        When they don't converge.
+    """
+    count = len(free)
+
+    def operator(whole: Array) -> Array:
+        x, multiplier = whole[:count], whole[count:]
+        first = free * (times(x) + border.columns @ multiplier)
+        return np.concatenate([first, border.columns.T @ x - border.slope * multiplier])
+
+    def precondition(whole: Array) -> Array:
+        x = solve(whole[:count])
+        if not len(border.slope):
+            return x
+        multiplier = np.linalg.solve(border.schur, border.columns.T @ x - whole[count:])
+        return np.concatenate([x - border.answered @ multiplier, multiplier])
+
+    return _gmres(operator, precondition, right, rtol)
+
+
+def _gmres(operator: Apply, precondition: Apply, right: Array, rtol: float) -> tuple[Array, int]:
+    """Right-preconditioned, so that it measures the true residual (Saad 2003, §9.3.2)."""
+    norm = float(np.linalg.norm(right))
+    if norm == 0.0:
+        return np.zeros_like(right), 0
+    basis = [right / norm]
+    hessenberg = np.zeros((STEPS + 1, STEPS), dtype=right.dtype)
+    for k in range(STEPS):
+        new = operator(precondition(basis[k]))
+        for _ in range(2):  # twice is enough to stay orthogonal
+            for j, old in enumerate(basis):
+                part = np.vdot(old, new)
+                hessenberg[j, k] += part
+                new = new - part * old
+        hessenberg[k + 1, k] = np.linalg.norm(new)
+        target = np.zeros(k + 2, dtype=right.dtype)
+        target[0] = norm
+        square = hessenberg[: k + 2, : k + 1]
+        weight = np.linalg.lstsq(square, target, rcond=None)[0]
+        left = float(np.linalg.norm(square @ weight - target)) / norm
+        if left <= rtol:
+            total = sum(w * v for w, v in zip(weight, basis, strict=True))
+            return precondition(np.asarray(total)), k + 1
+        basis.append(new / hessenberg[k + 1, k])
+    raise FlowError(
+        f"the linear solver is left with {left:.2g} of its residual after {STEPS} steps "
+        f"({rtol:.1g} asked): convection is too strong for it; lower the flow, or refine the mesh"
+    )

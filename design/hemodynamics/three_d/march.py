@@ -1,0 +1,176 @@
+"""Pulsatile flow in a lumen, stepped through time until it repeats.
+
+Second-order backward differences, (3 u' - 4 u + u⁻)/(2 Δt), with convection implicit: Newton from
+the extrapolation 2 u - u⁻ takes a step or two, each by Krylov steps with one factor of the
+symmetric part for all times. Explicit convection would bind the step to ν/u², a few 10⁻⁴ s here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics.three_d.bordered import Border
+from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine_mesh import engine_mesh
+from design.hemodynamics.three_d.inflow import Inflow, inflow_of
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.memory import check_memory
+from design.hemodynamics.three_d.newton import Problem, newton, solve_newton
+from design.hemodynamics.three_d.options import FlowOptions
+from design.hemodynamics.three_d.outlet_laws import OutletLaws
+from design.hemodynamics.three_d.port_plan import PortPlan, pulsatile_plan
+from design.hemodynamics.three_d.record import Record, Stepping
+from design.hemodynamics.three_d.sections import Section
+from design.hemodynamics.three_d.solution import ThreeDWaves
+from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
+from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, spaces, through
+from design.hemodynamics.waveforms.waveform import common_period, cycle_times
+from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
+from design.network import FloatArray
+
+_TOLERANCE: Final = 1e-6
+"""Residual left of a time step, of that of no flow."""
+
+
+def march_flow(
+    mesh: LumenMesh,
+    conditions: PulsatileConditions,
+    options: FlowOptions | None = None,
+    stepping: Stepping | None = None,
+    sections: Sequence[Section] = (),
+) -> ThreeDWaves:
+    """Step pulsatile flow from the steady one at mean flow until a cycle ends as it began.
+
+    The wall is rigid.
+
+    Parameters
+    ----------
+    mesh : LumenMesh
+    conditions : PulsatileConditions
+    options : FlowOptions, optional
+        Its density isn't used: the conditions have one.
+    stepping : Stepping, optional
+    sections : sequence of Section
+        Where flow and pressure are recorded at every step.
+
+    Raises
+    ------
+    FlowError
+        As `solve_steady`, waveforms of different periods, and where no periodic state is reached.
+    """
+    how, clock = options or FlowOptions(), stepping or Stepping()
+    plan = pulsatile_plan(mesh, conditions)
+    check_memory(mesh, how)
+    period = common_period(plan.waveforms())
+    if period is None:
+        raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")
+    check_laminar(mesh, plan, plan.flow.at(cycle_times(period, clock.steps)), plan.inflow)
+    with working(how.threads) as ng:
+        room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
+        first = steady_problem(room, mesh, plan, how)
+        begun = solve_newton(first, how.tolerance, float("nan")).unknowns
+        inflow = inflow_of(room, mesh, plan, period, clock.steps)
+        del first
+        stepper = _Stepper(room, plan, how, inflow, period / clock.steps, begun)
+        return _cycles(stepper, mesh, clock, period, sections)
+
+
+class _Stepper:
+    """What holds for all steps, and the last two states."""
+
+    def __init__(
+        self,
+        room: Spaces,
+        plan: PortPlan,
+        how: FlowOptions,
+        inflow: Inflow,
+        step_s: float,
+        begun: FloatArray,
+    ) -> None:
+        self.room, self.plan, self.inflow, self.step_s = room, plan, inflow, step_s
+        stokes = Stokes(room, plan.viscosity_pa_s, 1.5 * plan.density / step_s)
+        self.laws = OutletLaws(plan.coupled, step_s, begun[room.count :])
+        border = Border.around(stokes.solve, columns_of(room, plan), self.laws.slope, room.free)
+        convection = Convection(room, plan.density, plan.outlets) if how.convection else None
+        nothing = np.zeros(room.count)
+        self.problem = Problem(
+            room, stokes, convection, border, nothing, nothing, np.zeros(len(plan.coupled))
+        )
+        self.mass = _mass(room, plan.density / step_s)
+        self.now = self.before = begun
+        still = np.concatenate([inflow.at(0.0), np.zeros(len(plan.coupled))])
+        self.scale = max(float(np.linalg.norm(self.problem.residual(begun, 0.0))),
+                         float(np.linalg.norm(self.problem.residual(still, 0.0))))  # fmt: skip
+
+    def advance(self, time_s: float) -> None:
+        """Go to this time."""
+        room, count = self.room, self.room.count
+        load = self.mass(2.0 * self.now[:count] - 0.5 * self.before[:count])
+        for port, waveform in self.plan.held:
+            load -= float(waveform.at(np.array([time_s]))[0]) * room.outward[port]
+        problem = replace(self.problem, load=load, given=self.laws.given(time_s))
+        guess = 2.0 * self.now - self.before
+        guess[:count] = np.where(room.free, guess[:count], self.inflow.at(time_s))
+        share = 0.0 if problem.convection is None else 1.0
+        found = newton(problem, guess, share, _TOLERANCE * self.scale, self.scale)
+        self.before, self.now = self.now, found.unknowns
+        self.laws.keep(problem.border.columns.T @ self.now[:count])
+
+
+def _mass(room: Spaces, factor: float) -> Any:
+    """Factor ∫ u·v as a function of unknowns."""
+    u, v = room.velocity.TnT()
+    form = room.ng.BilinearForm(room.velocity, symmetric=True)
+    form += factor * u * v * room.ng.dx
+    form.Assemble()
+    state, answer = form.mat.CreateColVector(), form.mat.CreateColVector()
+    inner, count = through(form.mat, state, answer), room.velocity.ndof
+
+    def applied(values: FloatArray) -> FloatArray:
+        found = np.zeros_like(values)
+        found[:count] = inner(values[:count])
+        return found
+
+    applied.form = form  # type: ignore[attr-defined]  # holds the matrix as long as it is used
+    return applied
+
+
+def _cycles(
+    stepper: _Stepper,
+    mesh: LumenMesh,
+    clock: Stepping,
+    period: float,
+    sections: Sequence[Section],
+) -> ThreeDWaves:
+    changes: list[float] = []
+    for _ in range(clock.cycles):
+        record = Record(stepper.room, mesh, clock, sections)
+        begin = stepper.now
+        for k in range(clock.steps):
+            stepper.advance((k + 1) * stepper.step_s)
+            record.keep((k + 1) % clock.steps, stepper.now[: stepper.room.count])
+        changes.append(_change(stepper, begin))
+        if changes[-1] <= clock.tolerance:
+            return record.waves(cycle_times(period, clock.steps), np.array(changes))
+    raise FlowError(
+        f"no periodic state after {len(changes)} cycles: the last still changed by "
+        f"{changes[-1]:.2g} of the largest value ({clock.tolerance:.1g} asked); allow more cycles"
+    )
+
+
+def _change(stepper: _Stepper, begin: FloatArray) -> float:
+    """Largest change of velocity and of pressure, each of its own largest value."""
+    velocity, count = stepper.room.velocity.ndof, stepper.room.count
+    parts = (slice(0, velocity), slice(velocity, count), slice(count, None))
+    found = 0.0
+    for part in parts:
+        new, old = stepper.now[part], begin[part]
+        largest = float(np.abs(new).max(initial=0.0))
+        if largest > 0.0:
+            found = max(found, float(np.abs(new - old).max()) / largest)
+    return found

@@ -1,0 +1,62 @@
+"""What 3D flow takes of memory, told before it is taken."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from design.errors import FlowError
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.options import FlowOptions
+
+_BYTES = {2: 8500.0, 3: 9000.0}
+"""By unknown: measured on pipes and forks, with a third to spare."""
+
+_BASE = 200e6
+
+
+def unknowns(mesh: LumenMesh, order: int) -> int:
+    """Number of velocity and pressure unknowns."""
+    corners, edges, tets = mesh.corner_count, len(mesh.points) - mesh.corner_count, len(mesh.tets)
+    triangles = (4 * tets + len(mesh.faces)) // 2
+    if order == 2:
+        return 3 * (corners + edges) + corners
+    return 3 * (corners + 2 * edges + triangles) + corners + edges
+
+
+def needed_bytes(mesh: LumenMesh, order: int) -> float:
+    """Most that a solution takes."""
+    return _BASE + _BYTES[order] * unknowns(mesh, order)
+
+
+def free_bytes() -> float | None:
+    """What the machine has left; None where it doesn't say."""
+    lines = Path("/proc/meminfo")
+    if lines.exists():
+        held = [x for x in lines.read_text().splitlines() if x.startswith("MemAvailable:")]
+        if held:
+            return float(held[0].split()[1]) * 1024.0
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def check_memory(mesh: LumenMesh, options: FlowOptions) -> None:
+    """Refuse what won't fit.
+
+    Raises
+    ------
+    FlowError
+        With the numbers.
+    """
+    needed = needed_bytes(mesh, options.order)
+    limit = free_bytes() if options.memory_gb is None else options.memory_gb * 1e9
+    if limit is not None and needed > limit:
+        whose = "free here" if options.memory_gb is None else "allowed (memory_gb)"
+        raise FlowError(
+            f"3D flow on {len(mesh.tets):,} elements of order {options.order} has "
+            f"{unknowns(mesh, options.order):,} unknowns and takes some {needed / 1e9:.1f} GB, "
+            f"above the {limit / 1e9:.1f} GB {whose}; take order 2, a coarser mesh, a part of the "
+            "network, or MPI ranks"
+        )

@@ -1,0 +1,161 @@
+"""Newton's method for steady flow, damped, and led from slow flow to fast where it must be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics.three_d.bordered import Border, solve_bordered
+from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes
+from design.network import FloatArray
+
+_STEPS: Final = 25
+_LEAST_DAMPING: Final = 1.0 / 32.0
+_FORCING: Final = 1e-3
+_LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
+"""Shares of convection gone through, tried in turn."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A steady system: what is given, and what unknown pressures hang on.
+
+    Attributes
+    ----------
+    spaces : Spaces
+    stokes : Stokes
+    convection : Convection or None
+    border : Border
+    start : (n,) float64
+        Given velocities, 0 elsewhere.
+    load : (n,) float64
+        Force of the given pressures.
+    given : (m,) float64
+        Right side of the border's rows.
+    """
+
+    spaces: Spaces
+    stokes: Stokes
+    convection: Convection | None
+    border: Border
+    start: FloatArray
+    load: FloatArray
+    given: FloatArray
+
+    def residual(self, whole: FloatArray, share: float) -> FloatArray:
+        """What is left of the equations at x and λ."""
+        x, multiplier = np.split(whole, [self.spaces.count])
+        force = self.stokes.times(x) + self.border.columns @ multiplier - self.load
+        if self.convection is not None and share > 0.0:
+            force += share * self.convection.force(x)
+        rows = self.border.columns.T @ x - self.border.slope * multiplier
+        return np.concatenate([self.spaces.free * force, rows - self.given])
+
+
+@dataclass(frozen=True)
+class Converged:
+    """A solution and the way to it.
+
+    Attributes
+    ----------
+    unknowns : (n + m,) float64
+    residual : (k,) float64
+        After each of Newton's steps, of that of no flow.
+    krylov : int
+        Linear steps, all together.
+    """
+
+    unknowns: FloatArray
+    residual: FloatArray
+    krylov: int
+
+
+def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> Converged:
+    """Solve Stokes flow, then Navier–Stokes from it.
+
+    Raises
+    ------
+    FlowError
+        When it doesn't converge, with the numbers.
+    """
+    whole = np.concatenate([problem.start, np.zeros(len(problem.given))])
+    scale = float(np.linalg.norm(problem.residual(whole, 0.0)))
+    if scale == 0.0:
+        return Converged(whole, np.zeros(1), 0)
+    first = newton(problem, whole, 0.0, tolerance * scale, scale)
+    if problem.convection is None:
+        return first
+    for loads in _LOADS:
+        try:
+            return _led(problem, first, loads, tolerance * scale, scale)
+        except FlowError as error:
+            why = error
+    raise FlowError(
+        f"no steady flow found at Reynolds number {reynolds:.0f}: {why}; lower the flow, refine "
+        "the mesh, or solve the pulsatile problem, since the flow may not be steady"
+    )
+
+
+def _led(
+    problem: Problem, found: Converged, loads: tuple[float, ...], limit: float, scale: float
+) -> Converged:
+    steps = found.krylov
+    for share in loads:
+        found = newton(problem, found.unknowns, share, limit, scale)
+        steps += found.krylov
+    return Converged(found.unknowns, found.residual, steps)
+
+
+def newton(
+    problem: Problem, whole: FloatArray, share: float, limit: float, scale: float
+) -> Converged:
+    """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
+
+    Raises
+    ------
+    FlowError
+        When they don't get there.
+    """
+    residual = problem.residual(whole, share)
+    norms, krylov = [float(np.linalg.norm(residual))], 0
+    for _ in range(_STEPS):
+        if norms[-1] <= limit:
+            return Converged(whole, np.array(norms) / scale, krylov)
+        # No more digits of the linear system than the next residual can use.
+        rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _FORCING)
+        change, steps = _change(problem, whole, residual, share, rtol)
+        krylov += steps
+        whole, residual = _damped(problem, whole, change, share, norms[-1])
+        norms.append(float(np.linalg.norm(residual)))
+    raise FlowError(f"{_STEPS} of Newton's steps leave {norms[-1] / scale:.2g} of the residual")
+
+
+def _change(
+    problem: Problem, whole: FloatArray, residual: FloatArray, share: float, rtol: float
+) -> tuple[FloatArray, int]:
+    times = problem.stokes.times
+    if problem.convection is not None and share > 0.0:
+        derivative = problem.convection.derivative(whole[: problem.spaces.count])
+
+        def times(x: FloatArray) -> FloatArray:
+            return problem.stokes.times(x) + share * derivative(x)
+
+    solve, free = problem.stokes.solve, problem.spaces.free
+    return solve_bordered(times, solve, problem.border, -residual, free, rtol)
+
+
+def _damped(
+    problem: Problem, whole: FloatArray, change: FloatArray, share: float, norm: float
+) -> tuple[FloatArray, FloatArray]:
+    """The longest of ever shorter steps that lowers the residual."""
+    part = 1.0
+    while part >= _LEAST_DAMPING:
+        new = whole + part * change
+        residual = problem.residual(new, share)
+        if float(np.linalg.norm(residual)) < (1.0 - 0.1 * part) * norm:
+            return new, residual
+        part *= 0.5
+    raise FlowError(f"Newton's step doesn't lower the residual even at {part:.2g} of its length")

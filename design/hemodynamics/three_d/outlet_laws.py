@@ -1,0 +1,71 @@
+"""What outlets ask of flow and pressure in each time step.
+
+A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
+order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the
+flow at once: stable whatever the step (Esmaily Moghadam, Vignon-Clementel, Figliola & Marsden 2013,
+doi 10.1016/j.jcp.2012.07.035).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from design.hemodynamics.three_d.port_plan import Coupled, GivenFlow
+from design.hemodynamics.zero_d.pulsatile.conditions import ResistanceOutlet, WindkesselOutlet
+from design.network import FloatArray
+
+
+class OutletLaws:
+    """Laws of all coupled groups, Q - D p = s, and what Windkessels hold.
+
+    Attributes
+    ----------
+    slope : (m,) float64, µL/(Pa·s)
+        D, the same at all times.
+    """
+
+    def __init__(self, coupled: tuple[Coupled, ...], step_s: float, pressure: FloatArray) -> None:
+        """Begin in steady flow with these pressures (m,) at the groups."""
+        self._laws, self._step_s = [c.law for c in coupled], step_s
+        self.slope = np.array([self._slope(law) for law in self._laws]).reshape(-1)
+        self._now = np.zeros(len(coupled))
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                share = law.distal / (law.proximal + law.distal)
+                self._now[k] = law.distal_pa + share * (pressure[k] - law.distal_pa)
+        self._before = self._now
+
+    def given(self, time_s: float) -> FloatArray:
+        """S (m,) at the time stepped to, µL/s."""
+        found = np.zeros(len(self._laws))
+        for k, law in enumerate(self._laws):
+            if isinstance(law, GivenFlow):
+                found[k] = law.factor * float(law.waveform.at(np.array([time_s]))[0])
+            elif isinstance(law, ResistanceOutlet):
+                found[k] = -law.distal_pa / law.resistance
+            else:
+                found[k] = -self.slope[k] * self._inner(k, law, 0.0)
+        return found
+
+    def keep(self, flow: FloatArray) -> None:
+        """Take the step with this flow (m,), µL/s."""
+        new = self._now.copy()
+        for k, law in enumerate(self._laws):
+            if isinstance(law, WindkesselOutlet):
+                new[k] = self._inner(k, law, float(flow[k]))
+        self._before, self._now = self._now, new
+
+    def _slope(self, law: GivenFlow | ResistanceOutlet | WindkesselOutlet) -> float:
+        if isinstance(law, GivenFlow):
+            return 0.0
+        if isinstance(law, ResistanceOutlet):
+            return 1.0 / law.resistance
+        return 1.0 / (law.proximal + 1.0 / self._leak(law))
+
+    def _leak(self, law: WindkesselOutlet) -> float:
+        return 1.5 * law.compliance / self._step_s + 1.0 / law.distal
+
+    def _inner(self, k: int, law: WindkesselOutlet, flow: float) -> float:
+        """Pressure behind the first resistance, Pa."""
+        held = law.compliance * (2.0 * self._now[k] - 0.5 * self._before[k]) / self._step_s
+        return (flow + law.distal_pa / law.distal + held) / self._leak(law)

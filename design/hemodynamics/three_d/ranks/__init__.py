@@ -1,0 +1,22 @@
+"""The same finite elements on MPI ranks: a case in files, an engine, its result."""
+
+from design.hemodynamics.three_d.ranks.case import (
+    PortCondition,
+    PortFlow,
+    PortPressure,
+    PortShare,
+    RankConditions,
+    write_case,
+)
+from design.hemodynamics.three_d.ranks.result import RankResult, read_result
+
+__all__ = [
+    "PortCondition",
+    "PortFlow",
+    "PortPressure",
+    "PortShare",
+    "RankConditions",
+    "RankResult",
+    "read_result",
+    "write_case",
+]

@@ -1,0 +1,24 @@
+"""Solve the case of the folder named on the command line."""
+
+from __future__ import annotations
+
+import sys
+
+import petsc4py
+
+petsc4py.init([sys.argv[0], *sys.argv[2:]])  # before anything that starts PETSc itself
+
+import logging  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+from .solve import solve_case  # noqa: E402
+from .world import WORLD  # noqa: E402
+
+if __name__ == "__main__":
+    logging.disable(logging.INFO)  # of the compiler, every rank's
+    try:
+        solve_case(Path(sys.argv[1]))
+    except BaseException as failure:  # One rank's failure would leave the others waiting.
+        told = f"rank {WORLD.rank}: {type(failure).__name__}: {failure}"
+        print(told, file=sys.stderr, flush=True)
+        WORLD.Abort(1)

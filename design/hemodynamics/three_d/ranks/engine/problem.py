@@ -1,0 +1,153 @@
+"""The discrete problem on a rank: spaces, forms and given values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as assembly
+from petsc4py import PETSc
+
+from .partition import distributed, elements, node_of, tagged
+from .world import WORLD
+
+WALL = 0
+DEGREE = {"quadrature_degree": 6}  # two quadratic factors and the quadratic map's Jacobian
+
+
+@dataclass(frozen=True)
+class Field:
+    """Velocity or pressure: its unknowns on this rank, and the file's node of each point."""
+
+    unknown: Any
+    node: Any
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Forms, unknowns, what is given; loads of a unit pressure at each port and each group.
+
+    `group_pressure`, an array that is changed in place, holds the groups' unknowns.
+    """
+
+    case: dict[str, Any]
+    space: Any
+    velocity: Field
+    pressure: Field
+    solution: Any
+    given: Any
+    given_unknown: Any
+    residual: Any
+    jacobian: Any
+    mass: Any
+    faces: Any
+    loads: list[Any]
+    groups: list[Any]
+    group_pressure: Any
+
+    @property
+    def owned(self) -> int:
+        """Unknowns of this rank."""
+        dofmap = self.space.dofmap
+        return int(dofmap.index_map.size_local * dofmap.index_map_bs)
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns of all ranks."""
+        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
+
+
+def problem_of(folder: Path, case: dict[str, Any]) -> Problem:
+    """Read a case and set its forms up."""
+    domain = distributed(folder)
+    node = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+    make = getattr(fem, "functionspace", None) or fem.FunctionSpace
+    space = make(domain, elements()[1])
+    (flow, at_flow), (push, at_push) = (space.sub(k).collapse() for k in (0, 1))
+    velocity = Field(np.asarray(at_flow), node_of(flow, domain, node))
+    pressure = Field(np.asarray(at_push), node_of(push, domain, node))
+    tags = tagged(domain, folder, node)
+    value = fem.Function(flow)
+    inflow = np.load(folder / "inflow.npy", mmap_mode="r")
+    value.x.array[:] = inflow[velocity.node].ravel()
+    driven = [port["label"] for port in case["ports"] if port["kind"] == "profile"]
+    facets = tags.indices[np.isin(tags.values, [WALL, *driven])]
+    at = fem.locate_dofs_topological((space.sub(0), flow), 2, facets)
+    solution = fem.Function(space)
+    solution.x.array[np.asarray(at[0])] = value.x.array[np.asarray(at[1])]
+    faces = ufl.Measure("ds", domain=domain, subdomain_data=tags)(metadata=DEGREE)
+    test, normal = ufl.TestFunctions(space)[0], ufl.FacetNormal(domain)
+    loads = [summed(fem.form(ufl.dot(test, normal) * faces(x["label"]))) for x in case["ports"]]
+    given = fem.dirichletbc(value, at, space.sub(0))
+    forms = _forms(case, space, solution, faces)
+    groups = [together([loads[k] for k in group["ports"]]) for group in case["groups"]]
+    return Problem(case, space, velocity, pressure, solution, given, np.asarray(at[0]), *forms,
+                   faces, loads, groups, np.zeros(len(groups)))  # fmt: skip
+
+
+def together(vectors: list[Any]) -> Any:
+    """Their sum, a new vector."""
+    found = vectors[0].copy()
+    for vector in vectors[1:]:
+        found.axpy(1.0, vector)
+    return found
+
+
+def _forms(case: dict[str, Any], space: Any, solution: Any, faces: Any) -> tuple[Any, Any, Any]:
+    """What the weak form leaves, its derivative, and the pressure's mass by viscosity."""
+    volume = ufl.dx(metadata=DEGREE)
+    u, p = ufl.split(solution)
+    v, q = ufl.TestFunctions(space)
+    viscosity, density = (
+        fem.Constant(space.mesh, PETSc.ScalarType(case[key]))
+        for key in ("viscosity_pa_s", "density")
+    )
+    left = viscosity * ufl.inner(ufl.grad(u), ufl.grad(v)) - p * ufl.div(v) - q * ufl.div(u)
+    left += 0.0 * p * q  # a place in the matrix for the pressure's diagonal
+    whole = left * volume
+    if case["model"] == "navier_stokes":
+        whole += density * ufl.dot(ufl.dot(ufl.grad(u), u), v) * volume
+        out = ufl.dot(u, ufl.FacetNormal(space.mesh))
+        back = -0.5 * density * ufl.conditional(ufl.lt(out, 0.0), out, 0.0) * ufl.dot(u, v)
+        for port in case["ports"]:
+            if port["outlet"] and port["kind"] == "open":
+                whole += back * faces(port["label"])
+    mass = ufl.TrialFunctions(space)[1] * q / viscosity * volume
+    return fem.form(whole), fem.form(ufl.derivative(whole, solution)), fem.form(mass)
+
+
+def summed(form: Any) -> Any:
+    """A vector, its shares added up where ranks meet."""
+    vector = assembly.assemble_vector(form)
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    return vector
+
+
+def flows(problem: Problem, loads: list[Any]) -> Any:
+    """Out of each port or group, µL/s."""
+    values = problem.solution.x.array[: problem.owned]
+    return np.array([WORLD.allreduce(float(load.array @ values)) for load in loads])
+
+
+def residual(problem: Problem) -> tuple[Any, Any]:
+    """What the weak form leaves, 0 where a velocity is given; and what the groups' laws leave."""
+    left = summed(problem.residual)
+    for port, load in zip(problem.case["ports"], problem.loads, strict=True):
+        left.axpy(port["pressure_pa"], load)
+    for pressure, load in zip(problem.group_pressure, problem.groups, strict=True):
+        left.axpy(pressure, load)
+    laws = problem.case["groups"]
+    slope, given = (np.array([law[key] for law in laws]) for key in ("slope", "given"))
+    laws_left = flows(problem, problem.groups) - slope * problem.group_pressure - given
+    return cleared(problem, left), laws_left
+
+
+def cleared(problem: Problem, vector: Any) -> Any:
+    """``vector`` with 0 where a velocity is given."""
+    own = problem.given_unknown[problem.given_unknown < problem.owned]
+    vector.array[own] = 0.0
+    return vector

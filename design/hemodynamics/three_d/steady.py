@@ -1,0 +1,171 @@
+"""Steady flow in a lumen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from design.errors import FlowError
+from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.three_d.balance import energy_of, port_pressures
+from design.hemodynamics.three_d.bordered import Border
+from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine_mesh import engine_mesh
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh
+from design.hemodynamics.three_d.memory import check_memory
+from design.hemodynamics.three_d.newton import Converged, Problem, solve_newton
+from design.hemodynamics.three_d.options import LAMINAR, FlowOptions
+from design.hemodynamics.three_d.port_plan import (
+    Coupled,
+    GivenFlow,
+    PortPlan,
+    pulsatile_plan,
+    steady_plan,
+)
+from design.hemodynamics.three_d.port_profile import unit_profile
+from design.hemodynamics.three_d.sample import field_of
+from design.hemodynamics.three_d.solution import ThreeDSolution
+from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, spaces
+from design.hemodynamics.three_d.wall_shear import wall_shear
+from design.hemodynamics.waveforms import Waveform
+from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions, ResistanceOutlet
+from design.network import FloatArray
+
+_MEAN_SAMPLES = 512
+
+
+def solve_steady(
+    mesh: LumenMesh,
+    conditions: FlowConditions | PulsatileConditions,
+    options: FlowOptions | None = None,
+) -> ThreeDSolution:
+    """Solve steady Navier–Stokes or Stokes flow in a lumen.
+
+    One inlet of given flow gets Poiseuille's profile of the port's own shape; several share a
+    pressure. Other ports have a uniform traction.
+
+    Parameters
+    ----------
+    mesh : LumenMesh
+        With elements that are mapped one to one (`straightened`).
+    conditions : FlowConditions or PulsatileConditions
+        Of pulsatile ones, the means.
+    options : FlowOptions, optional
+
+    Raises
+    ------
+    FlowError
+        Conditions that leave the pressure undetermined, too little memory, a Reynolds number
+        above `LAMINAR`, no convergence, the extra not installed.
+    """
+    how = FlowOptions() if options is None else options
+    plan = plan_of(mesh, conditions, how)
+    check_memory(mesh, how)
+    check_laminar(mesh, plan, np.array([mean(plan.flow)]), plan.inflow)
+    with working(how.threads) as ng:
+        room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
+        problem = steady_problem(room, mesh, plan, how)
+        found = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))
+        return _solution(room, mesh, plan, found)
+
+
+def plan_of(
+    mesh: LumenMesh, conditions: FlowConditions | PulsatileConditions, options: FlowOptions
+) -> PortPlan:
+    """What holds at the ports."""
+    if isinstance(conditions, PulsatileConditions):
+        return pulsatile_plan(mesh, conditions)
+    return steady_plan(mesh, conditions, options.density)
+
+
+def steady_problem(room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowOptions) -> Problem:
+    """The system of the mean conditions."""
+    stokes = Stokes(room, plan.viscosity_pa_s)
+    start = np.zeros(room.count)
+    if plan.inflow is not None:
+        start = mean(plan.flow) * unit_profile(room, mesh, plan.inflow)
+    load = np.zeros(room.count)
+    for port, waveform in plan.held:
+        load -= mean(waveform) * room.outward[port]
+    slope, given = mean_laws(plan.coupled)
+    border = Border.around(stokes.solve, columns_of(room, plan), slope, room.free)
+    convection = Convection(room, plan.density, plan.outlets) if options.convection else None
+    return Problem(room, stokes, convection, border, start, load, given)
+
+
+def columns_of(room: Spaces, plan: PortPlan) -> FloatArray:
+    """Flow out of each coupled group, (n, m)."""
+    rows = [room.outward[list(c.ports)].sum(axis=0) for c in plan.coupled]
+    return np.array(rows).reshape(-1, room.count).T
+
+
+def mean_laws(coupled: tuple[Coupled, ...]) -> tuple[FloatArray, FloatArray]:
+    """D and s of Q - D p = s for each group in steady flow."""
+    slope, given = np.zeros(len(coupled)), np.zeros(len(coupled))
+    for k, group in enumerate(coupled):
+        law = group.law
+        if isinstance(law, GivenFlow):
+            given[k] = law.factor * mean(law.waveform)
+            continue
+        whole = law.resistance if isinstance(law, ResistanceOutlet) else law.proximal + law.distal
+        slope[k], given[k] = 1.0 / whole, -law.distal_pa / whole
+    return slope, given
+
+
+def mean(waveform: Waveform) -> float:
+    """Of a cycle."""
+    if waveform.period_s is None:
+        return float(waveform.at(np.zeros(1))[0])
+    return float(waveform.at(cycle_times(waveform.period_s, _MEAN_SAMPLES)).mean())
+
+
+def check_laminar(mesh: LumenMesh, plan: PortPlan, flow: FloatArray, port: int | None) -> None:
+    """Refuse a flow (one or more values) that may be turbulent at a port.
+
+    Raises
+    ------
+    FlowError
+    """
+    if port is None:
+        return
+    found = float(np.abs(reynolds(plan, float(np.abs(flow).max()), mesh.ports[port].radius_mm)))
+    if found > LAMINAR:
+        raise FlowError(
+            f"Reynolds number {found:.0f} at port {port} (node {mesh.ports[port].node}, radius "
+            f"{mesh.ports[port].radius_mm:g} mm) is above {LAMINAR:.0f}: no laminar flow to solve "
+            "for; lower the flow, or widen the lumen"
+        )
+
+
+def reynolds(plan: PortPlan, flow: float, radius: float) -> float:
+    """2 ϱ Q/(π μ r)."""
+    return 2.0 * plan.density * flow / (np.pi * plan.viscosity_pa_s * radius)
+
+
+def _reynolds_scale(mesh: LumenMesh, plan: PortPlan) -> float:
+    if plan.inflow is None:
+        return float("nan")
+    return abs(reynolds(plan, mean(plan.flow), mesh.ports[plan.inflow].radius_mm))
+
+
+def _solution(room: Spaces, mesh: LumenMesh, plan: PortPlan, found: Converged) -> ThreeDSolution:
+    unknowns = found.unknowns[: room.count]
+    field = field_of(room, mesh, unknowns)
+    flow = room.outward @ unknowns
+    number = np.array(
+        [abs(reynolds(plan, q, p.radius_mm)) for q, p in zip(flow, mesh.ports, strict=True)]
+    )
+    for port in np.flatnonzero(number > LAMINAR):
+        check_laminar(mesh, plan, flow[port : port + 1], int(port))
+    return ThreeDSolution(
+        field=field,
+        wall_shear=wall_shear(field, plan.viscosity_pa_s),
+        port_flow=flow,
+        port_pressure=port_pressures(room, unknowns),
+        reynolds=number,
+        energy=energy_of(room, plan, unknowns),
+        unknowns=room.count,
+        residual=found.residual,
+        krylov=found.krylov,
+        coefficients=unknowns,
+    )

@@ -1,0 +1,164 @@
+"""Taylor–Hood elements of a lumen: spaces, matrices, factors and the ports' vectors.
+
+Velocities of degree k and pressures of degree k - 1, continuous, on curved tetrahedra (Taylor &
+Hood 1973, doi 10.1016/0045-7930(73)90027-3). The weak form is
+
+    ∫ μ ∇u:∇v + κ ∫ u·v - ∫ p ∇·v + ∫ q ∇·u + Σ p_k ∫_k v·n = 0
+
+with the wall's and a profile's velocities given; κ is 0, or ϱ over a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.hemodynamics.three_d.engine_mesh import WALL_NAME, port_name
+from design.network import FloatArray
+
+_SLACK: Final = 1e-7
+"""Compressibility, times μ, that gives the factor a pivot for every pressure; Krylov steps take
+its effect away again."""
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """Spaces on one mesh.
+
+    Attributes
+    ----------
+    ng, mesh : module, engine's mesh
+    both, velocity : engine's spaces
+        Velocity and pressure; velocity alone, the first of its unknowns.
+    order : int
+    free : (n,) bool
+        Unknowns that aren't given.
+    outward : (p, n) float64
+        Flow out of each port, µL/s, is its row times the unknowns.
+    """
+
+    ng: Any
+    mesh: Any
+    both: Any
+    velocity: Any
+    order: int
+    free: NDArray[np.bool_]
+    outward: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns, given ones included."""
+        return len(self.free)
+
+
+def spaces(ng: Any, mesh: Any, ports: int, order: int, inflow: int | None) -> Spaces:
+    """Spaces of this order; port ``inflow`` has its velocity given, as the wall has."""
+    given = WALL_NAME if inflow is None else f"{WALL_NAME}|{port_name(inflow)}"
+    velocity = ng.VectorH1(mesh, order=order, dirichlet=given)
+    both = velocity * ng.H1(mesh, order=order - 1)
+    free = np.fromiter(both.FreeDofs(), dtype=bool, count=both.ndof)
+    outward = np.zeros((ports, both.ndof))
+    for k in range(ports):
+        form = ng.LinearForm(velocity)
+        form += velocity.TestFunction() * ng.specialcf.normal(3) * ng.ds(port_name(k))
+        form.Assemble()
+        outward[k, : velocity.ndof] = form.vec.FV().NumPy()
+    return Spaces(ng, mesh, both, velocity, order, free, outward)
+
+
+class Stokes:
+    """The symmetric operator, and its factor on the free unknowns."""
+
+    def __init__(self, spaces: Spaces, viscosity: float, rate: complex = 0.0) -> None:
+        """Assemble; ``rate`` is κ, Pa·s/mm², complex for an oscillation."""
+        ng, self.complex = spaces.ng, isinstance(rate, complex)
+        both = spaces.both if not self.complex else _as_complex(spaces)
+        (u, p), (v, q) = both.TnT()
+        form = ng.BilinearForm(both, symmetric=True)
+        form += viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
+        if rate:
+            form += rate * u * v * ng.dx
+        form += (-ng.div(v) * p - ng.div(u) * q) * ng.dx
+        self.form = form.Assemble()
+        slack = ng.BilinearForm(both, symmetric=True)
+        slack += -_SLACK / viscosity * p * q * ng.dx
+        slack.Assemble()
+        slack.mat.AsVector().data += form.mat.AsVector()
+        self._factor = slack.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
+        self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
+        self.times = through(form.mat, self._in, self._out)
+        self.solve = through(self._factor, self._in, self._out)
+
+
+def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """The engine's matrix as a function of arrays, by these two of its vectors."""
+    read, write = source.FV().NumPy(), target.FV().NumPy()
+
+    def applied(values: NDArray[Any]) -> NDArray[Any]:
+        read[:] = values
+        matrix.Mult(source, target)
+        return write.copy()
+
+    return applied
+
+
+def _as_complex(spaces: Spaces) -> Any:
+    """The same spaces over complex numbers, with the same unknowns given."""
+    ng, mesh, order = spaces.ng, spaces.mesh, spaces.order
+    velocity = ng.VectorH1(mesh, order=order, complex=True)
+    both = velocity * ng.H1(mesh, order=order - 1, complex=True)
+    free = both.FreeDofs()
+    free.Clear()
+    for dof in np.flatnonzero(spaces.free):
+        free.Set(int(dof))
+    return both
+
+
+class Convection:
+    """ϱ ∫ (u·∇)u·v, and what keeps backflow at outlets from feeding energy in.
+
+    There -½ ϱ ∫ min(u·n, 0) u·v is added (Bazilevs et al. 2009, doi 10.1016/j.cma.2009.04.015,
+    with β = 1): nothing where flow leaves.
+    """
+
+    def __init__(self, spaces: Spaces, density: float, outlets: tuple[int, ...]) -> None:
+        self.spaces, ng, space = spaces, spaces.ng, spaces.velocity
+        u, v = space.TnT()
+        self._form = ng.BilinearForm(space, nonassemble=False)
+        self._form += density * (ng.Grad(u) * u) * v * ng.dx
+        if outlets:
+            out = u * ng.specialcf.normal(3)
+            names = "|".join(port_name(k) for k in outlets)
+            self._form += -0.5 * density * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
+        self._state = ng.GridFunction(space)
+        self._in, self._out = (self._state.vec.CreateVector() for _ in range(2))
+
+    def force(self, values: FloatArray) -> FloatArray:
+        """Its vector at these unknowns, (n,)."""
+        self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
+        self._form.Apply(self._in, self._out)
+        found = np.zeros(self.spaces.count)
+        found[: self.spaces.velocity.ndof] = self._out.FV().NumPy()
+        return found
+
+    def derivative(self, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+        """Its derivative there, as a function of changes."""
+        self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
+        self._form.AssembleLinearization(self._in)
+        return self._padded(through(self._form.mat, self._in.CreateVector(), self._out))
+
+    def _padded(
+        self, inner: Callable[[NDArray[Any]], NDArray[Any]]
+    ) -> Callable[[FloatArray], FloatArray]:
+        count = self.spaces.velocity.ndof
+
+        def applied(change: FloatArray) -> FloatArray:
+            found = np.zeros_like(change)
+            found[:count] = inner(change[:count])
+            return found
+
+        return applied

@@ -1,0 +1,111 @@
+"""What the branches of a graph hang on: its loops, solved by elimination and a sparse rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from design.errors import FlowError
+from design.hemodynamics.zero_d.nodal.star_mesh import (
+    StarMesh,
+    fold_stars,
+    gather_stars,
+    unfold_stars,
+)
+from design.network import IntArray
+
+Numbers = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Core:
+    """Factors of a graph with loops.
+
+    Attributes
+    ----------
+    plan : StarMesh
+    share, total : (c,), (k,)
+        Of the plan's steps (`fold_stars`).
+    scale : (r,)
+        Takes the matrix of what is left to a unit diagonal.
+    factors : SuperLU or None
+        Of that scaled matrix; None where no two of its unknowns are joined.
+    """
+
+    plan: StarMesh
+    share: Numbers
+    total: Numbers
+    scale: Numbers
+    factors: SuperLU | None
+
+    def solve(self, source: Numbers) -> Numbers:
+        """Values (n,) for ``source`` (n,), which is changed."""
+        p, value = self.plan, np.empty_like(source)
+        gather_stars(p.order, p.begin, p.neighbour, self.share, source)
+        right = self.scale * source[p.left]
+        value[p.left] = self.scale * (self.factors.solve(right) if self.factors else right)
+        unfold_stars(p.order, p.begin, p.neighbour, self.share, self.total, source, value)
+        return value
+
+
+def factorise_core(plan: StarMesh, admittance: Numbers, ground: Numbers) -> Core:
+    """Put numbers into a plan: admittances of its given links, and to ground (n,).
+
+    Raises
+    ------
+    FlowError
+        When what is left is singular to working precision.
+    """
+    weight = np.zeros(len(plan.links), admittance.dtype)
+    weight[: len(admittance)] = summed(plan.of_given, admittance, len(admittance))
+    ground = ground.copy()
+    share, total = fold_stars(
+        plan.order, plan.begin, plan.neighbour, plan.link, plan.pair, weight, ground
+    )
+    return Core(
+        plan, share, total, *_rest(plan.left_ends, weight[plan.left_links], ground[plan.left])
+    )
+
+
+def _rest(ends: IntArray, admittance: Numbers, ground: Numbers) -> tuple[Numbers, SuperLU | None]:
+    """Scale and LU of a matrix.
+
+    It is symmetric and, real, positive definite (complex, its real part is), so no pivoting is
+    needed and minimum degree ordering serves; the unit diagonal keeps errors small row by row,
+    though conductances span many orders.
+    """
+    count = len(ground)
+    first, last = ends.T
+    diagonal = ground + summed(first, admittance, count) + summed(last, admittance, count)
+    scale = 1.0 / np.sqrt(diagonal)
+    if len(first) == 0:
+        return scale, None
+    off = -admittance * scale[first] * scale[last]
+    every = np.arange(count)
+    values = np.concatenate([off, off, np.ones(count)])
+    rows, columns = np.concatenate([first, last, every]), np.concatenate([last, first, every])
+    matrix = coo_array((values, (rows, columns)), shape=(count, count)).tocsc()
+    try:
+        return scale, splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as exc:
+        raise FlowError(
+            f"the flow problem is singular ({exc}): its vessels' resistances span too many "
+            "orders; check radii and lengths"
+        ) from exc
+
+
+def summed(where: NDArray[Any], values: Numbers, count: int) -> Numbers:
+    """Values added up by their places, (count,)."""
+    if np.iscomplexobj(values):
+        return summed(where, values.real, count) + 1j * summed(where, values.imag, count)
+    return np.asarray(np.bincount(where, weights=values, minlength=count), dtype=np.float64)

@@ -1,0 +1,5 @@
+"""Surfaces remade of even triangles."""
+
+from design.solids.remesh.remesh import LabelledSurface, Shape, patches, remesh
+
+__all__ = ["LabelledSurface", "Shape", "patches", "remesh"]

@@ -1,0 +1,158 @@
+"""A closed triangle surface as half-edges, and the three changes that keep it one.
+
+Half-edge ``3 t + i`` runs from corner i of triangle t to its next corner; ``twin`` is the one that
+runs the other way in the neighbour. Kernels change the arrays in place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import SolidError
+from kernels import jit
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def twins_of(faces: IntArray) -> IntArray:
+    """The half-edge opposite each, (3 f,).
+
+    Raises
+    ------
+    SolidError
+        When an edge hasn't exactly two triangles that run along it in opposite directions.
+    """
+    begin, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    order = np.lexsort((begin, high, low))
+    pairs = order.reshape(-1, 2) if len(order) % 2 == 0 else np.zeros((0, 2), dtype=np.int64)
+    one, two = pairs[:, 0], pairs[:, 1]
+    matched = (begin[one] == end[two]) & (end[one] == begin[two])
+    if 2 * len(pairs) != len(begin) or not matched.all():
+        raise SolidError(
+            "the surface isn't closed: an edge hasn't two triangles that run along it in opposite "
+            "directions; mend it first"
+        )
+    twin = np.empty(len(begin), dtype=np.int64)
+    twin[one], twin[two] = two, one
+    return twin
+
+
+def leaving(faces: IntArray, count: int) -> IntArray:
+    """A half-edge that leaves each of ``count`` vertices; -1 where none does."""
+    found = np.full(count, -1, dtype=np.int64)
+    found[faces.ravel()] = np.arange(faces.size)
+    return found
+
+
+@jit
+def after(h: int) -> int:
+    """The half-edge that follows in the same triangle."""
+    return h - 2 if h % 3 == 2 else h + 1
+
+
+@jit
+def before(h: int) -> int:
+    """The half-edge that comes before in the same triangle."""
+    return h + 2 if h % 3 == 0 else h - 1
+
+
+@jit
+def origin(faces: IntArray, h: int) -> int:
+    """Where a half-edge begins."""
+    return int(faces[h // 3, h % 3])
+
+
+@jit
+def tip(faces: IntArray, h: int) -> int:
+    """Where a half-edge ends."""
+    return int(faces[h // 3, (h + 1) % 3])
+
+
+@jit
+def apex(faces: IntArray, h: int) -> int:
+    """The corner across from a half-edge in its triangle."""
+    return int(faces[h // 3, (h + 2) % 3])
+
+
+@jit
+def joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -> bool:
+    """Whether an edge runs between two vertices."""
+    h = out[a]
+    while True:
+        if tip(faces, h) == b:
+            return True
+        h = twin[before(h)]
+        if h == out[a]:
+            return False
+
+
+@jit
+def valence(twin: IntArray, out: IntArray, a: int) -> int:
+    """Number of edges at a vertex."""
+    count, h = 0, out[a]
+    while True:
+        count += 1
+        h = twin[before(h)]
+        if h == out[a]:
+            return count
+
+
+@jit
+def _pair(twin: IntArray, one: int, two: int) -> None:
+    twin[one] = two
+    twin[two] = one
+
+
+@jit
+def split(faces: IntArray, twin: IntArray, h: int, vertex: int, first: int) -> None:
+    """Put ``vertex`` on an edge; two triangles become four, the new ones ``first`` and the next."""
+    t = twin[h]
+    here, there, second = h // 3, t // 3, first + 1
+    b, c, d = tip(faces, h), apex(faces, h), apex(faces, t)
+    beyond_here, beyond_there = twin[after(h)], twin[before(t)]
+    faces[here, (h + 1) % 3] = vertex
+    faces[there, t % 3] = vertex
+    faces[first, 0], faces[first, 1], faces[first, 2] = vertex, b, c
+    faces[second, 0], faces[second, 1], faces[second, 2] = b, vertex, d
+    _pair(twin, 3 * first, 3 * second)
+    _pair(twin, 3 * first + 1, beyond_here)
+    _pair(twin, 3 * first + 2, after(h))
+    _pair(twin, 3 * second + 1, before(t))
+    _pair(twin, 3 * second + 2, beyond_there)
+
+
+@jit
+def flip(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
+    """Turn an edge in the quadrilateral of its two triangles."""
+    t = twin[h]
+    here, there = h // 3, t // 3
+    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
+    ad, ca, bc, db = twin[after(t)], twin[before(h)], twin[after(h)], twin[before(t)]
+    faces[here, 0], faces[here, 1], faces[here, 2] = a, d, c
+    faces[there, 0], faces[there, 1], faces[there, 2] = b, c, d
+    _pair(twin, 3 * here, ad)
+    _pair(twin, 3 * here + 1, 3 * there + 1)
+    _pair(twin, 3 * here + 2, ca)
+    _pair(twin, 3 * there, bc)
+    _pair(twin, 3 * there + 2, db)
+    out[a], out[b], out[c], out[d] = 3 * here, 3 * there, 3 * here + 2, 3 * there + 2
+
+
+@jit
+def collapse(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
+    """Draw a half-edge's origin into its tip; its two triangles are left over, to be dropped."""
+    t = twin[h]
+    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
+    bc, ca, ad, db = twin[after(h)], twin[before(h)], twin[after(t)], twin[before(t)]
+    g = out[a]
+    while True:
+        faces[g // 3, g % 3] = b
+        g = twin[before(g)]
+        if g == out[a]:
+            break
+    _pair(twin, bc, ca)
+    _pair(twin, ad, db)
+    out[a], out[b], out[c], out[d] = -1, ca, bc, ad

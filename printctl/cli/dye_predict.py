@@ -1,0 +1,85 @@
+"""`printctl dye --predict`: the front of dye before there is a film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from design.hemodynamics.dye import dye_front
+from design.network import VesselNetwork
+from design.units import UL_S_PER_ML_MIN, LengthUnit
+from printctl.cli.options import messages, print_json, print_lines
+from printctl.dye import CURVES, FRONT, PICTURE, Place, lumens_of, write_front
+from printctl.errors import UsageError
+from registration.dye.predict import carried, carried_beside
+
+_USUAL_ML_MIN = 0.25
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What is asked of a front."""
+
+    model: Path
+    unit: LengthUnit | None
+    out: Path
+    flow_ml_min: float | None
+    frames_per_s: float
+    as_printed: bool
+    at: tuple[str, ...]
+    diffusivity_mm2_s: float
+
+
+def predict_front(asked: Foreseen, as_json: bool) -> None:
+    """Foresee, write and say it.
+
+    Raises
+    ------
+    UsageError
+        For a place off the network, or where closed vessels leave no way through.
+    FlowError
+        When the network has no flow from inlet to outlet.
+    """
+    lumens = lumens_of(asked.model, asked.unit, asked.as_printed)
+    network = lumens.network
+    places = tuple(_place(text, network) for text in asked.at)
+    flow = carried_beside(network, None, lumens.closed) if lumens.closed else carried(network, None)
+    if flow is None:
+        raise UsageError(
+            f"the printed vessels that are closed ({', '.join(map(str, lumens.closed))}) leave no "
+            "way from inlet to outlet, so no dye runs"
+        )
+    rate = asked.flow_ml_min or lumens.flow_ml_min or _USUAL_ML_MIN
+    front = dye_front(network, flow, rate * UL_S_PER_ML_MIN, asked.diffusivity_mm2_s)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    found = write_front(asked.out, network, flow, front, places, 1.0 / asked.frames_per_s)
+    if found["warning"]:
+        messages().print(f"warning: {found['warning']}", style="yellow", markup=False)
+    if found["vessels_between"] + found["vessels_dispersed"]:
+        messages().print(
+            f"note: in {found['vessels_between'] + found['vessels_dispersed']} vessels dye "
+            "diffuses across the lumen while it runs (fourier above 0.01), so that its tip comes "
+            "later and its front is steeper than foreseen, between tip and mean",
+            markup=False,
+        )
+    if as_json:
+        print_json(found)
+        return
+    lines = [f"{key}: {value:.4g}" for key, value in found.items() if key != "warning"]
+    print_lines(*lines, *(str(asked.out / name) for name in (FRONT, CURVES, PICTURE)))
+
+
+def _place(text: str, network: VesselNetwork) -> Place:
+    vessel, _, share = text.partition(":")
+    try:
+        place = Place(int(vessel), float(share or 1.0))
+    except ValueError:
+        place = Place(-1, np.nan)
+    if not (0 <= place.vessel < network.vessel_count and 0.0 <= place.share <= 1.0):
+        raise UsageError(
+            f"--at {text} isn't a place; give VESSEL:SHARE with a vessel from 0 to "
+            f"{network.vessel_count - 1} and a share of its length from 0 to 1, as in 5:0.5"
+        )
+    return place

@@ -1,0 +1,119 @@
+"""What was typed after `printctl flow` as a recipe's section, checked as it would be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+from pydantic import ValidationError
+
+from printctl.errors import UsageError
+from printctl.recipe.parts import FlowPart
+
+_STEADY: Final = (
+    "inlet_flow_ml_min", "inlet_pressure_mmhg", "outlet_pressure_mmhg", "viscosity_mpa_s",
+)  # fmt: skip
+_BEHIND: Final = ("resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_ml_mmhg")
+_WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
+_FOR_WAVES: Final = ("period_s", "wall_young_kpa", "wall_thickness_mm")
+_FOR_ONE_D: Final = ("cell_mm", "wall_viscosity_pa_s")
+
+
+def part_of(asked: Mapping[str, Any]) -> FlowPart:
+    """The section that options, by their names, stand for.
+
+    Raises
+    ------
+    UsageError
+        For options that don't go together, a value out of bounds, a fluid that can't be read.
+    """
+    waves = any(asked[key] is not None for key in _WAVES)
+    _refuse_idle(asked, waves)
+    section: dict[str, Any] = {k: asked[k] for k in _STEADY if asked[k] is not None}
+    section |= _outlet(asked) | _fluid(asked["fluid"]) | _losses(asked)
+    if asked["shear_band_dyn_cm2"] is not None:
+        section["shear_band_dyn_cm2"] = _numbers(
+            asked["shear_band_dyn_cm2"], "--shear-band-dyn-cm2", "LOW,HIGH", 2
+        )
+    if waves:
+        section["pulse"] = _pulse(asked)
+    if asked["one_d"]:
+        given = {key: asked[key] for key in _FOR_ONE_D}
+        section["one_d"] = {key: value for key, value in given.items() if value is not None}
+    try:
+        return FlowPart(**section)
+    except ValidationError as exc:
+        first = exc.errors()[0]
+        where = [str(key) for key in first["loc"] if key != "pulse"]
+        name = ".".join(where) or ("pulsatile flow" if waves else "flow")
+        raise UsageError(f"{name}: {first['msg'].removeprefix('Value error, ')}") from exc
+
+
+def _outlet(asked: Mapping[str, Any]) -> dict[str, Any]:
+    behind = {key: asked[f"outlet_{key}"] for key in _BEHIND}
+    given = {key: value for key, value in behind.items() if value is not None}
+    found: dict[str, Any] = {"outlet": given} if given else {}
+    if asked["outlets"] is not None:
+        found["outlets"] = str(Path(asked["outlets"]).resolve())
+    return found
+
+
+def _fluid(path: Any) -> dict[str, Any]:
+    if path is None:
+        return {}
+    try:
+        return {"viscosity": yaml.safe_load(Path(path).read_text(encoding="utf-8"))}
+    except (yaml.YAMLError, UnicodeDecodeError) as exc:
+        raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
+
+
+def _losses(asked: Mapping[str, Any]) -> dict[str, Any]:
+    stenoses = []
+    for text in asked["stenosis"] or ():
+        vessel, share, length = _numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
+        stenoses.append({"vessel": vessel, "diameter_share": share, "length_mm": length})
+    if asked["junction_k"] is None and not stenoses:
+        return {}
+    return {"losses": {"junction_k": asked["junction_k"] or 0.0, "stenoses": stenoses}}
+
+
+def _numbers(text: str, option: str, form: str, count: int) -> tuple[float, ...]:
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise UsageError(f"{option} {text!r} isn't {form}; write numbers with commas between")
+    return found
+
+
+def _pulse(asked: Mapping[str, Any]) -> dict[str, Any]:
+    names = ("amplitude_ml_min", "amplitude_mmhg", "shape", *_FOR_WAVES, "profile", "steps")
+    table = asked["waveform"]
+    return {
+        **{key: asked[key] for key in names},
+        "table": None if table is None else str(Path(table).resolve()),
+    }
+
+
+def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
+    idle = [key for key in _FOR_WAVES if asked[key] is not None]
+    if idle and not waves:
+        raise UsageError(
+            f"--{idle[0].replace('_', '-')} is for pulsatile flow; give --amplitude-ml-min, "
+            "--shape or --waveform"
+        )
+    for key in _FOR_ONE_D:
+        if asked[key] is not None and not asked["one_d"]:
+            raise UsageError(f"--{key.replace('_', '-')} is for --one-d; add that, or leave it out")
+    for key, does in (
+        ("svzerod", "writes a pulsatile problem"),
+        ("svoned", "writes a pulsatile problem"),
+        ("one_d", "follows a pulse"),
+    ):
+        if asked[key] and not waves:
+            raise UsageError(
+                f"--{key.replace('_', '-')} {does}; give --amplitude-ml-min, --shape or --waveform"
+            )

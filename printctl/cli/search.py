@@ -1,0 +1,77 @@
+"""`printctl search`: a recipe varied hundreds of times, ranked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.search import Found, load_search, run_search
+from printctl.search.results import write_results
+from printctl.search.table import count_lines, table_lines
+from printctl.search.workers import Workers
+
+
+def search(
+    search_file: Annotated[
+        Path, typer.Argument(metavar="SEARCH", help="A YAML file.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder; what it knows is kept.", show_default=False),
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            min=0,
+            max=1024,
+            help="Processes here, one a core by default; 0: this process alone, without Dask.",
+            show_default=False,
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="A Dask cluster's, like tcp://HOST:8786."
+        ),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option("--limit", min=0, help="Grow so many new candidates at most.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Grow and measure many variants of a recipe, rank them, and write the best as a recipe.
+
+    Killed or interrupted, it goes on where it was. Exit code 1 when a candidate broke, or none
+    keeps the limits though all are known.
+    """
+    asked, who = load_search(search_file), Workers(workers, scheduler)
+    found = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
+    written = [str(path) for path in write_results(found, out)]
+    if as_json:
+        print_json(as_dict(found) | {"written": written})
+    else:
+        print_lines(*table_lines(found), *count_lines(found), *written)
+    if found.broken or (found.best is None and not found.left):
+        raise typer.Exit(1)
+
+
+def as_dict(found: Found) -> dict[str, Any]:
+    """The ranked candidates as plain values."""
+    rows = [
+        {
+            "rank": row.rank,
+            "candidate": row.candidate.number,
+            "state": row.state,
+            "score": row.score,
+            "front": row.front,
+            "values": dict(row.candidate.values),
+            "numbers": dict(row.numbers),
+            "said": row.said,
+        }
+        for row in found.rows
+    ]
+    return {"candidates": rows, "left": found.left, "broken": dict(found.broken)}

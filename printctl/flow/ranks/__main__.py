@@ -1,0 +1,46 @@
+"""``python -m printctl.flow.ranks CASE_FOLDER --ranks N``, or ``--slurm FILE``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from design.errors import DesignError
+from printctl.errors import PrintctlError
+from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm
+
+
+def main() -> int:
+    """Run a case that is written already, or write the script that does."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("case", type=Path, help="folder that write_case wrote")
+    parser.add_argument("--ranks", type=int, default=1)
+    parser.add_argument("--python", type=Path, help="an interpreter with dolfinx")
+    parser.add_argument("--slurm", type=Path, help="write this batch script instead")
+    parser.add_argument("--nodes", type=int, default=1)
+    parser.add_argument("--ntasks", type=int, default=16)
+    parser.add_argument("--time", default="02:00:00")
+    parser.add_argument("--mem", default="0")
+    asked = parser.parse_args()
+    try:
+        if asked.slurm is not None:
+            python = str(asked.python or "python3")
+            job = SlurmJob(asked.nodes, asked.ntasks, asked.time, asked.mem, python)
+            write_slurm(asked.slurm, asked.case, job)
+            return 0
+        found = run_on_ranks(asked.case, asked.ranks, asked.python, _tell)
+    except (PrintctlError, DesignError) as exc:
+        print(exc, file=sys.stderr)
+        return getattr(exc, "exit_code", 1)
+    for k, (flow, pressure) in enumerate(zip(found.port_flow, found.port_pressure, strict=True)):
+        print(f"port {k}: {flow:.6g} uL/s out, {pressure:.6g} Pa")
+    return 0
+
+
+def _tell(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

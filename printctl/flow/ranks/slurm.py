@@ -1,0 +1,97 @@
+"""A batch script for Slurm, beside the case that it runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from design.files import write_text
+from printctl.errors import UsageError
+
+_TIME: Final = re.compile(r"(\d+-)?\d{1,2}(:\d{2}){1,2}|\d+")
+_MEMORY: Final = re.compile(r"\d+[KMGT]?")
+_NAME: Final = re.compile(r"[\w.-]+")
+
+
+@dataclass(frozen=True)
+class SlurmJob:
+    """What a batch job asks for.
+
+    Attributes
+    ----------
+    nodes, ntasks : int
+        Machines, and ranks over all of them.
+    time : str
+        Limit, as Slurm writes it: ``minutes``, ``hh:mm:ss`` or ``days-hh:mm:ss``.
+    memory : str
+        Of each node, such as ``64G``; ``0`` is all of it.
+    python : str
+        With dolfinx, there.
+    setup : tuple of str
+        Lines run before, such as ``module load openmpi``.
+    partition, account : str, optional
+    """
+
+    nodes: int = 1
+    ntasks: int = 16
+    time: str = "02:00:00"
+    memory: str = "0"
+    python: str = "python3"
+    setup: tuple[str, ...] = ()
+    partition: str | None = None
+    account: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.nodes < 1 or self.ntasks < self.nodes:
+            raise UsageError(
+                f"{self.ntasks} tasks on {self.nodes} nodes; give at least one node and a task "
+                "for each"
+            )
+        for name, value, shape in (
+            ("time", self.time, _TIME),
+            ("mem", self.memory, _MEMORY),
+            ("partition", self.partition, _NAME),
+            ("account", self.account, _NAME),
+        ):
+            if value is not None and not shape.fullmatch(value):
+                raise UsageError(f"--{name} {value!r} isn't as Slurm writes it, such as "
+                                 "02:00:00 or 1-12:00:00, 64G, a name")  # fmt: skip
+
+
+def write_slurm(path: Path, case_folder: Path, job: SlurmJob) -> None:
+    """Write the script; ``sbatch`` it from anywhere, `case_folder` is named in full.
+
+    Raises
+    ------
+    UsageError
+        When the folder holds no case.
+    OSError
+        When the file can't be written.
+    """
+    if not (case_folder / "case.json").is_file():
+        raise UsageError(f"{case_folder} holds no case.json; write the case first")
+    asked = {
+        "job-name": "printctl-flow",
+        "nodes": job.nodes,
+        "ntasks": job.ntasks,
+        "cpus-per-task": 1,
+        "time": job.time,
+        "mem": job.memory,
+        "partition": job.partition,
+        "account": job.account,
+        "output": "printctl-flow-%j.log",
+    }
+    head = [f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None]
+    body = [
+        "set -euo pipefail",
+        "# Change to where the case is on the cluster, if it was copied there.",
+        f"cd {shlex.quote(str(case_folder.resolve()))}",
+        *job.setup,
+        "export OMP_NUM_THREADS=1",
+        "unset PYTHONPATH",
+        f"srun {shlex.quote(job.python)} -m engine .",
+    ]
+    write_text(path, "\n".join(["#!/bin/bash", *head, *body]) + "\n")

@@ -1,0 +1,117 @@
+"""Oxygen solved for and written: a row a vessel, the field for ParaView, and a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from design.files import write_bytes
+from design.hemodynamics import FlowSolution
+from design.hemodynamics.oxygen import (
+    OxygenConditions,
+    grid_of_tissue,
+    oxygen_summary,
+    oxygen_table,
+    solve_refined,
+    spacing_for,
+    write_oxygen_vti,
+)
+from design.network import VesselNetwork
+from design.tissue import Tissue
+from printctl.flow.outputs import write_columns
+from printctl.progress import Report
+from printctl.recipe.oxygen import OxygenPart
+from registration.report.oxygen_figures import slice_figure
+
+TABLE: Final = "oxygen.csv"
+FIELD: Final = "oxygen.vti"
+SLICE: Final = "oxygen.svg"
+CAPTION: Final = (
+    "Oxygen in a plane through the middle of the widest hypoxic place, or the one with least "
+    "(cross); vessels within a cell of it are light lines, the orange line is the threshold"
+)
+
+
+def oxygen_conditions(part: OxygenPart) -> OxygenConditions:
+    """A recipe's words in the design's units."""
+    return OxygenConditions(
+        inlet_millimolar=part.inlet_millimolar,
+        cells_per_ml=part.cells_per_ml,
+        mol_per_cell_s=part.uptake_mol_per_cell_s,
+        half_millimolar=part.half_millimolar,
+        tissue_diffusivity_mm2_s=part.tissue_diffusivity_mm2_s,
+        medium_diffusivity_mm2_s=part.medium_diffusivity_mm2_s,
+        sherwood=part.sherwood,
+        threshold_millimolar=part.threshold_millimolar,
+        bath_millimolar=part.bath_millimolar,
+    )
+
+
+def solve_and_write(
+    folder: Path,
+    network: VesselNetwork,
+    flow: FlowSolution,
+    tissue: Tissue,
+    part: OxygenPart,
+    report: Report,
+    scale: float = 1.0,
+) -> dict[str, Any]:
+    """Solve on three grids, write `TABLE`, `FIELD` and `SLICE`, return the summary.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        In the print's size, ``scale`` times the tissue's.
+    flow : FlowSolution
+        Of that network.
+    tissue : Tissue
+    part : OxygenPart
+    report : Report
+        Of progress.
+
+    Raises
+    ------
+    FlowError
+        As `solve_refined`.
+    OSError
+        When a file can't be written.
+    """
+    spacing = (
+        spacing_for(tissue.bounds * scale, part.grid_cells)
+        if part.spacing_um is None
+        else part.spacing_um * 1e-3
+    )
+    fine, coarse = solve_refined(
+        network,
+        flow,
+        lambda size: grid_of_tissue(tissue, size, scale),
+        spacing,
+        oxygen_conditions(part),
+        report=report,
+    )
+    table = oxygen_table(network, fine)
+    write_columns(folder / TABLE, table)
+    write_oxygen_vti(folder / FIELD, fine)
+    write_bytes(folder / SLICE, slice_figure(fine, network))
+    return oxygen_summary(fine, coarse) | {"vessels": _rows(table)}
+
+
+def _rows(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """JSON-ready; a vessel without flow has no oxygen of its own."""
+    columns = [
+        [None if value != value else value for value in column.tolist()]
+        for column in table.values()
+    ]
+    return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def hypoxia(found: dict[str, Any]) -> str:
+    """The finding in a sentence."""
+    x, y, z = found["worst_place_mm"]
+    word = "the widest such place is" if found["hypoxic_percent"] > 0.0 else "least is"
+    return (
+        f"{found['hypoxic_percent']:.3g} % of the tissue is below "
+        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM, "
+        f"{word} at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell "
+        "density are assumed unless you gave yours"
+    )

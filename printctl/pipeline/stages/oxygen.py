@@ -1,0 +1,48 @@
+"""Stage 3c: oxygen in the vessels and the tissue, where the recipe asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from design.hemodynamics import solve_flow
+from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.tissue import SURFACE
+from printctl.progress import Report
+from printctl.recipe.oxygen import OxygenPart
+
+
+def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    """Solve in the print's size, with the print's flow; say on the terminal what is hypoxic."""
+    network = context.network
+    found = solve_and_write(
+        context.folder,
+        network,
+        solve_flow(network, context.conditions),
+        context.tissue,
+        context.recipe.oxygen or OxygenPart(),
+        report,
+        context.recipe.print_scale,
+    )
+    context.bars.remark("oxygen", hypoxia(found))
+    return found, [TABLE, FIELD, SLICE]
+
+
+def depends(context: RunContext) -> Any:
+    """The section, the flow's, and the scale."""
+    part, recipe = context.recipe.oxygen, context.recipe
+    flow = recipe.flow.model_dump(mode="json", exclude={"pulse"})
+    return [None if part is None else part.model_dump(mode="json"), flow, recipe.print_scale]
+
+
+def asked(context: RunContext) -> bool:
+    """Whether the recipe has the section."""
+    return context.recipe.oxygen is not None
+
+
+STAGE = Stage(
+    "oxygen", depends, (SURFACE, NETWORK), ("kernels", "design", "registration"), work, asked
+)

@@ -1,0 +1,64 @@
+"""The part of a recipe that says what flows, and what it loses on its way."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+_MPA_S = Field(gt=0, le=1e6)
+
+
+class FluidSection(BaseModel):
+    """Base of all fluids and losses."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class CarreauPart(FluidSection):
+    """Carreau-Yasuda; without numbers it is blood (Cho & Kensey 1991)."""
+
+    model: Literal["carreau"]
+    zero_shear_mpa_s: Annotated[float, _MPA_S] = 56.0
+    infinite_shear_mpa_s: Annotated[float, _MPA_S] = 3.45
+    time_s: Annotated[float, Field(gt=0, le=1e4)] = 3.313
+    index: Annotated[float, Field(ge=0.1, le=1)] = 0.3568
+    yasuda: Annotated[float, Field(ge=0.2, le=10)] = 2.0
+
+
+class PowerLawPart(FluidSection):
+    """τ = K γ̇ⁿ."""
+
+    model: Literal["power_law"]
+    consistency_mpa_sn: Annotated[float, _MPA_S]
+    index: Annotated[float, Field(ge=0.1, le=2)]
+
+
+class PriesPart(FluidSection):
+    """Blood by the diameter, in vivo (Pries et al. 1994), of one haematocrit everywhere."""
+
+    model: Literal["pries_1994"]
+    wide_mpa_s: Annotated[float, _MPA_S] = Field(
+        default=4.0, description="Viscosity in wide vessels."
+    )
+    haematocrit: Annotated[float, Field(ge=0, le=0.8)] = 0.45
+
+
+FluidPart = Annotated[CarreauPart | PowerLawPart | PriesPart, Field(discriminator="model")]
+
+
+class StenosisPart(FluidSection):
+    """A short narrow place (Young & Tsai 1973)."""
+
+    vessel: Annotated[int, Field(ge=0)]
+    diameter_share: Annotated[float, Field(ge=0.1, le=1)]
+    length_mm: Annotated[float, Field(gt=0, le=1000)]
+
+
+class LossPart(FluidSection):
+    """Pressure lost to inertia in steady flow."""
+
+    junction_k: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=0.0, description="K of K ϱ u²/2 where a vessel leaves a bifurcation."
+    )
+    stenoses: tuple[StenosisPart, ...] = ()

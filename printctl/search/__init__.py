@@ -1,0 +1,8 @@
+"""Design searches: a recipe varied hundreds of times, and which candidates are best."""
+
+from printctl.search.evaluate import Task, evaluate
+from printctl.search.load import load_search
+from printctl.search.model import SearchFile
+from printctl.search.run import Found, run_search
+
+__all__ = ["Found", "SearchFile", "Task", "evaluate", "load_search", "run_search"]

@@ -1,0 +1,82 @@
+"""Pulsatile flow in a lumen against Womersley's, a Windkessel by hand, and in the slow limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
+
+from design.errors import FlowError
+from design.hemodynamics import PulsatileConditions, WindkesselOutlet
+from design.hemodynamics.three_d import FlowOptions, Stepping, march_flow, solve_harmonics
+from design.hemodynamics.vessel.womersley import impedance_factor, womersley_number
+from design.hemodynamics.waveforms import Constant, Sine
+from design.network import FloatArray
+from tests.design.hemodynamics.three_d.lumens import pipe
+
+MU, RADIUS, LENGTH = 1e-3, 0.5, 2.0
+RESISTANCE = 8.0 * MU * LENGTH / (np.pi * RADIUS**4)
+STOKES = FlowOptions(convection=False)
+
+
+def _first(values: FloatArray) -> complex:
+    return complex(2.0 * np.fft.rfft(values)[1] / len(values))
+
+
+def _pulse(period: float, **more: object) -> PulsatileConditions:
+    return PulsatileConditions(MU, Sine(4.0, 2.0, period), profile="womersley", **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("period", "alpha", "error"), [(50.0, 0.18, 5e-4), (0.1, 4.08, 1e-3)])
+def test_harmonics_are_womersleys(period: float, alpha: float, error: float) -> None:
+    """The slow one is Poiseuille's law at every time, which 0D has."""
+    found = solve_harmonics(pipe(2, 3, RADIUS, LENGTH), _pulse(period), STOKES, Stepping(steps=16))
+    number = womersley_number(np.array([RADIUS]), 2.0 * np.pi / period, MU)
+    assert number[0] == pytest.approx(alpha, rel=0.01)
+    drop = found.port_pressure[0] - found.port_pressure[1]
+    exact = RESISTANCE * complex(impedance_factor(number)[0]) * -2.0j
+    assert abs(_first(drop) / exact - 1.0) < error
+    assert drop.mean() == pytest.approx(4.0 * RESISTANCE, rel=1e-3)
+    if period > 1.0:
+        assert drop == pytest.approx(RESISTANCE * -found.port_flow[0], rel=5e-3)
+
+
+def test_steps_converge_to_womersley_with_second_order() -> None:
+    period = 0.1
+    mesh = pipe(1, 2, RADIUS, LENGTH)
+    exact = solve_harmonics(mesh, _pulse(period), FlowOptions(2, False), Stepping(steps=16))
+    right = _first(exact.port_pressure[0] - exact.port_pressure[1])
+    error = []
+    for steps in (16, 32):
+        found = march_flow(mesh, _pulse(period), FlowOptions(2), Stepping(steps))
+        error.append(abs(_first(found.port_pressure[0] - found.port_pressure[1]) / right - 1.0))
+    assert found.change[-1] <= 1e-4
+    assert 1.6 < np.log2(error[0] / error[1]) < 2.4
+    assert len(found.fields) == 4
+
+
+def test_a_windkessel_answers_with_its_impedance() -> None:
+    """By steps and by harmonics; p = Z Q at the first harmonic, (R_p + R_d) Q at the mean."""
+    outlet = WindkesselOutlet(0.05, 0.2, 0.4, distal_pa=3.0)
+    pulse, mesh = _pulse(0.5, outlet=outlet), pipe(1, 2, RADIUS, LENGTH)
+    turn = 2.0j * np.pi / 0.5
+    impedance = outlet.proximal + outlet.distal / (1.0 + turn * outlet.distal * outlet.compliance)
+    for found, error in (
+        (solve_harmonics(mesh, pulse, FlowOptions(2, False), Stepping(16)), 1e-6),
+        (march_flow(mesh, pulse, FlowOptions(2), Stepping(40)), 6e-3),
+    ):
+        flow, pressure = found.port_flow[1], found.port_pressure[1]
+        assert abs(_first(pressure) / (impedance * _first(flow)) - 1.0) < error
+        assert pressure.mean() == pytest.approx(3.0 + 0.45 * flow.mean(), rel=1e-3)
+
+
+def test_what_has_no_periodic_state_is_refused() -> None:
+    mesh = pipe(1, 2, RADIUS, LENGTH)
+    slow = WindkesselOutlet(0.05, 40.0, 0.4)
+    with pytest.raises(FlowError, match=r"no periodic state after 2 cycles: .* allow more cycles"):
+        march_flow(mesh, _pulse(0.1, outlet=slow), FlowOptions(2), Stepping(8, cycles=2))
+    with pytest.raises(FlowError, match="nothing changes in time"):
+        march_flow(mesh, PulsatileConditions(MU, Constant(1.0)))
+    with pytest.raises(FlowError, match="harmonics are of Stokes flow"):
+        solve_harmonics(mesh, _pulse(1.0), FlowOptions())

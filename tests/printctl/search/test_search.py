@@ -1,0 +1,199 @@
+"""Whole searches in this process: results kept, taken up again, and the best made as a recipe."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rich.console import Console
+
+from firmware_profiles import Needle, load
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.stage import run_stages
+from printctl.pipeline.stages import flow, measures, tissue, vasculature
+from printctl.progress import StageBars
+from printctl.recipe import load_recipe
+from printctl.search import evaluate, load_search
+from printctl.search.candidates import draw_candidates
+from printctl.search.evaluate import WorkerError
+from tests.printctl.cli.shell import Shell
+from tests.printctl.search.small import BASE, SEARCH, left_behind, run, write
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the small search, and in ``out`` all that came of it."""
+    folder = tmp_path_factory.mktemp("done")
+    found = run(write(folder, SEARCH), folder / "out")
+    assert (found.made, found.kept, found.left) == (4, 0, 0)
+    return folder
+
+
+@pytest.fixture
+def folder(done: Path, tmp_path: Path) -> Path:
+    """The same, for one test alone."""
+    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def rows(out: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((out / "ranked.csv").read_text(encoding="utf-8").splitlines()))
+
+
+def test_a_search_ranks_all_and_leaves_table_plot_page_and_recipe(done: Path) -> None:
+    out = done / "out"
+    table = rows(out)
+    assert [row["rank"] for row in table] == list("1234")
+    scores = [float(row["score"]) for row in table]
+    assert scores == sorted(scores)
+    assert {row["state"] for row in table} == {"good"}
+    assert [float(row["vasculature.terminals"]) for row in table] == [
+        float(row["terminals"]) for row in table
+    ]
+    best = yaml.safe_load((out / "best.yaml").read_text(encoding="utf-8"))
+    assert str(best["seed"]) == table[0]["seed"]
+    assert (out / "pareto.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "search.html").read_text(encoding="utf-8")
+    assert page.count('<th scope="row"') == 4
+
+
+def test_it_goes_on_where_it_was_and_ends_as_if_never_stopped(done: Path, folder: Path) -> None:
+    path, out = folder / "search.yaml", folder / "out"
+    lost, torn, *kept = sorted((out / "candidates").iterdir())
+    before = [(file, file.stat().st_ino) for file in kept]
+    lost.unlink()
+    torn.write_text(torn.read_text(encoding="utf-8")[:40], encoding="utf-8")
+    first = run(path, out, limit=1)
+    assert (first.made, first.kept, first.left) == (1, 2, 1)
+    again = run(path, out)
+    assert (again.made, again.kept, again.left) == (1, 3, 0)
+    assert [(file, file.stat().st_ino) for file in kept] == before
+    assert left_behind(out) == left_behind(done / "out")
+
+
+def test_other_goals_rank_what_is_known_anew(folder: Path) -> None:
+    out = folder / "out"
+    other = {"objectives": {"terminals": "maximise", "volume_mm3": {"at_most": 0.001}}}
+    found = run(write(folder, SEARCH | other), out)
+    assert (found.made, found.kept) == (0, 4)
+    assert found.best is None
+    assert not (out / "best.yaml").exists()
+
+
+def test_another_scan_changes_no_candidate_and_another_wall_does(folder: Path) -> None:
+    out = folder / "out"
+    scanned = BASE | {"scan": {"simulated": "microct", "voxel_um": [50, 50, 50]}}
+    assert run(write(folder, SEARCH, scanned), out, limit=0).kept == 4
+    thicker = {**BASE["vasculature"], "clearance_mm": 0.11}
+    assert run(write(folder, SEARCH, BASE | {"vasculature": thicker}), out, limit=0).kept == 0
+
+
+def test_a_candidate_that_can_t_grow_is_recorded_with_its_message(tmp_path: Path) -> None:
+    vary = {"vasculature.smallest_diameter_mm": [0.3, 3.5]}
+    path, out = write(tmp_path, SEARCH | {"vary": vary}), tmp_path / "out"
+    assert run(path, out).made == 2
+    last = rows(out)[-1]
+    assert (last["state"], last["vasculature.smallest_diameter_mm"]) == ("refused", "3.5")
+    assert len(last["said"]) > 20
+    assert run(path, out).kept == 2
+
+
+def test_what_breaks_is_told_not_recorded_and_tried_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, out = folder / "search.yaml", folder / "out"
+    vary = {"vary": {"seed": [1, 2, 3], "vasculature.terminals": [3, 5]}}
+    write(folder, SEARCH | vary)
+    make = vasculature.make_network
+
+    def breaking(context: RunContext) -> Any:
+        if context.recipe.seed == 3:
+            raise MemoryError("none left")
+        return make(context)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(vasculature, "make_network", breaking)
+        found = run(path, out)
+    assert found.broken == {5: "MemoryError: none left", 6: "MemoryError: none left"}
+    assert (found.made, found.kept, found.left) == (0, 4, 2)
+    again = run(path, out)
+    assert (again.made, again.kept, again.broken) == (2, 4, {})
+
+
+def test_the_best_recipe_runs_to_the_very_numbers_of_the_search(tmp_path: Path) -> None:
+    """Through the stages of `printctl run`, from another folder than the user's files are in."""
+    (tmp_path / "given").mkdir()
+    points = "x_mm,y_mm,z_mm\n1.5,1.2,1.4\n4.3,1.4,2.9\n4.8,3.5,1.8\n"
+    (tmp_path / "given" / "ends.csv").write_text(points, encoding="utf-8")
+    grown = {"grow": "tree", "terminal_points": "ends.csv", "smallest_diameter_mm": 0.3}
+    base = BASE | {"vasculature": grown, "print_scale": 1.3}
+    base["flow"] = {"shear_band_dyn_cm2": [0.5, 4.0]}
+    vary = {"seed": [2], "vasculature.murray_exponent": [2.71]}
+    search = SEARCH | {"vary": vary, "samples": 200_000}
+    out = tmp_path / "elsewhere" / "out"
+    found = run(write(tmp_path / "given", search, base), out)
+    assert found.best is not None
+    recipe, folder = load_recipe(out / "best.yaml"), tmp_path / "run"
+    folder.mkdir()
+    bars = StageBars(Console(file=io.StringIO()))
+    context = RunContext(recipe, out, folder, Manifest(folder), bars)
+    stages = (tissue.STAGE, vasculature.STAGE, flow.STAGE, measures.STAGE)
+    run_stages(context, stages, bars)
+    told = json.loads((folder / "measures.json").read_text(encoding="utf-8"))
+    driven = context.manifest.stages["flow"].summary
+    numbers = found.best.numbers
+    assert numbers["distance_p95_mm"] == told["supply"]["distance_p95_mm"]
+    assert numbers["volume_mm3"] == told["volume_mm3"]
+    assert numbers["supply_over_demand_p5"] == told["territories"]["p5"]
+    inside = 100 * driven["shear_band"]["area_inside"]
+    assert numbers["wall_shear_outside_percent"] == pytest.approx(100 - inside, abs=1e-9)
+    assert 0 < inside < 100
+    for key in ("pressure_drop_mmhg", "wall_shear_max_pa", "dissipated_uw"):
+        assert numbers[key] == driven[key]
+
+
+def test_a_worker_with_other_files_or_another_printctl_is_not_believed(tmp_path: Path) -> None:
+    path = write(tmp_path, SEARCH)
+    task = draw_candidates(load_search(path), tmp_path).candidates[0].task
+    with pytest.raises(WorkerError, match="another printctl than the search"):
+        evaluate(replace(task, code="other"))
+    with pytest.raises(WorkerError, match=r"ends.csv isn't there on the worker"):
+        evaluate(replace(task, files={"ends.csv": "0" * 64}))
+    with pytest.raises(WorkerError, match="a profile that the recipe names is another"):
+        evaluate(replace(task, limits_mm=(0.1, 2.0, 0.3)))
+
+
+def test_a_profile_of_the_user_s_own_that_changes_makes_other_candidates(tmp_path: Path) -> None:
+    needle = tmp_path / "mine.yaml"
+    base = BASE | {"toolpath": {"method": "embedded", "needle": str(needle)}}
+    path, keys = write(tmp_path, SEARCH, base), []
+    for bore in (0.16, 0.21):
+        facts = load(Needle, "30g").model_dump(mode="json") | {"inner_mm": bore, "outer_mm": 0.41}
+        needle.write_text(yaml.safe_dump(facts), encoding="utf-8")
+        keys.append(draw_candidates(load_search(path), tmp_path).candidates[0].key)
+    assert keys[0] != keys[1]
+
+
+def test_the_command_prints_the_table_and_its_exit_code_tells_the_outcome(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shell = Shell(monkeypatch, capsys, "search", str(folder / "search.yaml"))
+    there = ("--out", str(folder / "out"), "--workers", "0")
+    code, said, _ = shell(*there)
+    assert code == 0
+    assert "4 of 4 candidates known (4 from before): 4 good" in said
+    code, said, _ = shell(*there, "--json")
+    assert code == 0
+    assert [row["rank"] for row in json.loads(said)["candidates"]] == [1, 2, 3, 4]
+    write(folder, SEARCH | {"objectives": {"volume_mm3": {"goal": "minimise", "at_most": 1e-3}}})
+    code, said, _ = shell(*there)
+    assert code == 1
+    assert "4 beyond limits" in said
