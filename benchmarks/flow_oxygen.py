@@ -94,6 +94,7 @@ def block_rows(cells: int) -> list[Row]:
     name = f"oxygen, {network.vessel_count:,} vessels, {int(fine.grid.inside.sum()):,} cells"
     off = balance(network, flow, fine)
     low = float(fine.concentration[fine.grid.inside].min())
+    assert coarse is not None
     worse = 100 * abs(fine.share_below(0.01) - coarse.share_below(0.01))
     return [
         row(f"{name}: time", spent, "s"),

@@ -9,7 +9,8 @@ import typer
 from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
-from printctl.cli.flow_solve import Found, pulsatile, steady, waves
+from printctl.cli.flow_ranks import Elsewhere, beyond
+from printctl.cli.flow_solve import Found, pulsatile, space, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.networks import Drive, load_source
@@ -46,6 +47,17 @@ def flow(
     cell_mm: options.CellOption = None,
     wall_viscosity_pa_s: options.WallViscosityOption = None,
     svoned: options.SvonedOption = None,
+    three_d: options.ThreeDFlag = False,
+    edge_ratio: options.EdgeOption = None,
+    order: options.OrderOption = None,
+    check: options.CheckFlag = False,
+    fillet_ratio: options.FilletOption = 0.5,
+    compare: options.CompareFlag = False,
+    along_vessel: options.AlongOption = None,
+    ranks: options.RanksOption = None,
+    ranks_python: options.PythonOption = None,
+    slurm: options.SlurmOption = None,
+    svmultiphysics: options.SvmultiphysicsOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network; in pulses, too, where a wave is given.
@@ -62,6 +74,9 @@ def flow(
     steady(source.network, part, out, found)
     pulsatile(source.network, part, out, svzerod, found)
     waves(source.network, part, out, svoned, found)
+    space(source.network, part, out, fillet_ratio, found)
+    elsewhere = Elsewhere(out, fillet_ratio, ranks, ranks_python, slurm, svmultiphysics)
+    beyond(source.network, part, elsewhere, found)
     _say(found, as_json)
 
 

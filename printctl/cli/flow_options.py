@@ -97,3 +97,37 @@ SvonedOption = Annotated[
     Path | None,
     typer.Option("--svoned", help="Write the pulsatile problem for svOneDSolver, too."),
 ]
+ThreeDFlag = Annotated[
+    bool, typer.Option("--three-d", help="Resolve the flow in the lumens' space, too.")
+]
+EdgeOption = Annotated[
+    float | None, typer.Option("--edge-ratio", help="Of 3D: element's edge over the radius; 0.7.")
+]
+OrderOption = Annotated[
+    int | None, typer.Option("--order", help="Of 3D elements: 2, or 3 (more exact, slower).")
+]
+CheckFlag = Annotated[
+    bool, typer.Option("--check", help="Solve 3D once more, of the other order: error estimate.")
+]
+FilletOption = Annotated[
+    float, typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius.")
+]
+CompareFlag = Annotated[
+    bool, typer.Option("--compare", help="Fidelities side by side, each against the ideal.")
+]
+AlongOption = Annotated[
+    int | None, typer.Option("--along-vessel", help="Compare at ten places of it; the longest.")
+]
+RanksOption = Annotated[
+    int | None, typer.Option("--ranks", help="Solve 3D on so many MPI processes, by FEniCSx.")
+]
+SlurmOption = Annotated[
+    Path | None, typer.Option("--slurm", help="Write a batch script that does it on a cluster.")
+]
+PythonOption = Annotated[
+    Path | None, typer.Option("--ranks-python", help="Interpreter with dolfinx, for --ranks.")
+]
+SvmultiphysicsOption = Annotated[
+    Path | None,
+    typer.Option("--svmultiphysics", help="Write the pulsatile 3D case for svMultiPhysics here."),
+]

@@ -19,6 +19,7 @@ _BEHIND: Final = ("resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _FOR_WAVES: Final = ("period_s", "wall_young_kpa", "wall_thickness_mm")
 _FOR_ONE_D: Final = ("cell_mm", "wall_viscosity_pa_s")
+_FOR_THREE_D: Final = ("edge_ratio", "order", "check")
 
 
 def part_of(asked: Mapping[str, Any]) -> FlowPart:
@@ -42,6 +43,7 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
     if asked["one_d"]:
         given = {key: asked[key] for key in _FOR_ONE_D}
         section["one_d"] = {key: value for key, value in given.items() if value is not None}
+    section |= _space(asked)
     try:
         return FlowPart(**section)
     except ValidationError as exc:
@@ -57,6 +59,16 @@ def _outlet(asked: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {"outlet": given} if given else {}
     if asked["outlets"] is not None:
         found["outlets"] = str(Path(asked["outlets"]).resolve())
+    return found
+
+
+def _space(asked: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    if asked["three_d"]:
+        given = {key: asked[key] for key in _FOR_THREE_D}
+        found["three_d"] = {key: value for key, value in given.items() if value is not None}
+    if asked["compare"]:
+        found["compare"] = {"along_vessel": asked["along_vessel"]}
     return found
 
 
@@ -105,12 +117,20 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
             f"--{idle[0].replace('_', '-')} is for pulsatile flow; give --amplitude-ml-min, "
             "--shape or --waveform"
         )
-    for key in _FOR_ONE_D:
-        if asked[key] is not None and not asked["one_d"]:
-            raise UsageError(f"--{key.replace('_', '-')} is for --one-d; add that, or leave it out")
+    for keys, other in (
+        (_FOR_ONE_D, "one_d"),
+        (_FOR_THREE_D, "three_d"),
+        (("along_vessel",), "compare"),
+        (("ranks_python",), "ranks"),
+    ):
+        for key in keys:
+            if asked[key] not in (None, False) and not asked[other]:
+                name, wants = (x.replace("_", "-") for x in (key, other))
+                raise UsageError(f"--{name} is for --{wants}; add that, or leave it out")
     for key, does in (
         ("svzerod", "writes a pulsatile problem"),
         ("svoned", "writes a pulsatile problem"),
+        ("svmultiphysics", "writes a pulsatile problem"),
         ("one_d", "follows a pulse"),
     ):
         if asked[key] and not waves:

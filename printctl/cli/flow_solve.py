@@ -23,6 +23,7 @@ from printctl.flow import (
     solve_steady,
     steady_conditions,
 )
+from printctl.flow.fidelities import Case, solve_fidelities
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.waves import OneDPart
 
@@ -93,3 +94,25 @@ def waves(
     if svoned is not None:
         write_svoned(svoned, network, conditions, options)
         found.files.append(svoned)
+
+
+def space(
+    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, found: Found
+) -> None:
+    """Resolve the flow in space and compare fidelities, as far as the section asks for it.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, OSError
+        As `solve_fidelities`.
+    """
+    if part.three_d is None and part.compare is None:
+        return
+    pulse = None
+    if part.pulse is not None:
+        pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
+    case = Case(network, part, steady_conditions(part, Path(), network), pulse, fillet_ratio)
+    with messages().status("3D flow") as status:
+        done = solve_fidelities(out, case, lambda _, doing: status.update(f"3D flow: {doing}"))
+    found.summary |= done.summary
+    found.files += [out / name for name in done.files]

@@ -145,4 +145,4 @@ def _lines(found: dict[str, Any]) -> list[str]:
         "outlet_millimolar", "extraction_percent", "demand_met_percent", "cells",
         "cells_fed_at_most", "imbalance", "spacing_um",
     )  # fmt: skip
-    return [f"{key}: {found[key]:.4g}" for key in keys]
+    return [f"{key}: {found[key]:.4g}" for key in keys if key in found]

@@ -108,10 +108,10 @@ def _rows(table: dict[str, Any]) -> list[dict[str, Any]]:
 def hypoxia(found: dict[str, Any]) -> str:
     """The finding in a sentence."""
     x, y, z = found["worst_place_mm"]
-    word = "the widest such place is" if found["hypoxic_percent"] > 0.0 else "least is"
+    word = " the widest such place is " if found["hypoxic_percent"] > 0.0 else " "
     return (
         f"{found['hypoxic_percent']:.3g} % of the tissue is below "
-        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM, "
-        f"{word} at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell "
+        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM,"
+        f"{word}at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell "
         "density are assumed unless you gave yours"
     )

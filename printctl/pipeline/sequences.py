@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import (
     dry_run,
+    fidelities,
     flow,
     lumens,
     measures,
@@ -24,6 +25,7 @@ DESIGN: Sequence[Stage] = (
     tissue.STAGE,
     vasculature.STAGE,
     flow.STAGE,
+    fidelities.STAGE,
     measures.STAGE,
     oxygen.STAGE,
     solid.STAGE,

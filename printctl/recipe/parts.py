@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from printctl.recipe.fluids import FluidPart, LossPart
 from printctl.recipe.pulse import PulseOutlet, PulsePart
+from printctl.recipe.space import ComparePart, ThreeDPart
 from printctl.recipe.waves import OneDPart
 
 Length = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
@@ -74,6 +75,12 @@ class FlowPart(Part):
     one_d: OneDPart | None = Field(
         default=None, description="With it the pulse's waves are followed along vessels, too."
     )
+    three_d: ThreeDPart | None = Field(
+        default=None, description="With it the flow is resolved in the lumens' space, too."
+    )
+    compare: ComparePart | None = Field(
+        default=None, description="Fidelities side by side, each against the ideal."
+    )
 
     @model_validator(mode="after")
     def _one_of_each(self) -> FlowPart:
@@ -87,6 +94,7 @@ class FlowPart(Part):
                 raise ValueError(f"give {one} or {other}, and not both")
         self._check_pulse()
         self._waves_have_a_wall()
+        self._check_space()
         band = self.shear_band_dyn_cm2
         if band is not None and not 0.0 <= band[0] < band[1]:
             raise ValueError(
@@ -108,6 +116,17 @@ class FlowPart(Part):
             raise ValueError(
                 "a pulse is solved with viscosity_mpa_s and no losses; leave viscosity and losses "
                 "out, or the pulse"
+            )
+
+    def _check_space(self) -> None:
+        if self.compare is not None and self.three_d is None and self.one_d is None:
+            raise ValueError(
+                "compare sets other fidelities against the ideal; give three_d or one_d, too"
+            )
+        if self.three_d is not None and (self.viscosity is not None or self.losses != LossPart()):
+            raise ValueError(
+                "three_d is solved with viscosity_mpa_s, and finds losses by itself; leave "
+                "viscosity and losses out, or three_d"
             )
 
     def _waves_have_a_wall(self) -> None:

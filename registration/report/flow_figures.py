@@ -52,3 +52,72 @@ def _draw(axes: Any, waves: Mapping[str, FloatArray], quantity: str) -> None:
         axes.plot(time, np.append(value, value[0]), style, color=colour, label=end)
     axes.axhline(0.0, color=MUTED, linewidth=0.5)
     axes.set_xlim(time[0], time[-1])
+
+
+def comparison_figure(line: Mapping[str, Any]) -> bytes:
+    """Flow and pressure of several fidelities along a vessel and, in pulses, over a cycle.
+
+    Parameters
+    ----------
+    line : mapping
+        ``vessel``, ``time_s`` (t,), ``fraction`` (p,), and ``flow_ml_min`` and ``pressure_mmhg``,
+        each a mapping of fidelity to (p, t).
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    pulse = len(line["time_s"]) > 1
+    with styled():
+        figure = Figure(figsize=(8.4 if pulse else 5.2, 4.6), layout="constrained")
+        grid = figure.subplots(2, 1 + pulse, squeeze=False)
+        for row, quantity, label in (
+            (grid[0], "flow_ml_min", "flow / (mL/min)"),
+            (grid[1], "pressure_mmhg", "pressure / mmHg"),
+        ):
+            _draw_along(row[0], line, quantity)
+            row[0].set_ylabel(label)
+            if pulse:
+                _draw_over_cycle(row[1], line, quantity)
+            for axes in row:
+                axes.spines[["top", "right"]].set_visible(False)
+        grid[1, 0].set_xlabel(f"share of the way along vessel {line['vessel']}")
+        if pulse:
+            grid[1, 1].set_xlabel("time / s")
+            grid[0, 0].set_title("mean of a cycle")
+            grid[0, 1].set_title("amid the vessel")
+        _widen_flat(grid[0, 0])
+        grid[0, 0].legend(loc="best")
+        return to_svg(figure, "comparison")
+
+
+_STYLES = (
+    {"color": MUTED, "linestyle": "-", "linewidth": 3.0},
+    {"color": ACCENT, "linestyle": "-", "linewidth": 1.2},
+    {"color": INK, "linestyle": "--", "linewidth": 1.2},
+)
+
+
+def _draw_along(axes: Any, line: Mapping[str, Any], quantity: str) -> None:
+    for (name, values), style in zip(line[quantity].items(), _STYLES, strict=False):
+        mark = "o" if name == "3D" else None
+        axes.plot(line["fraction"], values.mean(axis=1), marker=mark, label=name, **style)
+    axes.set_xlim(0.0, 1.0)
+
+
+def _draw_over_cycle(axes: Any, line: Mapping[str, Any], quantity: str) -> None:
+    time = line["time_s"]
+    whole = np.append(time, time[-1] + (time[1] - time[0]))
+    for values, style in zip(line[quantity].values(), _STYLES, strict=False):
+        middle = values[len(values) // 2]
+        axes.plot(whole, np.append(middle, middle[0]), **style)
+    axes.set_xlim(whole[0], whole[-1])
+
+
+def _widen_flat(axes: Any) -> None:
+    """Flow along a vessel is one number: let its digits of noise not fill the picture."""
+    low, high = axes.get_ylim()
+    middle = 0.5 * (low + high)
+    half = max(0.5 * (high - low), 0.1 * abs(middle))
+    axes.set_ylim(middle - half, middle + half)

@@ -1,10 +1,11 @@
-"""Solve on coarser grids first: each begins the next, and the last two tell the grid's error."""
+"""Solve on coarser grids first: each begins the next, and the last two tell what the grid does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Final
 
+from design.errors import FlowError
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.solution import OxygenSolution
 from design.hemodynamics.oxygen.solve import SolverOptions, solve_oxygen
@@ -27,25 +28,42 @@ def solve_refined(
     conditions: OxygenConditions,
     options: SolverOptions | None = None,
     report: Callable[[float, str], None] | None = None,
-) -> tuple[OxygenSolution, OxygenSolution]:
+) -> tuple[OxygenSolution, OxygenSolution | None]:
     """Solve at ``spacing_mm``, by way of four and two times that.
 
     Returns
     -------
-    OxygenSolution, OxygenSolution
-        At the spacing asked for, and at twice that.
+    OxygenSolution, OxygenSolution or None
+        At the spacing asked for, and at twice that; None where the tissue is too thin for it.
 
     Raises
     ------
     FlowError
         As `solve_oxygen`, or for a spacing that the tissue can't be cut by.
     """
-    found: list[OxygenSolution] = []
+    found: OxygenSolution | None = None
+    before: OxygenSolution | None = None
     for number in range(GRIDS):
         spacing = spacing_mm * 2.0 ** (GRIDS - 1 - number)
         if report is not None:
             report(8.0 ** (number - GRIDS), f"{spacing * 1e3:.3g} µm")
-        guess = found[-1] if found else None
-        found = found[-1:]
-        found.append(solve_oxygen(network, flow, grids(spacing), conditions, guess, options))
-    return found[-1], found[-2]
+        if number < GRIDS - 1:
+            found = _coarse(network, flow, grids, spacing, conditions, found, options)
+            before = found
+    return solve_oxygen(network, flow, grids(spacing_mm), conditions, found, options), before
+
+
+def _coarse(
+    network: VesselNetwork,
+    flow: FlowSolution,
+    grids: Grids,
+    spacing: float,
+    conditions: OxygenConditions,
+    guess: OxygenSolution | None,
+    options: SolverOptions | None,
+) -> OxygenSolution | None:
+    """What a coarser grid says; None where it can't resolve what the finest one may."""
+    try:
+        return solve_oxygen(network, flow, grids(spacing), conditions, guess, options)
+    except FlowError:
+        return None

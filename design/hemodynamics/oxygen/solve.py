@@ -11,7 +11,7 @@ from design.errors import FlowError
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.krylov import bicgstab
 from design.hemodynamics.oxygen.problem import Problem
-from design.hemodynamics.oxygen.solution import OxygenSolution
+from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from design.hemodynamics.oxygen.transport import sweep
 from design.hemodynamics.zero_d.flow import FlowSolution
@@ -63,12 +63,14 @@ def solve_oxygen(
     Raises
     ------
     FlowError
-        When nothing flows, or the steps don't lead to a solution.
+        When nothing flows, no vessel runs through the tissue, lumens fill it, or the steps don't
+        lead to a solution.
     """
     options = options or SolverOptions()
     if not np.abs(flow.flow).max() > 0.0:
         raise FlowError("no vessel carries any flow, and so no oxygen; check the flow first")
     problem = Problem(network, flow, grid, conditions)
+    _check(problem)
     c = _begin(grid, conditions, guess)
     steps = cycles = 0
     loss = problem.loss(c)
@@ -90,6 +92,20 @@ def solve_oxygen(
         loss = problem.loss(c)
         steps, cycles = steps + 1, cycles + used
     return _solution(problem, c, steps, cycles)
+
+
+def _check(problem: Problem) -> None:
+    """Raise where there is nothing to solve for."""
+    if not problem.share.max() >= HALF:
+        raise FlowError(
+            f"no cell of {problem.grid.spacing_mm * 1e3:g} µm is tissue by half: lumens fill it; "
+            "lower the spacing"
+        )
+    if not problem.conductance.any() and problem.conditions.bath_millimolar is None:
+        raise FlowError(
+            "no vessel runs through the tissue, so nothing reaches it; check that network and "
+            "tissue are in one frame and in the units said"
+        )
 
 
 def _scale(problem: Problem, c: FloatArray) -> float:

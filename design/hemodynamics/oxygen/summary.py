@@ -28,8 +28,8 @@ def oxygen_summary(fine: OxygenSolution, coarse: OxygenSolution | None = None) -
     ``demand_met_percent`` holds what is taken up against what the cells would take with oxygen in
     plenty. ``cells_fed_at_most`` is the plain balance: what is brought over a cell's uptake.
     ``imbalance`` is in less out less taken up, over what is taken up. ``…_coarser`` is the same on
-    a grid of twice the spacing: about three times the grid's error. ``worst_place`` is the middle
-    of the widest hypoxic place, or where there is none the place with least.
+    a grid of twice the spacing: how much the grid matters, not a bound. ``worst_place`` is the
+    middle of the widest hypoxic place, or where there is none the place with least.
     """
     conditions, grid = fine.conditions, fine.grid
     share, field = fine.tissue_share, fine.concentration

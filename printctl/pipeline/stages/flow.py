@@ -112,7 +112,8 @@ def key(context: RunContext) -> list[Any]:
     part = context.recipe.flow
     tables = [part.outlets, None if part.pulse is None else part.pulse.table]
     named = [name for name in tables if name is not None]
-    told = [part.model_dump(mode="json", exclude_none=True), context.recipe.print_scale]
+    said = part.model_dump(mode="json", exclude_none=True, exclude={"three_d", "compare"})
+    told = [said, context.recipe.print_scale]
     return [*told, context.digests(named)] if named else told
 
 

@@ -32,10 +32,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
 
 def depends(context: RunContext) -> Any:
-    """The section, the flow's, and the scale."""
+    """The section, the steady flow's, the user's outlets, and the scale."""
     part, recipe = context.recipe.oxygen, context.recipe
-    flow = recipe.flow.model_dump(mode="json", exclude={"pulse"})
-    return [None if part is None else part.model_dump(mode="json"), flow, recipe.print_scale]
+    return [
+        None if part is None else part.model_dump(mode="json"),
+        recipe.flow.model_dump(mode="json", exclude={"pulse", "one_d"}),
+        context.outlets_digest,
+        recipe.print_scale,
+    ]
 
 
 def asked(context: RunContext) -> bool:

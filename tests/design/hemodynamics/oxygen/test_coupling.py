@@ -166,6 +166,13 @@ def test_what_cannot_be_solved_is_said() -> None:
     still = replace(flow, flow=np.zeros(7))
     with pytest.raises(FlowError, match="no vessel carries any flow"):
         solve_oxygen(network, still, grid_of_box(BOX, 0.2), OxygenConditions())
+    for given, moved, words in (
+        (0.2, [9.0, 0.0, 0.0], "check that network and tissue"),
+        (2.0, [0.0, 0.0, 0.0], "lumens fill it"),
+    ):
+        wide = network_of(NODES, BRIDGE, 0.9 if given == 2.0 else 0.08).moved(np.array(moved))
+        with pytest.raises(FlowError, match=words):
+            solve_oxygen(wide, flow, grid_of_box(BOX, given), OxygenConditions())
     with pytest.raises(FlowError, match="raise the spacing"):
         grid_of_box(BOX, 0.002)
     with pytest.raises(FlowError, match="cells_per_ml is -1"):

@@ -1,0 +1,91 @@
+"""Flow in 3D by other programs: on MPI ranks here or on a cluster, and svMultiPhysics' input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from design.hemodynamics.three_d import LumenMesh, straightened
+from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.ranks import write_case
+from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
+from design.network import VesselNetwork
+from design.units import PA_PER_MMHG
+from printctl.cli.flow_solve import Found
+from printctl.cli.options import messages
+from printctl.flow import pulsatile_conditions, steady_conditions
+from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm
+from printctl.flow.three_d import SHARP
+from printctl.recipe.parts import FlowPart
+from printctl.recipe.space import ThreeDPart
+
+CASE = "ranks"
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """What is asked of other programs.
+
+    Attributes
+    ----------
+    out : Path
+    fillet_ratio : float
+    ranks : int or None
+    python : Path or None
+        With dolfinx.
+    slurm : Path or None
+        Batch script to write.
+    svmultiphysics : Path or None
+        Folder to write.
+    """
+
+    out: Path
+    fillet_ratio: float
+    ranks: int | None
+    python: Path | None
+    slurm: Path | None
+    svmultiphysics: Path | None
+
+
+def beyond(network: VesselNetwork, part: FlowPart, asked: Elsewhere, found: Found) -> None:
+    """Do what is asked for; nothing where nothing is.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, PrintctlError, OSError
+        As `lumen_mesh`, `run_on_ranks` and the writers.
+    """
+    if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
+        return
+    mesh = _mesh(network, part.three_d or ThreeDPart(), asked.fillet_ratio)
+    if asked.svmultiphysics is not None and part.pulse is not None:
+        conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
+        write_svmultiphysics(asked.svmultiphysics, mesh, conditions)
+        found.files.append(asked.svmultiphysics)
+    if asked.ranks is None and asked.slurm is None:
+        return
+    folder = asked.out / CASE
+    write_case(mesh, steady_conditions(part, Path(), network), folder)
+    found.files.append(folder)
+    if asked.slurm is not None:
+        write_slurm(asked.slurm, folder, SlurmJob())
+        found.files.append(asked.slurm)
+    if asked.ranks is not None:
+        found.summary["ranks"] = _solved(folder, asked.ranks, asked.python)
+
+
+def _mesh(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:
+    shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
+    return straightened(lumen_mesh(network, shape))[0]
+
+
+def _solved(folder: Path, ranks: int, python: Path | None) -> dict[str, Any]:
+    with messages().status(f"3D flow on {ranks} ranks") as status:
+        result = run_on_ranks(folder, ranks, python, status.update)
+    return {
+        "ranks": ranks,
+        "pressure_drop_mmhg": float(np.ptp(result.port_pressure)) / PA_PER_MMHG,
+    }

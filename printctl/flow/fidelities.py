@@ -1,0 +1,122 @@
+"""Flow in 3D, and fidelities side by side: what `flow.three_d` and `flow.compare` ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from design.files import write_bytes
+from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
+from design.hemodynamics.probes import Probes, ProbeWaves
+from design.hemodynamics.three_d import probe_steady
+from design.hemodynamics.waveforms.waveform import cycle_times
+from design.network import VesselNetwork
+from printctl.flow.comparison import (
+    Comparison,
+    comparison_summary,
+    places,
+    pulsatile_comparison,
+    steady_comparison,
+    write_comparison,
+)
+from printctl.flow.one_d import one_d_options
+from printctl.flow.three_d import STEPS, Resolved, Tell, pulse_at, resolve, write_resolved
+from printctl.recipe.parts import FlowPart
+from printctl.recipe.space import ComparePart
+from registration.report.flow_figures import comparison_figure
+from registration.report.lumen_figure import shear_figure
+
+COMPARED, SEEN = "flow_comparison.svg", "flow_3d.svg"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A network, what drives it, and what of it is asked for.
+
+    Attributes
+    ----------
+    network : VesselNetwork
+    part : FlowPart
+    steady : FlowConditions
+    pulse : PulsatileConditions or None
+    fillet_ratio : float
+        Of the lumens as they are printed.
+    """
+
+    network: VesselNetwork
+    part: FlowPart
+    steady: FlowConditions
+    pulse: PulsatileConditions | None
+    fillet_ratio: float
+
+
+@dataclass
+class Outcome:
+    """Summary by fidelity, and the files written."""
+
+    summary: dict[str, Any] = field(default_factory=dict)
+    files: list[str] = field(default_factory=list)
+
+
+def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
+    """Resolve the flow in space and compare fidelities, as far as the section asks; write both.
+
+    Raises
+    ------
+    FlowError, SolidError, OSError
+        As `resolve`, `pulse_at`, `solve_one_d` and the writers.
+    """
+    done, found = Outcome(), None
+    if case.part.three_d is not None:
+        driven = case.steady
+        found, summary = resolve(case.network, driven, case.part.three_d, case.fillet_ratio, tell)
+        done.summary["three_d"] = summary
+        done.files += write_resolved(folder, found)
+        write_bytes(folder / SEEN, shear_figure(found.mesh, found.steady.wall_shear))
+        done.files.append(SEEN)
+    if case.part.compare is not None:
+        compared = _compared(case, case.part.compare, found, tell)
+        done.summary["comparison"] = comparison_summary(compared)
+        done.files.append(write_comparison(folder, compared))
+        write_bytes(folder / COMPARED, comparison_figure(compared.line()))
+        done.files.append(COMPARED)
+    return done
+
+
+def _compared(case: Case, part: ComparePart, found: Resolved | None, tell: Tell) -> Comparison:
+    probes, _ = places(case.network, part)
+    if case.pulse is None:
+        others = {} if found is None else {
+            "3D": probe_steady(case.network, probes, found.steady.field)
+        }  # fmt: skip
+        return steady_comparison(case.network, case.steady, part, others)
+    pulse = case.part.pulse
+    steps = min(STEPS, 100 if pulse is None else pulse.steps)
+    waves = _waves(case, case.pulse, probes, found, steps, tell)
+    period = case.pulse.inlet.period_s or 1.0
+    times = next(iter(waves.values())).time_s if waves else cycle_times(period, steps)
+    if "3D" in waves:
+        times = waves["3D"].time_s
+    return pulsatile_comparison(case.network, case.pulse, part, waves, times)
+
+
+def _waves(
+    case: Case,
+    conditions: PulsatileConditions,
+    probes: Probes,
+    found: Resolved | None,
+    steps: int,
+    tell: Tell,
+) -> dict[str, ProbeWaves]:
+    waves: dict[str, ProbeWaves] = {}
+    if case.part.one_d is not None and case.part.pulse is not None:
+        tell(0.0, "1D, at the places compared")
+        options = replace(one_d_options(case.part.one_d, case.part.pulse.steps), probes=probes)
+        solved = solve_one_d(case.network, conditions, options).probes
+        if solved is not None:
+            waves["1D"] = solved
+    if found is not None and case.part.three_d is not None:
+        tell(0.0, "3D, in pulses")
+        waves["3D"] = pulse_at(found, conditions, case.part.three_d, steps, probes)[0]
+    return waves

@@ -1,0 +1,179 @@
+"""Flow resolved in a network's lumens: meshed, solved, written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from design.hemodynamics import FlowConditions, PulsatileConditions
+from design.hemodynamics.probes import Probes, ProbeWaves, midpoints
+from design.hemodynamics.three_d import (
+    FlowOptions,
+    LumenMesh,
+    ResidenceTime,
+    Stepping,
+    ThreeDSolution,
+    ThreeDWaves,
+    at_points,
+    estimate_error,
+    march_flow,
+    probe_steady,
+    residence_time,
+    sections_at,
+    solve_steady,
+    straightened,
+    write_flow_vtu,
+)
+from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.network import FloatArray, VesselNetwork
+from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
+from printctl.flow.outputs import write_columns
+from printctl.recipe.space import ThreeDPart
+
+THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"
+SHARP: Final = 0.1
+"""Fillet ratio where the recipe's solid has sharp seams: a seam has no wall shear of its own."""
+
+STEPS: Final = 50
+"""Of a cycle, at most."""
+
+Tell = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A network's lumens, meshed, the steady flow in them, and how old the fluid is."""
+
+    network: VesselNetwork
+    mesh: LumenMesh
+    steady: ThreeDSolution
+    ages: ResidenceTime
+
+
+def resolve(
+    network: VesselNetwork,
+    conditions: FlowConditions | PulsatileConditions,
+    part: ThreeDPart,
+    fillet_ratio: float,
+    tell: Tell,
+) -> tuple[Resolved, dict[str, Any]]:
+    """Mesh the lumens, solve the steady flow; summary.
+
+    Raises
+    ------
+    FlowError
+        As `lumen_mesh` and `solve_steady`.
+    SolidError
+        As `lumen_mesh`.
+    """
+    tell(0.0, "meshing")
+    shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
+    mesh, bent_back = straightened(lumen_mesh(network, shape))
+    tell(0.3, f"{len(mesh.tets):,} elements")
+    options = options_of(part)
+    solution = solve_steady(mesh, conditions, options)
+    ages = residence_time(solution, options=options)
+    summary: dict[str, Any] = {
+        "elements": len(mesh.tets),
+        "straightened_elements": bent_back,
+        "unknowns": solution.unknowns,
+        "order": part.order,
+        "pressure_drop_mmhg": float(np.ptp(solution.port_pressure)) / PA_PER_MMHG,
+        "largest_reynolds": float(solution.reynolds.max()),
+        "mass_imbalance": solution.mass_imbalance,
+        "energy_imbalance": solution.energy.imbalance,
+        "volume_ul": ages.volume_ul,
+        "mean_residence_s": ages.mean_s,
+        "wall_shear_median_dyn_cm2": float(np.median(solution.wall_shear.magnitude))
+        * DYN_CM2_PER_PA,
+    }
+    if part.check:
+        tell(0.7, "again, of another order")
+        error = estimate_error(mesh, conditions, solution, options)
+        summary["estimated_error"] = {
+            "pressure": error.pressure, "flow": error.flow, "wall_shear": error.wall_shear
+        }  # fmt: skip
+    tell(1.0, "")
+    return Resolved(network, mesh, solution, ages), summary
+
+
+def options_of(part: ThreeDPart) -> FlowOptions:
+    """A recipe's words as options."""
+    return FlowOptions(order=part.order, convection=part.inertia, memory_gb=part.memory_gb)
+
+
+def write_resolved(folder: Path, found: Resolved) -> tuple[str, str]:
+    """Write `THREE_D`, a row a vessel, and `FIELD` for ParaView; their names.
+
+    Raises
+    ------
+    OSError
+        When a file can't be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_columns(folder / THREE_D, vessel_table(found))
+    age = at_points(found.mesh, found.ages.age[..., None], 2)[:, 0]
+    more = {"residence_time_s": age}
+    write_flow_vtu(folder / FIELD, found.steady.field, found.steady.wall_shear, more)
+    return THREE_D, FIELD
+
+
+def vessel_table(found: Resolved) -> dict[str, Any]:
+    """Flow and pressure amid each vessel, and wall shear on its wall."""
+    amid = probe_steady(found.network, midpoints(found.network), found.steady.field)
+    mean, most = wall_shear_of_vessels(found)
+    return {
+        "vessel": np.arange(found.network.vessel_count),
+        "flow_ml_min": amid.flow[:, 0] / UL_S_PER_ML_MIN,
+        "pressure_mmhg": amid.pressure[:, 0] / PA_PER_MMHG,
+        "wall_shear_mean_dyn_cm2": mean * DYN_CM2_PER_PA,
+        "wall_shear_max_dyn_cm2": most * DYN_CM2_PER_PA,
+    }
+
+
+def wall_shear_of_vessels(found: Resolved) -> tuple[FloatArray, FloatArray]:
+    """Mean and greatest wall shear on each vessel's wall, (v,), Pa; NaN where it has no node.
+
+    A node on the wall belongs to the vessel whose axis is nearest, in radii.
+    """
+    shear = found.steady.wall_shear
+    start, end, r0, r1, vessel = found.network.pieces()
+    spots = np.linspace(0.0, 1.0, 9)[None, :, None]
+    axis = (start[:, None] * (1.0 - spots) + end[:, None] * spots).reshape(-1, 3)
+    radius = (r0[:, None] * (1.0 - spots[..., 0]) + r1[:, None] * spots[..., 0]).ravel()
+    owner = np.repeat(vessel, spots.size)
+    away, near = cKDTree(axis).query(found.mesh.points[shear.node], k=min(32, len(axis)))
+    away, near = away.reshape(len(shear.node), -1), near.reshape(len(shear.node), -1)
+    best = np.argmin(away / radius[near], axis=1)
+    mine = owner[near[np.arange(len(near)), best]]
+    count, size = found.network.vessel_count, shear.magnitude
+    most = np.full(count, np.nan)
+    np.fmax.at(most, mine, size)
+    nodes = np.bincount(mine, minlength=count)
+    with np.errstate(invalid="ignore"):
+        return np.bincount(mine, size, minlength=count) / np.where(nodes, nodes, np.nan), most
+
+
+def pulse_at(
+    found: Resolved,
+    conditions: PulsatileConditions,
+    part: ThreeDPart,
+    steps: int,
+    probes: Probes,
+) -> tuple[ProbeWaves, ThreeDWaves]:
+    """A cycle of pulsatile flow in the mesh, at probes.
+
+    Raises
+    ------
+    FlowError
+        As `march_flow`.
+    """
+    sections = sections_at(found.network, probes, found.mesh, part.order)
+    clock = Stepping(steps=min(steps, STEPS), frames=0)
+    waves = march_flow(found.mesh, conditions, options_of(part), clock, sections)
+    return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

@@ -1,0 +1,51 @@
+"""Stage 3b: flow in 3D, and fidelities side by side, where the recipe asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from design.hemodynamics import PulsatileConditions
+from printctl.flow import pulsatile_conditions
+from printctl.flow.fidelities import Case, solve_fidelities
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages import flow
+from printctl.progress import Report
+
+
+def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    """Solve in the print's size, in lumens rounded as they are printed."""
+    recipe, network = context.recipe, context.network
+    case = Case(
+        network, recipe.flow, context.conditions, _pulse(context), recipe.solid.fillet_ratio
+    )
+    found = solve_fidelities(context.folder, case, report)
+    return found.summary, found.files
+
+
+def _pulse(context: RunContext) -> PulsatileConditions | None:
+    recipe = context.recipe
+    if recipe.flow.pulse is None:
+        return None
+    return pulsatile_conditions(
+        recipe.flow, recipe.flow.pulse, context.recipe_folder, recipe.print_scale, context.network
+    )
+
+
+def depends(context: RunContext) -> Any:
+    """The flow's section, whole, and the fillets."""
+    part = context.recipe.flow
+    space = [part.three_d, part.compare]
+    told = [None if x is None else x.model_dump(mode="json") for x in space]
+    return [flow.key(context), told, context.recipe.solid.fillet_ratio]
+
+
+def asked(context: RunContext) -> bool:
+    """Whether the recipe asks for either."""
+    part = context.recipe.flow
+    return part.three_d is not None or part.compare is not None
+
+
+STAGE = Stage("fidelities", depends, (NETWORK,), ("kernels", "design", "registration"), work, asked)

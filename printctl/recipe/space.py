@@ -1,0 +1,40 @@
+"""The parts of a recipe that ask for flow resolved in space, and for fidelities side by side."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class ThreeDPart(BaseModel):
+    """How flow is resolved in the lumens' space; all of it may be left out.
+
+    Junctions are rounded as `solid.fillet_ratio` says: the lumen that is solved is the one that
+    is printed.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    edge_ratio: Annotated[float, Field(ge=0.1, le=1.2)] = Field(
+        default=0.7, description="Length of an element's edge over the lumen's radius."
+    )
+    order: Literal[2, 3] = Field(default=2, description="Of velocity; pressure has one less.")
+    inertia: bool = Field(default=True, description="Navier-Stokes; without it Stokes flow.")
+    check: bool = Field(
+        default=False, description="Solve the steady flow once more, of the other order."
+    )
+    memory_gb: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        default=None, description="Refused above it; without it, above what is free."
+    )
+
+
+class ComparePart(BaseModel):
+    """Where fidelities are compared: amid every vessel, and at points along one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    along_vessel: Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description="Without it, the longest."
+    )
+    points: Annotated[int, Field(ge=1, le=1000)] = 10
