@@ -53,7 +53,7 @@ class OneDOptions:
 
     cell_mm: float | None = None
     cells_per_period: int = 800
-    least_cells: int = 4
+    least_cells: int = 2
     profile_exponent: float = PARABOLIC
     alpha: float | None = None
     wall_viscosity_pa_s: float = 0.0

@@ -72,6 +72,39 @@ def test_small_waves_in_a_loop_are_those_of_linear_theory(outlet, load, viscous)
     assert found.mass_imbalance < 1e-9
 
 
+def test_an_inlets_pressure_and_several_inlets_on_one_flow() -> None:
+    wall, period = ThinWall(4e5, 0.5), 0.25
+    omega, options = 2.0 * np.pi / period, OneDOptions(cell_mm=5.0, tolerance=1e-6)
+    radii, rubbing = [5.0, 4.0, 6.0], 8 * np.pi * 4e-3 / 1.06e-3
+    joined = network_of(
+        [[0, 0, 0], [0, 200, 0], [300, 100, 0], [700, 100, 0]], [(0, 2), (1, 2), (2, 3)], radii
+    )
+    tubes = [
+        Tube(float(length), np.pi * r * r, 4e5 * 0.5 / 0.75 / r, rubbing, 1.06e-3)
+        for length, r in zip(joined.lengths(), radii, strict=True)
+    ]
+    outlet = ResistanceOutlet(0.05)
+    shared = PulsatileConditions(4e-3, Sine(0.0, 10.0, period), outlet=outlet, wall=wall)
+    # Much between the two inlets makes one of them; a lot to ground holds a pressure.
+    huge = 1e9
+    bridge = network_of(joined.nodes.tolist(), [(0, 2), (0, 2), (2, 3)], radii)
+    exact = node_pressures(bridge, tubes, omega, {0: -10j}, {1: 1.0, 3: 1 / 0.05})
+    found = solve_one_d(joined, shared, options)
+    for vessel, node in ((0, 0), (1, 0), (2, 2)):
+        assert abs(phasor(found.pressure_in[vessel]) - exact[node]) < 3e-4 * abs(exact[0])
+    assert found.flow_in[:2].sum(axis=0) == pytest.approx(
+        10.0 * np.sin(omega * found.time_s), abs=1e-9
+    )
+    held = replace(shared, inlet=Sine(0.0, 3.0, period), inlet_is="pressure")
+    exact = node_pressures(
+        joined, tubes, omega, {0: -3j * huge, 1: -3j * huge}, {0: huge, 1: huge, 3: 1 / 0.05}
+    )
+    found = solve_one_d(joined, held, options)
+    for vessel, (first, last) in enumerate(joined.vessel_nodes):
+        assert abs(phasor(found.pressure_in[vessel]) - exact[first]) < 1e-3
+        assert abs(phasor(found.pressure_out[vessel]) - exact[last]) < 1e-3
+
+
 def test_slow_pulses_are_the_lumped_models() -> None:
     fork = network_of(
         [[0, 0, 0], [10, 0, 0], [15, 5, 0], [15, -5, 0]], [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.3]

@@ -239,3 +239,25 @@ def test_mass_goes_nowhere() -> None:
     entered = -state.passed[problem.slot[0]]
     assert entered == pytest.approx(5.0 * 0.2 + 5.0 / 60.0 * (1.0 - np.cos(12.0)), rel=1e-6)
     assert abs(gained + state.passed.sum()) < 1e-11 * entered
+
+
+def test_steady_flow_keeps_its_head_through_tapers_and_junctions() -> None:
+    """Bernoulli: without friction, with α = 1, p + ½ϱu² is the same everywhere."""
+    nodes = np.array([[0.0, 0, 0], [300, 0, 0], [600, 0, 0], [600, 300, 0]])
+    ends = np.array([(0, 1), (1, 2), (1, 3)])
+    kind = np.zeros(3, dtype=np.int64)
+    radius = np.array([6.0, 4.0, 3.0, 4.0, 2.5, 2.5])
+    network = VesselNetwork(nodes, ends, kind, kind, 2 * np.arange(4), nodes[ends.ravel()], radius)
+    conditions = PulsatileConditions(
+        STILL, Constant(0.0), wall=ThinWall(YOUNG, THICK), outlet=PressureOutlet(Constant(0.0))
+    )
+    options = OneDOptions(cell_mm=10.0, alpha=1.0, reflection={2: 0.0, 3: 0.0})
+    problem = posed(network, conditions, options)
+    grid, state, inflow = problem.grid, problem.state, 3e4
+    march(grid, problem.nodes, state, 4.0, 6000,
+          lambda t: inflow * np.minimum(1.0, t / 0.1))  # fmt: skip
+    assert state.flow[: grid.offset[1]] == pytest.approx(inflow, rel=2e-4)
+    p, dynamic = pressures(grid, state), 0.5 * 1.06e-3 * (state.flow / state.area) ** 2
+    head = p + dynamic
+    assert np.ptp(dynamic) > 250.0
+    np.testing.assert_allclose(head, head[0], atol=0.003 * np.ptp(dynamic))

@@ -1,0 +1,41 @@
+"""The flow stage follows waves where the recipe asks, in the print's size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from printctl.flow import ONE_D, ONE_D_WAVES
+from printctl.pipeline.stages.flow import waves
+from printctl.recipe.parts import FlowPart
+from tests.design.hemodynamics.networks import network_of
+
+
+def test_a_print_twice_the_size_carries_eight_times_the_flow(tmp_path: Path) -> None:
+    flow = FlowPart.model_validate(
+        {
+            "pulse": {"amplitude_ml_min": 0.1, "period_s": 1, "wall_young_kpa": 10, "steps": 20},
+            "one_d": {},
+        }
+    )
+    assert flow.pulse is not None
+    assert flow.one_d is not None
+    told: list[tuple[float, str]] = []
+    context: Any = SimpleNamespace(
+        recipe=SimpleNamespace(flow=flow, print_scale=2.0),
+        recipe_folder=Path(),
+        folder=tmp_path,
+        network=network_of([[0, 0, 0], [20, 0, 0]], [(0, 1)], 0.8),
+    )
+    found = waves(context, flow.pulse, flow.one_d, cast(Any, lambda *said: told.append(said)))
+    assert found["inlet_flow_mean_ml_min"] == pytest.approx(8 * 0.25)
+    assert (tmp_path / ONE_D).is_file()
+    # Twenty samples and the columns' names.
+    assert len((tmp_path / ONE_D_WAVES).read_text().splitlines()) == 21
+    shares = [share for share, _ in told]
+    assert len(told) == found["cycles"]
+    assert np.all((np.array(shares) >= 0.0) & (np.array(shares) <= 1.0))
