@@ -12,6 +12,8 @@ from design.hemodynamics.three_d.options import FlowOptions
 _BYTES = {2: 8500.0, 3: 9000.0}
 """By unknown: measured on pipes and forks, with a third to spare."""
 
+_GENERAL_BYTES = 15000.0
+
 _BASE = 200e6
 
 
@@ -40,6 +42,12 @@ def free_bytes() -> float | None:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
         return None
+
+
+def fits_general(count: int) -> bool:
+    """Whether the machine has room for a factor of a matrix that isn't symmetric."""
+    free = free_bytes()
+    return free is None or _GENERAL_BYTES * count < free
 
 
 def check_memory(mesh: LumenMesh, options: FlowOptions) -> None:

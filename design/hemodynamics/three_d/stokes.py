@@ -75,15 +75,12 @@ class Stokes:
 
     def __init__(self, spaces: Spaces, viscosity: float, rate: complex = 0.0) -> None:
         """Assemble; ``rate`` is κ, Pa·s/mm², complex for an oscillation."""
-        ng, self.complex = spaces.ng, isinstance(rate, complex)
-        both = spaces.both if not self.complex else _as_complex(spaces)
+        ng, self.spaces, self.viscosity, self.rate = spaces.ng, spaces, viscosity, rate
+        both = _as_complex(spaces) if isinstance(rate, complex) else spaces.both
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
-        form += viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
-        if rate:
-            form += rate * u * v * ng.dx
-        form += (-ng.div(v) * p - ng.div(u) * q) * ng.dx
-        self.form = form.Assemble()
+        self._add_to(form, u, p, v, q)
+        self._form = form.Assemble()
         slack = ng.BilinearForm(both, symmetric=True)
         slack += -_SLACK / viscosity * p * q * ng.dx
         slack.Assemble()
@@ -92,6 +89,28 @@ class Stokes:
         self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
         self.times = through(form.mat, self._in, self._out)
         self.solve = through(self._factor, self._in, self._out)
+
+    def factor_with(
+        self, convection: Convection, share: float, values: FloatArray
+    ) -> Callable[[FloatArray], FloatArray]:
+        """Inverse of the whole derivative at these unknowns: four times a symmetric factor."""
+        ng, both = self.spaces.ng, self.spaces.both
+        (u, p), (v, q) = both.TnT()
+        form = ng.BilinearForm(both)
+        self._add_to(form, u, p, v, q)
+        convection.add_to(form, u, v, share)
+        state = ng.GridFunction(both)
+        state.vec.FV().NumPy()[:] = values
+        form.AssembleLinearization(state.vec)
+        factor = form.mat.Inverse(both.FreeDofs(), inverse="umfpack")
+        return through(factor, state.vec, state.vec.CreateVector())
+
+    def _add_to(self, form: Any, u: Any, p: Any, v: Any, q: Any) -> None:
+        ng = self.spaces.ng
+        form += self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
+        if self.rate:
+            form += self.rate * u * v * ng.dx
+        form += (-ng.div(v) * p - ng.div(u) * q) * ng.dx
 
 
 def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], NDArray[Any]]:
@@ -119,23 +138,29 @@ def _as_complex(spaces: Spaces) -> Any:
 
 
 class Convection:
-    """ϱ ∫ (u·∇)u·v, and what keeps backflow at outlets from feeding energy in.
+    """Inertia of flow that turns and narrows, ϱ ∫ (u·∇)u·v.
 
-    There -½ ϱ ∫ min(u·n, 0) u·v is added (Bazilevs et al. 2009, doi 10.1016/j.cma.2009.04.015,
+    At outlets, so that backflow doesn't feed energy in, -½ ϱ ∫ min(u·n, 0) u·v is added (Bazilevs et al. 2009, doi 10.1016/j.cma.2009.04.015,
     with β = 1): nothing where flow leaves.
     """
 
     def __init__(self, spaces: Spaces, density: float, outlets: tuple[int, ...]) -> None:
         self.spaces, ng, space = spaces, spaces.ng, spaces.velocity
+        self.density, self.outlets = density, outlets
+        self._form = ng.BilinearForm(space)
         u, v = space.TnT()
-        self._form = ng.BilinearForm(space, nonassemble=False)
-        self._form += density * (ng.Grad(u) * u) * v * ng.dx
-        if outlets:
-            out = u * ng.specialcf.normal(3)
-            names = "|".join(port_name(k) for k in outlets)
-            self._form += -0.5 * density * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
+        self.add_to(self._form, u, v, 1.0)
         self._state = ng.GridFunction(space)
         self._in, self._out = (self._state.vec.CreateVector() for _ in range(2))
+
+    def add_to(self, form: Any, u: Any, v: Any, share: float) -> None:
+        """Add this share of its terms to a form of the engine's."""
+        ng, inertia = self.spaces.ng, share * self.density
+        form += inertia * (ng.Grad(u) * u) * v * ng.dx
+        if self.outlets:
+            out = u * ng.specialcf.normal(3)
+            names = "|".join(port_name(k) for k in self.outlets)
+            form += -0.5 * inertia * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
 
     def force(self, values: FloatArray) -> FloatArray:
         """Its vector at these unknowns, (n,)."""

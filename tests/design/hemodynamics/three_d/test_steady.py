@@ -67,12 +67,12 @@ def test_an_elliptic_inlet_has_its_own_profile() -> None:
 
 
 def test_pressures_and_resistances_divide_by_hand() -> None:
-    mesh, given, resistance = pipe(2, 4), 20.0, 0.3
+    mesh, given, resistance = pipe(2, 4), 4.0, 0.3
     by_pressure = solve_steady(mesh, FlowConditions(MU, inlet_pressure_pa=given))
     assert by_pressure.port_flow[1] == pytest.approx(given / POISEUILLE, rel=2e-3)
     behind = PulsatileConditions(
         MU,
-        Sine(given, 5.0, 1.0),
+        Sine(given, 1.0, 1.0),
         inlet_is="pressure",
         outlet=ResistanceOutlet(resistance, distal_pa=2.0),
     )
@@ -137,7 +137,7 @@ def test_what_cannot_be_solved_is_refused_with_numbers(monkeypatch: pytest.Monke
         solve_steady(mesh, FlowConditions(MU, inlet_flow_ul_s=1.0, outlet_flow_ul_s={1: 1.0}))
     with pytest.raises(FlowError, match="node 7 isn't at a port"):
         solve_steady(mesh, FlowConditions(MU, inlet_flow_ul_s=1.0, outlet_flow_ul_s={7: 1.0}))
-    with pytest.raises(FlowError, match="labels|label 9"):
+    with pytest.raises(FlowError, match="faces have label 9"):
         solve_steady(replace(mesh, label=np.where(mesh.label == 2, 9, mesh.label)), DRIVEN)
     monkeypatch.setitem(sys.modules, "ngsolve", None)
     with pytest.raises(FlowError, match=r"printctl\[flow3d\]"):
