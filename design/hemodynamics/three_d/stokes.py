@@ -140,8 +140,8 @@ def _as_complex(spaces: Spaces) -> Any:
 class Convection:
     """Inertia of flow that turns and narrows, ϱ ∫ (u·∇)u·v.
 
-    At outlets, so that backflow doesn't feed energy in, -½ ϱ ∫ min(u·n, 0) u·v is added (Bazilevs et al. 2009, doi 10.1016/j.cma.2009.04.015,
-    with β = 1): nothing where flow leaves.
+    At outlets -½ ϱ ∫ min(u·n, 0) u·v is added, so that backflow feeds no energy in (Bazilevs et
+    al. 2009, doi 10.1016/j.cma.2009.04.015, with β = 1): nothing where flow leaves.
     """
 
     def __init__(self, spaces: Spaces, density: float, outlets: tuple[int, ...]) -> None:

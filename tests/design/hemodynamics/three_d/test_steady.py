@@ -19,8 +19,8 @@ from design.hemodynamics.three_d import (
     residence_time,
     solve_steady,
 )
-from design.hemodynamics.waveforms import Sine
-from tests.design.hemodynamics.three_d.lumens import bend, pipe
+from design.hemodynamics.waveforms import Constant, Sine
+from tests.design.hemodynamics.three_d.lumens import bend, beside, pipe
 
 MU, FLOW, RADIUS, LENGTH = 1e-3, 4.0, 0.5, 4.0
 POISEUILLE = 8.0 * MU * LENGTH / (np.pi * RADIUS**4)
@@ -80,6 +80,19 @@ def test_pressures_and_resistances_divide_by_hand() -> None:
     flow = (given - 2.0) / (POISEUILLE + resistance)
     assert found.port_flow[1] == pytest.approx(flow, rel=2e-3)
     assert found.port_pressure[1] == pytest.approx(2.0 + resistance * found.port_flow[1], rel=1e-5)
+
+
+def test_inlets_on_one_supply_share_its_pressure_and_outlets_have_their_own() -> None:
+    """Two pipes side by side: flow divides by hand between different resistances."""
+    wide, narrow = pipe(2, 4), pipe(2, 4, 0.4 * RADIUS)
+    mesh = beside(wide, narrow, np.array([3.0, 0.0, 0.0]))
+    other = POISEUILLE / 0.4**4
+    outlet = {1: ResistanceOutlet(1.0), 3: ResistanceOutlet(2.0, distal_pa=-1.0)}
+    found = solve_steady(mesh, PulsatileConditions(MU, Constant(2.0), outlet=outlet))
+    # p = (R₁ + 1) Q₁ = (R₂ + 2) Q₂ - 1 with Q₁ + Q₂ = 2.
+    first = (2.0 * (other + 2.0) - 1.0) / (POISEUILLE + 1.0 + other + 2.0)
+    assert found.port_flow == pytest.approx([-first, first, first - 2.0, 2.0 - first], rel=3e-3)
+    assert found.port_pressure[0] == pytest.approx(found.port_pressure[2], rel=1e-3)
 
 
 def test_a_given_outlet_flow_comes_out() -> None:
