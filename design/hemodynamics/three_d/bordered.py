@@ -24,6 +24,8 @@ Apply = Callable[[Array], Array]
 STEPS: Final = 150
 """Krylov steps at most, unless told."""
 
+_CHUNK: Final = 24
+
 
 @dataclass(frozen=True)
 class Border:
@@ -82,26 +84,31 @@ def _gmres(
     norm = float(np.linalg.norm(right))
     if norm == 0.0:
         return np.zeros_like(right), 0
-    basis = [right / norm]
+    basis = np.empty((min(steps, _CHUNK) + 1, len(right)), dtype=right.dtype)
+    basis[0] = right / norm
     hessenberg = np.zeros((steps + 1, steps), dtype=right.dtype)
     for k in range(steps):
         new = operator(precondition(basis[k]))
         for _ in range(2):  # twice is enough to stay orthogonal
-            for j, old in enumerate(basis):
-                part = np.vdot(old, new)
-                hessenberg[j, k] += part
-                new = new - part * old
+            part = np.conj(basis[: k + 1] @ np.conj(new))
+            hessenberg[: k + 1, k] += part
+            new = new - part @ basis[: k + 1]
         hessenberg[k + 1, k] = np.linalg.norm(new)
-        target = np.zeros(k + 2, dtype=right.dtype)
-        target[0] = norm
-        square = hessenberg[: k + 2, : k + 1]
-        weight = np.linalg.lstsq(square, target, rcond=None)[0]
-        left = float(np.linalg.norm(square @ weight - target)) / norm
+        weight, left = _least(hessenberg[: k + 2, : k + 1], norm)
         if left <= rtol:
-            total = sum(w * v for w, v in zip(weight, basis, strict=True))
-            return precondition(np.asarray(total)), k + 1
-        basis.append(new / hessenberg[k + 1, k])
+            return precondition(weight @ basis[: k + 1]), k + 1
+        if k + 2 > len(basis):
+            basis = np.concatenate([basis, np.empty((_CHUNK, len(right)), dtype=right.dtype)])
+        basis[k + 1] = new / hessenberg[k + 1, k]
     raise FlowError(
         f"the linear solver is left with {left:.2g} of its residual after {steps} steps "
         f"({rtol:.1g} asked): convection is too strong for it; lower the flow, or refine the mesh"
     )
+
+
+def _least(square: Array, norm: float) -> tuple[Array, float]:
+    """Weights of the basis that leave the least of the residual, and what part they leave."""
+    target = np.zeros(len(square), dtype=square.dtype)
+    target[0] = norm
+    weight = np.linalg.lstsq(square, target, rcond=None)[0]
+    return weight, float(np.linalg.norm(square @ weight - target)) / norm

@@ -50,15 +50,15 @@ def fits_general(count: int) -> bool:
     return free is None or _GENERAL_BYTES * count < free
 
 
-def check_memory(mesh: LumenMesh, options: FlowOptions) -> None:
-    """Refuse what won't fit.
+def check_memory(mesh: LumenMesh, options: FlowOptions, share: float = 1.0) -> None:
+    """Refuse what won't fit; ``share`` is 2 where numbers are complex.
 
     Raises
     ------
     FlowError
         With the numbers.
     """
-    needed = needed_bytes(mesh, options.order)
+    needed = share * needed_bytes(mesh, options.order)
     limit = free_bytes() if options.memory_gb is None else options.memory_gb * 1e9
     if limit is not None and needed > limit:
         whose = "free here" if options.memory_gb is None else "allowed (memory_gb)"
