@@ -80,15 +80,19 @@ class Stokes:
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
         self._add_to(form, u, p, v, q)
+        form += -_SLACK / viscosity * p * q * ng.dx
         self._form = form.Assemble()
-        slack = ng.BilinearForm(both, symmetric=True)
-        slack += -_SLACK / viscosity * p * q * ng.dx
-        slack.Assemble()
-        slack.mat.AsVector().data += form.mat.AsVector()
-        self._factor = slack.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
-        self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
-        self.times = through(form.mat, self._in, self._out)
-        self.solve = through(self._factor, self._in, self._out)
+        self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
+        source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
+        self._with_slack = through(form.mat, source, target)
+        self._slack = through(*_pressure_mass(both, _SLACK / viscosity, ng))
+        self.solve = through(self._factor, source, target)
+
+    def times(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
+        found, first = self._with_slack(values), self.spaces.velocity.ndof
+        found[first:] += self._slack(values[first:])
+        return found
 
     def factor_with(
         self, convection: Convection, share: float, values: FloatArray
@@ -123,6 +127,15 @@ def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], N
         return write.copy()
 
     return applied
+
+
+def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
+    """∫ p q times a factor, as the engine's matrix, and two vectors for it."""
+    p, q = both.components[1].TnT()
+    form = ng.BilinearForm(both.components[1], symmetric=True)
+    form += factor * p * q * ng.dx
+    form.Assemble()
+    return form.mat, form.mat.CreateColVector(), form.mat.CreateColVector()
 
 
 def _as_complex(spaces: Spaces) -> Any:
