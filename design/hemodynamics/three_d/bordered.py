@@ -3,8 +3,8 @@
     A x + B λ = r,    Bᵀ x - D λ = s
 
 where B's columns are the flows out of ports and D what an outlet lets through for its pressure.
-Krylov steps (GMRES) on the whole, preconditioned by the factor of A's symmetric part, bordered
-exactly: one solve a column, once.
+Krylov steps (GMRES) on the whole, preconditioned by a factor of A's symmetric part, or of A at an
+earlier state, bordered exactly: one solve a column, once.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from design.errors import FlowError
 Array = NDArray[Any]
 Apply = Callable[[Array], Array]
 
-STEPS: Final = 120
-"""Krylov steps at most."""
+STEPS: Final = 150
+"""Krylov steps at most, unless told."""
+
+_CHUNK: Final = 24
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,13 @@ class Border:
 
 
 def solve_bordered(
-    times: Apply, solve: Apply, border: Border, right: Array, free: NDArray[np.bool_], rtol: float
+    times: Apply,
+    solve: Apply,
+    border: Border,
+    right: Array,
+    free: NDArray[np.bool_],
+    rtol: float,
+    steps: int = STEPS,
 ) -> tuple[Array, int]:
     """The unknowns x and λ, one after the other, and the Krylov steps taken.
 
@@ -66,34 +74,41 @@ def solve_bordered(
         multiplier = np.linalg.solve(border.schur, border.columns.T @ x - whole[count:])
         return np.concatenate([x - border.answered @ multiplier, multiplier])
 
-    return _gmres(operator, precondition, right, rtol)
+    return _gmres(operator, precondition, right, rtol, steps)
 
 
-def _gmres(operator: Apply, precondition: Apply, right: Array, rtol: float) -> tuple[Array, int]:
+def _gmres(
+    operator: Apply, precondition: Apply, right: Array, rtol: float, steps: int
+) -> tuple[Array, int]:
     """Right-preconditioned, so that it measures the true residual (Saad 2003, §9.3.2)."""
     norm = float(np.linalg.norm(right))
     if norm == 0.0:
         return np.zeros_like(right), 0
-    basis = [right / norm]
-    hessenberg = np.zeros((STEPS + 1, STEPS), dtype=right.dtype)
-    for k in range(STEPS):
+    basis = np.empty((min(steps, _CHUNK) + 1, len(right)), dtype=right.dtype)
+    basis[0] = right / norm
+    hessenberg = np.zeros((steps + 1, steps), dtype=right.dtype)
+    for k in range(steps):
         new = operator(precondition(basis[k]))
         for _ in range(2):  # twice is enough to stay orthogonal
-            for j, old in enumerate(basis):
-                part = np.vdot(old, new)
-                hessenberg[j, k] += part
-                new = new - part * old
+            part = np.conj(basis[: k + 1] @ np.conj(new))
+            hessenberg[: k + 1, k] += part
+            new = new - part @ basis[: k + 1]
         hessenberg[k + 1, k] = np.linalg.norm(new)
-        target = np.zeros(k + 2, dtype=right.dtype)
-        target[0] = norm
-        square = hessenberg[: k + 2, : k + 1]
-        weight = np.linalg.lstsq(square, target, rcond=None)[0]
-        left = float(np.linalg.norm(square @ weight - target)) / norm
+        weight, left = _least(hessenberg[: k + 2, : k + 1], norm)
         if left <= rtol:
-            total = sum(w * v for w, v in zip(weight, basis, strict=True))
-            return precondition(np.asarray(total)), k + 1
-        basis.append(new / hessenberg[k + 1, k])
+            return precondition(weight @ basis[: k + 1]), k + 1
+        if k + 2 > len(basis):
+            basis = np.concatenate([basis, np.empty((_CHUNK, len(right)), dtype=right.dtype)])
+        basis[k + 1] = new / hessenberg[k + 1, k]
     raise FlowError(
-        f"the linear solver is left with {left:.2g} of its residual after {STEPS} steps "
+        f"the linear solver is left with {left:.2g} of its residual after {steps} steps "
         f"({rtol:.1g} asked): convection is too strong for it; lower the flow, or refine the mesh"
     )
+
+
+def _least(square: Array, norm: float) -> tuple[Array, float]:
+    """Weights of the basis that leave the least of the residual, and what part they leave."""
+    target = np.zeros(len(square), dtype=square.dtype)
+    target[0] = norm
+    weight = np.linalg.lstsq(square, target, rcond=None)[0]
+    return weight, float(np.linalg.norm(square @ weight - target)) / norm

@@ -58,7 +58,7 @@ def solve_harmonics(
     if how.convection:
         raise FlowError("harmonics are of Stokes flow; set convection=False, or step through time")
     plan = pulsatile_plan(mesh, conditions)
-    check_memory(mesh, how)
+    check_memory(mesh, how, 2.0)
     period = common_period(plan.waveforms())
     if period is None:
         raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")

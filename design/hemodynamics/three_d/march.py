@@ -20,7 +20,7 @@ from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import Inflow, inflow_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import Problem, newton, solve_newton
+from design.hemodynamics.three_d.newton import Guide, Problem, newton, solve_newton
 from design.hemodynamics.three_d.options import FlowOptions
 from design.hemodynamics.three_d.outlet_laws import OutletLaws
 from design.hemodynamics.three_d.port_plan import PortPlan, pulsatile_plan
@@ -101,6 +101,7 @@ class _Stepper:
         self.problem = Problem(
             room, stokes, convection, border, nothing, nothing, np.zeros(len(plan.coupled))
         )
+        self.guide = Guide(self.problem, lazy=True)
         self.mass = _mass(room, plan.density / step_s)
         self.now = self.before = begun
         still = np.concatenate([inflow.at(0.0), np.zeros(len(plan.coupled))])
@@ -117,7 +118,8 @@ class _Stepper:
         guess = 2.0 * self.now - self.before
         guess[:count] = np.where(room.free, guess[:count], self.inflow.at(time_s))
         share = 0.0 if problem.convection is None else 1.0
-        found = newton(problem, guess, share, _TOLERANCE * self.scale, self.scale)
+        limit = _TOLERANCE * self.scale
+        found = newton(problem, guess, share, limit, self.scale, self.guide)
         self.before, self.now = self.now, found.unknowns
         self.laws.keep(problem.border.columns.T @ self.now[:count])
 

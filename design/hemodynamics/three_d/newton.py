@@ -8,13 +8,16 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.bordered import Border, solve_bordered
+from design.hemodynamics.three_d.bordered import STEPS, Apply, Border, solve_bordered
+from design.hemodynamics.three_d.memory import fits_general
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes
 from design.network import FloatArray
 
 _STEPS: Final = 25
 _LEAST_DAMPING: Final = 1.0 / 32.0
 _FORCING: Final = 1e-3
+_PATIENCE: Final = 60
+_FALLS: Final = 0.2
 _LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
 """Shares of convection gone through, tried in turn."""
 
@@ -94,9 +97,13 @@ def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> Converg
         except FlowError as error:
             why = error
     raise FlowError(
-        f"no steady flow found at Reynolds number {reynolds:.0f}: {why}; lower the flow, refine "
+        f"no steady flow found{_at(reynolds)}: {why}; lower the flow, refine "
         "the mesh, or solve the pulsatile problem, since the flow may not be steady"
     )
+
+
+def _at(reynolds: float) -> str:
+    return "" if np.isnan(reynolds) else f" at Reynolds number {reynolds:.0f}"
 
 
 def _led(
@@ -110,7 +117,12 @@ def _led(
 
 
 def newton(
-    problem: Problem, whole: FloatArray, share: float, limit: float, scale: float
+    problem: Problem,
+    whole: FloatArray,
+    share: float,
+    limit: float,
+    scale: float,
+    guide: Guide | None = None,
 ) -> Converged:
     """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
 
@@ -119,32 +131,82 @@ def newton(
     FlowError
         When they don't get there.
     """
-    residual = problem.residual(whole, share)
-    norms, krylov = [float(np.linalg.norm(residual))], 0
+    residual, guide = problem.residual(whole, share), guide or Guide(problem)
+    norms, before = [float(np.linalg.norm(residual))], guide.krylov
     for _ in range(_STEPS):
         if norms[-1] <= limit:
-            return Converged(whole, np.array(norms) / scale, krylov)
+            return Converged(whole, np.array(norms) / scale, guide.krylov - before)
         # No more digits of the linear system than the next residual can use.
         rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _FORCING)
-        change, steps = _change(problem, whole, residual, share, rtol)
-        krylov += steps
-        whole, residual = _damped(problem, whole, change, share, norms[-1])
+        was_old = guide.old
+        change = guide.change(whole, residual, share, rtol)
+        try:
+            whole, residual = _damped(problem, whole, change, share, norms[-1])
+        except FlowError:
+            if not was_old:
+                raise
         norms.append(float(np.linalg.norm(residual)))
+        if norms[-1] > _FALLS * norms[-2]:
+            guide.forget()
     raise FlowError(f"{_STEPS} of Newton's steps leave {norms[-1] / scale:.2g} of the residual")
 
 
-def _change(
-    problem: Problem, whole: FloatArray, residual: FloatArray, share: float, rtol: float
-) -> tuple[FloatArray, int]:
-    times = problem.stokes.times
-    if problem.convection is not None and share > 0.0:
-        derivative = problem.convection.derivative(whole[: problem.spaces.count])
+class Guide:
+    """What linear steps go by: a derivative, and a factor that preconditions it.
 
-        def times(x: FloatArray) -> FloatArray:
-            return problem.stokes.times(x) + share * derivative(x)
+    The symmetric factor takes some 12 Krylov steps a Newton step at Reynolds numbers near 10, 30
+    near 50 and above 100 from there on; then one of the whole derivative is made, which costs four
+    times the memory, and kept until it is too old. A lazy guide keeps its derivative, too, from
+    time step to time step, while the residual falls by it.
+    """
 
-    solve, free = problem.stokes.solve, problem.spaces.free
-    return solve_bordered(times, solve, problem.border, -residual, free, rtol)
+    def __init__(self, problem: Problem, *, lazy: bool = False) -> None:
+        self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
+        self.solve = problem.stokes.solve
+        self._times: Apply | None = None
+
+    @property
+    def old(self) -> bool:
+        """Whether the derivative is of an earlier state."""
+        return self.lazy and self._times is not None
+
+    def forget(self) -> None:
+        """Make a new derivative for the next step."""
+        self._times = None
+
+    def change(
+        self, whole: FloatArray, residual: FloatArray, share: float, rtol: float
+    ) -> FloatArray:
+        """Newton's step."""
+        problem, x = self.problem, whole[: self.problem.spaces.count]
+        if problem.convection is None or share == 0.0:
+            return self._solved(problem.stokes.times, residual, rtol, STEPS)
+        if not self.old:
+            self._times = self._derivative(problem.convection, x, share)
+        times = self._times or problem.stokes.times
+        try:
+            return self._solved(times, residual, rtol, _PATIENCE)
+        except FlowError:
+            if not fits_general(problem.spaces.count):
+                return self._solved(times, residual, rtol, STEPS)
+            self.solve = problem.stokes.factor_with(problem.convection, share, x)
+            columns, slope = problem.border.columns, problem.border.slope
+            self.border = Border.around(self.solve, columns, slope, problem.spaces.free)
+            return self._solved(times, residual, rtol, STEPS)
+
+    def _derivative(self, convection: Convection, x: FloatArray, share: float) -> Apply:
+        derivative, stokes = convection.derivative(x), self.problem.stokes
+
+        def times(change: FloatArray) -> FloatArray:
+            return stokes.times(change) + share * derivative(change)
+
+        return times
+
+    def _solved(self, times: Apply, residual: FloatArray, rtol: float, limit: int) -> FloatArray:
+        free = self.problem.spaces.free
+        found, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
+        self.krylov += steps
+        return found
 
 
 def _damped(

@@ -27,7 +27,7 @@ from design.network import FloatArray, IntArray, VesselNetwork
 _HALF_WIDTH: Final = 0.75
 """h of a slab, in radii of the vessel."""
 
-_REACH: Final = 4.0
+_REACH: Final = 2.0
 """How far from its centre a section may go, in radii."""
 
 _RULE: Final = 8

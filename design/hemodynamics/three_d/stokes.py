@@ -75,23 +75,46 @@ class Stokes:
 
     def __init__(self, spaces: Spaces, viscosity: float, rate: complex = 0.0) -> None:
         """Assemble; ``rate`` is κ, Pa·s/mm², complex for an oscillation."""
-        ng, self.complex = spaces.ng, isinstance(rate, complex)
-        both = spaces.both if not self.complex else _as_complex(spaces)
+        ng, self.spaces, self.viscosity, self.rate = spaces.ng, spaces, viscosity, rate
+        both = _as_complex(spaces) if isinstance(rate, complex) else spaces.both
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
-        form += viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
-        if rate:
-            form += rate * u * v * ng.dx
+        self._add_to(form, u, p, v, q)
+        form += -_SLACK / viscosity * p * q * ng.dx
+        self._form = form.Assemble()
+        self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
+        source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
+        self._with_slack = through(form.mat, source, target)
+        self._slack = through(*_pressure_mass(both, _SLACK / viscosity, ng))
+        self.solve = through(self._factor, source, target)
+
+    def times(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
+        found, first = self._with_slack(values), self.spaces.velocity.ndof
+        found[first:] += self._slack(values[first:])
+        return found
+
+    def factor_with(
+        self, convection: Convection, share: float, values: FloatArray
+    ) -> Callable[[FloatArray], FloatArray]:
+        """Inverse of the whole derivative at these unknowns: four times a symmetric factor."""
+        ng, both = self.spaces.ng, self.spaces.both
+        (u, p), (v, q) = both.TnT()
+        form = ng.BilinearForm(both)
+        self._add_to(form, u, p, v, q)
+        convection.add_to(form, u, v, share)
+        state = ng.GridFunction(both)
+        state.vec.FV().NumPy()[:] = values
+        form.AssembleLinearization(state.vec)
+        factor = form.mat.Inverse(both.FreeDofs(), inverse="umfpack")
+        return through(factor, state.vec, state.vec.CreateVector())
+
+    def _add_to(self, form: Any, u: Any, p: Any, v: Any, q: Any) -> None:
+        ng = self.spaces.ng
+        form += self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
+        if self.rate:
+            form += self.rate * u * v * ng.dx
         form += (-ng.div(v) * p - ng.div(u) * q) * ng.dx
-        self.form = form.Assemble()
-        slack = ng.BilinearForm(both, symmetric=True)
-        slack += -_SLACK / viscosity * p * q * ng.dx
-        slack.Assemble()
-        slack.mat.AsVector().data += form.mat.AsVector()
-        self._factor = slack.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
-        self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
-        self.times = through(form.mat, self._in, self._out)
-        self.solve = through(self._factor, self._in, self._out)
 
 
 def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], NDArray[Any]]:
@@ -104,6 +127,15 @@ def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], N
         return write.copy()
 
     return applied
+
+
+def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
+    """∫ p q times a factor, as the engine's matrix, and two vectors for it."""
+    p, q = both.components[1].TnT()
+    form = ng.BilinearForm(both.components[1], symmetric=True)
+    form += factor * p * q * ng.dx
+    form.Assemble()
+    return form.mat, form.mat.CreateColVector(), form.mat.CreateColVector()
 
 
 def _as_complex(spaces: Spaces) -> Any:
@@ -119,23 +151,29 @@ def _as_complex(spaces: Spaces) -> Any:
 
 
 class Convection:
-    """ϱ ∫ (u·∇)u·v, and what keeps backflow at outlets from feeding energy in.
+    """Inertia of flow that turns and narrows, ϱ ∫ (u·∇)u·v.
 
-    There -½ ϱ ∫ min(u·n, 0) u·v is added (Bazilevs et al. 2009, doi 10.1016/j.cma.2009.04.015,
-    with β = 1): nothing where flow leaves.
+    At outlets -½ ϱ ∫ min(u·n, 0) u·v is added, so that backflow feeds no energy in (Bazilevs et
+    al. 2009, doi 10.1016/j.cma.2009.04.015, with β = 1): nothing where flow leaves.
     """
 
     def __init__(self, spaces: Spaces, density: float, outlets: tuple[int, ...]) -> None:
         self.spaces, ng, space = spaces, spaces.ng, spaces.velocity
+        self.density, self.outlets = density, outlets
+        self._form = ng.BilinearForm(space)
         u, v = space.TnT()
-        self._form = ng.BilinearForm(space, nonassemble=False)
-        self._form += density * (ng.Grad(u) * u) * v * ng.dx
-        if outlets:
-            out = u * ng.specialcf.normal(3)
-            names = "|".join(port_name(k) for k in outlets)
-            self._form += -0.5 * density * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
+        self.add_to(self._form, u, v, 1.0)
         self._state = ng.GridFunction(space)
         self._in, self._out = (self._state.vec.CreateVector() for _ in range(2))
+
+    def add_to(self, form: Any, u: Any, v: Any, share: float) -> None:
+        """Add this share of its terms to a form of the engine's."""
+        ng, inertia = self.spaces.ng, share * self.density
+        form += inertia * (ng.Grad(u) * u) * v * ng.dx
+        if self.outlets:
+            out = u * ng.specialcf.normal(3)
+            names = "|".join(port_name(k) for k in self.outlets)
+            form += -0.5 * inertia * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
 
     def force(self, values: FloatArray) -> FloatArray:
         """Its vector at these unknowns, (n,)."""

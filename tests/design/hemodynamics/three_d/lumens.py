@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,3 +118,36 @@ def bend(
         MeshPort(1, end, np.array([np.sin(angle), 0.0, np.cos(angle)]), radius, False),
     )
     return swept(rings, layers, shape, ends)
+
+
+def beside(first: LumenMesh, second: LumenMesh, offset: FloatArray) -> LumenMesh:
+    """Two lumens in one mesh, the second moved; its ports' nodes follow the first's."""
+    corners, edges = (
+        np.concatenate(parts)
+        for parts in zip(
+            np.split(first.points, [first.corner_count]),
+            np.split(second.points + offset, [second.corner_count]),
+            strict=True,
+        )
+    )
+    more = len(first.points) - first.corner_count
+
+    def of_first(node: IntArray) -> IntArray:
+        return np.where(node < first.corner_count, node, node + second.corner_count)
+
+    def of_second(node: IntArray) -> IntArray:
+        corner = node < second.corner_count
+        return np.where(corner, node + first.corner_count, node + first.corner_count + more)
+
+    moved = tuple(
+        replace(port, node=port.node + len(first.ports), centre=port.centre + offset)
+        for port in second.ports
+    )
+    return LumenMesh(
+        np.concatenate([corners, edges]),
+        np.concatenate([of_first(first.tets), of_second(second.tets)]),
+        first.corner_count + second.corner_count,
+        np.concatenate([of_first(first.faces), of_second(second.faces)]),
+        np.concatenate([first.label, np.where(second.label > 0, second.label + 2, 0)]),
+        first.ports + moved,
+    )

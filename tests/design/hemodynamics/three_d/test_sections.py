@@ -78,7 +78,7 @@ def _across(mesh: LumenMesh, turn: float) -> Section:
 
 def test_a_section_of_a_tight_bend_leaves_the_other_leg_out() -> None:
     """A U whose legs the same plane cuts: one of them only."""
-    mesh = bend(2, 16, RADIUS, 0.8, np.pi)
+    mesh = bend(2, 16, RADIUS, 1.5, np.pi)
     place = Place(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]), RADIUS)
     assert section_of(mesh, place, 2).area == pytest.approx(np.pi * RADIUS**2, rel=0.1)
     assert _across(bend(2, 8), 1.5).area == pytest.approx(np.pi * RADIUS**2, rel=0.05)
