@@ -190,7 +190,7 @@ def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
         assert np.abs(two.pressure - one.pressure).max() < 1e-6 * np.abs(one.pressure).max()
         assert np.abs(two.velocity - one.velocity).max() < 1e-6 * np.abs(one.velocity).max()
     # p = 1 + 2 Q at the mean of the port, to the discretisation.
-    assert one.port_pressure[1] == pytest.approx(1.0 + 2.0 * FLOW, rel=1e-3)
+    assert one.port_pressure[1] == pytest.approx(1.0 + 2.0 * FLOW, rel=1e-2)
     # At Re = 12 a bend costs more than a straight pipe.
     straight = 8.0 * VISCOSITY * LENGTH * FLOW / (np.pi * RADIUS**4)
     assert one.port_pressure[0] - one.port_pressure[1] > straight
