@@ -19,6 +19,7 @@ from design.hemodynamics.three_d.ranks import (
 )
 from printctl.errors import PrintctlError, UsageError
 from printctl.flow.ranks import Engine, SlurmJob, find_engine, run_on_ranks, write_slurm
+from printctl.flow.ranks.__main__ import main
 from printctl.flow.ranks.engine import rank_command
 
 RADIUS, LENGTH, FLOW, VISCOSITY = 0.2, 0.6, 4.0, 1e-3
@@ -137,6 +138,18 @@ def test_a_batch_script_asks_slurm_and_runs_the_case(case, tmp_path):
     assert lines.index("module load mpi") < len(lines) - 1
     assert lines[-1] == "srun '/opt/my env/bin/python' -m engine ."
     assert f"cd {case}" in lines
+
+
+def test_the_door_writes_a_batch_script_and_ends_in_one_message(
+    case, tmp_path, monkeypatch, capsys
+):
+    written = tmp_path / "job.sh"
+    monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--slurm", str(written), "--ntasks", "4"])
+    assert main() == 0
+    assert "#SBATCH --ntasks=4" in written.read_text().splitlines()
+    monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--ranks", "0"])
+    assert main() == 2
+    assert "0 ranks on" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
