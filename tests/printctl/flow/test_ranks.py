@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import sys
 from pathlib import Path
 
@@ -110,19 +111,21 @@ def test_a_failing_engine_tells_its_last_lines(case, stand_in, tmp_path):
     assert told == ["step 1", "out of memory"]
 
 
-def test_an_interrupt_ends_the_ranks(case, stand_in, tmp_path):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "end"])
+def test_what_ends_us_ends_the_ranks(case, stand_in, tmp_path, how):
     (tmp_path / "job.py").write_text("import os, time\nprint(os.getpid(), flush=True)\n"
                                      "time.sleep(600)")  # fmt: skip
     begun = []
 
-    def interrupted(line: str) -> None:
+    def struck(line: str) -> None:
         begun.append(int(line))
-        raise KeyboardInterrupt
+        signal.raise_signal(how)
 
-    with pytest.raises(KeyboardInterrupt):
-        run_on_ranks(case, 1, stand_in, interrupted)
+    with pytest.raises((KeyboardInterrupt, SystemExit)):
+        run_on_ranks(case, 1, stand_in, struck)
     with pytest.raises(ProcessLookupError):
         os.kill(begun[0], 0)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
 def test_a_batch_script_asks_slurm_and_runs_the_case(case, tmp_path):

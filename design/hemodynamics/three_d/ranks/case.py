@@ -103,7 +103,7 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     for port, given in enumerate(conditions.ports):
         if isinstance(given, PortFlow):
             inflow += port_velocity(mesh, port, given.flow_ul_s, conditions.profile)
-    arrays = {
+    arrays: dict[str, Any] = {
         "points": mesh.points.astype(np.float64),
         "tets": mesh.tets.astype(np.int64),
         "faces": mesh.faces.astype(np.int64),
