@@ -10,7 +10,7 @@ import numpy as np
 
 from design.hemodynamics.three_d import LumenMesh, straightened
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
-from design.hemodynamics.three_d.ranks import write_case
+from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
@@ -60,7 +60,8 @@ def beyond(network: VesselNetwork, part: FlowPart, asked: Elsewhere, found: Foun
     """
     if asked.ranks is None and asked.slurm is None and asked.svmultiphysics is None:
         return
-    mesh = _mesh(network, part.three_d or ThreeDPart(), asked.fillet_ratio)
+    space = part.three_d or ThreeDPart()
+    mesh = _mesh(network, space, asked.fillet_ratio)
     if asked.svmultiphysics is not None and part.pulse is not None:
         conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
         write_svmultiphysics(asked.svmultiphysics, mesh, conditions)
@@ -68,7 +69,9 @@ def beyond(network: VesselNetwork, part: FlowPart, asked: Elsewhere, found: Foun
     if asked.ranks is None and asked.slurm is None:
         return
     folder = asked.out / CASE
-    write_case(mesh, steady_conditions(part, Path(), network), folder)
+    model: Any = "navier_stokes" if space.inertia else "stokes"
+    conditions = steady_conditions(part, Path(), network)
+    write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
     found.files.append(folder)
     if asked.slurm is not None:
         write_slurm(asked.slurm, folder, SlurmJob())

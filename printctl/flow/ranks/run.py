@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -78,13 +80,32 @@ def _followed(
     )  # fmt: skip
     try:
         assert process.stdout is not None
-        with process.stdout as lines:
+        with _ending_too(), process.stdout as lines:
             for line in lines:
                 last.append(line.rstrip())
                 tell(line.rstrip())
         return process.wait(), last
     finally:
         _end(process)
+
+
+@contextmanager
+def _ending_too() -> Iterator[None]:
+    """Have a request to end come as an exception, as Ctrl-C does, so that the ranks end first."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {each: signal.signal(each, _leave) for each in signals}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+def _leave(number: int, frame: object) -> None:
+    raise SystemExit(128 + number)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -92,6 +92,7 @@ def write_slurm(path: Path, case_folder: Path, job: SlurmJob) -> None:
         *job.setup,
         "export OMP_NUM_THREADS=1",
         "unset PYTHONPATH",
+        "# mpirun instead, where this MPI wasn't built for Slurm.",
         f"srun {shlex.quote(job.python)} -m engine .",
     ]
     write_text(path, "\n".join(["#!/bin/bash", *head, *body]) + "\n")

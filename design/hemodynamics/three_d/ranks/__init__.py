@@ -8,6 +8,7 @@ from design.hemodynamics.three_d.ranks.case import (
     RankConditions,
     write_case,
 )
+from design.hemodynamics.three_d.ranks.from_flow import rank_conditions
 from design.hemodynamics.three_d.ranks.result import RankResult, read_result
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "PortShare",
     "RankConditions",
     "RankResult",
+    "rank_conditions",
     "read_result",
     "write_case",
 ]

@@ -103,8 +103,13 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     for port, given in enumerate(conditions.ports):
         if isinstance(given, PortFlow):
             inflow += port_velocity(mesh, port, given.flow_ul_s, conditions.profile)
-    arrays = {"points": mesh.points, "tets": mesh.tets, "faces": mesh.faces, "label": mesh.label,
-              "inflow": inflow}  # fmt: skip
+    arrays: dict[str, Any] = {
+        "points": mesh.points.astype(np.float64),
+        "tets": mesh.tets.astype(np.int64),
+        "faces": mesh.faces.astype(np.int64),
+        "label": mesh.label.astype(np.int32),
+        "inflow": inflow,
+    }
     told = _told(mesh, conditions)
     told["id"] = _digest(told, arrays)
     folder.mkdir(parents=True, exist_ok=True)

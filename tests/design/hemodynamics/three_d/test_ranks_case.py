@@ -10,12 +10,14 @@ import pytest
 
 from benchmarks.flow_pipes import pipe_mesh
 from design.errors import FlowError
+from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.ranks import (
     PortFlow,
     PortPressure,
     PortShare,
     RankConditions,
+    rank_conditions,
     read_result,
     write_case,
 )
@@ -153,6 +155,22 @@ def test_conditions_that_leave_the_flow_open_are_refused(change, message):
 def test_every_port_wants_a_condition(tmp_path):
     with pytest.raises(FlowError, match="1 conditions for 2 ports"):
         write_case(pipe(), RankConditions((PortPressure(),), VISCOSITY), tmp_path)
+
+
+def test_conditions_of_a_network_hold_at_its_lumens_ports():
+    mesh = pipe()
+    driven = FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW, outlet_pressure_pa=3.0)
+    assert rank_conditions(mesh, driven).ports == (PortFlow(FLOW), PortPressure(3.0))
+    drawn = FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, outlet_flow_ul_s={1: FLOW})
+    found = rank_conditions(mesh, drawn, model="stokes")
+    assert found.ports == (PortPressure(9.0), PortShare(0))
+    assert (found.supplies, found.model) == ((-FLOW,), "stokes")
+    both = replace(mesh, ports=(*mesh.ports, replace(mesh.ports[0], node=2)))
+    found = rank_conditions(both, driven)
+    assert found.ports == (PortShare(0), PortPressure(3.0), PortShare(0))
+    assert found.supplies == (FLOW,)
+    with pytest.raises(FlowError, match="node 9 isn't at a port"):
+        rank_conditions(mesh, FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW, inlets=(9,)))
 
 
 def test_the_engine_imports_nothing_of_ours():

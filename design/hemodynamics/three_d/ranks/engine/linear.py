@@ -15,6 +15,9 @@ MULTIGRID = {
     "fieldsplit_u_ksp_type": "preonly",
     "fieldsplit_u_pc_type": "hypre",
     "fieldsplit_u_pc_hypre_boomeramg_strong_threshold": 0.5,
+    "fieldsplit_u_pc_hypre_boomeramg_coarsen_type": "HMIS",
+    "fieldsplit_u_pc_hypre_boomeramg_interp_type": "ext+i",
+    "fieldsplit_u_pc_hypre_boomeramg_P_max": 4,
     "fieldsplit_p_ksp_type": "preonly",
     "fieldsplit_p_pc_type": "jacobi",
 }

@@ -13,7 +13,7 @@ from .problem import Problem, residual
 from .world import say
 
 MOST_STEPS = 30
-INEXACT = 1e-5  # of a linear solve whose matrix the next step replaces
+INEXACT = 1e-3  # of a linear solve whose matrix the next step replaces
 
 
 def newton(problem: Problem, kind: str, tolerance: float) -> list[dict[str, Any]]:

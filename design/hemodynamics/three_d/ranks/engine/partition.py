@@ -54,19 +54,22 @@ def distributed(folder: Path) -> Any:
 def tagged(domain: Any, folder: Path, node: Any) -> Any:
     """Labels of the boundary's facets, found by the corners that they have in the file."""
     faces, label = np.load(folder / "faces.npy")[:, :3], np.load(folder / "label.npy")
-    known = dict(zip(map(tuple, np.sort(faces).tolist()), label.tolist(), strict=True))
     topology = domain.topology
     topology.create_connectivity(2, 3)
     topology.create_connectivity(3, 2)
     facets = np.sort(np.asarray(meshes.exterior_facet_indices(topology), dtype=np.int32))
-    to_cell, to_facet = topology.connectivity(2, 3), topology.connectivity(3, 2)
-    corners = node[rows(domain.geometry.dofmap)[:, :4]]
-    marks = np.empty(len(facets), dtype=np.int32)
-    for at, facet in enumerate(facets):
-        cell = to_cell.links(facet)[0]
-        # Facet i of a cell lies across from its corner i.
-        across = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
-        marks[at] = known[tuple(sorted(np.delete(corners[cell], across).tolist()))]
+    to_cell = topology.connectivity(2, 3)
+    cell = to_cell.array[to_cell.offsets[facets]]
+    # Facet i of a cell lies across from its corner i.
+    across = rows(topology.connectivity(3, 2))[cell] == facets[:, None]
+    corners = node[rows(domain.geometry.dofmap)[cell, :4]][~across].reshape(-1, 3)
+    both = np.concatenate([np.sort(faces, axis=1), np.sort(corners, axis=1)])
+    _, which = np.unique(both, axis=0, return_inverse=True)
+    mark = np.full(int(which.max()) + 1, -1, dtype=np.int32)
+    mark[which[: len(faces)]] = label
+    marks = mark[which[len(faces) :]]
+    if (marks < 0).any():
+        raise ValueError("a face of the boundary isn't in faces.npy; write the case again")
     return meshes.meshtags(domain, 2, facets, marks)
 
 
