@@ -63,8 +63,8 @@ def beyond(network: VesselNetwork, part: FlowPart, asked: Elsewhere, found: Foun
     space = part.three_d or ThreeDPart()
     mesh = _mesh(network, space, asked.fillet_ratio)
     if asked.svmultiphysics is not None and part.pulse is not None:
-        conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-        write_svmultiphysics(asked.svmultiphysics, mesh, conditions)
+        pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
+        write_svmultiphysics(asked.svmultiphysics, mesh, pulse)
         found.files.append(asked.svmultiphysics)
     if asked.ranks is None and asked.slurm is None:
         return
