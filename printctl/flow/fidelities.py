@@ -10,7 +10,6 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d import probe_steady
-from design.hemodynamics.waveforms.waveform import cycle_times
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -21,7 +20,7 @@ from printctl.flow.comparison import (
     write_comparison,
 )
 from printctl.flow.one_d import one_d_options
-from printctl.flow.three_d import STEPS, Resolved, Tell, pulse_at, resolve, write_resolved
+from printctl.flow.three_d import Resolved, Tell, pulse_at, resolve, write_resolved
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
@@ -91,13 +90,9 @@ def _compared(case: Case, part: ComparePart, found: Resolved | None, tell: Tell)
             "3D": probe_steady(case.network, probes, found.steady.field)
         }  # fmt: skip
         return steady_comparison(case.network, case.steady, part, others)
-    pulse = case.part.pulse
-    steps = min(STEPS, 100 if pulse is None else pulse.steps)
-    waves = _waves(case, case.pulse, probes, found, steps, tell)
-    period = case.pulse.inlet.period_s or 1.0
-    times = next(iter(waves.values())).time_s if waves else cycle_times(period, steps)
-    if "3D" in waves:
-        times = waves["3D"].time_s
+    waves = _waves(case, case.pulse, probes, found, tell)
+    # At the times of the slowest to solve; the others know theirs at more.
+    times = waves["3D" if "3D" in waves else "1D"].time_s
     return pulsatile_comparison(case.network, case.pulse, part, waves, times)
 
 
@@ -106,7 +101,6 @@ def _waves(
     conditions: PulsatileConditions,
     probes: Probes,
     found: Resolved | None,
-    steps: int,
     tell: Tell,
 ) -> dict[str, ProbeWaves]:
     waves: dict[str, ProbeWaves] = {}
@@ -118,5 +112,5 @@ def _waves(
             waves["1D"] = solved
     if found is not None and case.part.three_d is not None:
         tell(0.0, "3D, in pulses")
-        waves["3D"] = pulse_at(found, conditions, case.part.three_d, steps, probes)[0]
+        waves["3D"] = pulse_at(found, conditions, case.part.three_d, probes)[0]
     return waves

@@ -39,9 +39,6 @@ THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"
 SHARP: Final = 0.1
 """Fillet ratio where the recipe's solid has sharp seams: a seam has no wall shear of its own."""
 
-STEPS: Final = 50
-"""Of a cycle, at most."""
-
 Tell = Callable[[float, str], None]
 
 
@@ -163,7 +160,6 @@ def pulse_at(
     found: Resolved,
     conditions: PulsatileConditions,
     part: ThreeDPart,
-    steps: int,
     probes: Probes,
 ) -> tuple[ProbeWaves, ThreeDWaves]:
     """A cycle of pulsatile flow in the mesh, at probes.
@@ -174,6 +170,6 @@ def pulse_at(
         As `march_flow`.
     """
     sections = sections_at(found.network, probes, found.mesh, part.order)
-    clock = Stepping(steps=min(steps, STEPS), frames=0)
+    clock = Stepping(steps=part.steps, frames=0)
     waves = march_flow(found.mesh, conditions, options_of(part), clock, sections)
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

@@ -20,6 +20,9 @@ class ThreeDPart(BaseModel):
         default=0.7, description="Length of an element's edge over the lumen's radius."
     )
     order: Literal[2, 3] = Field(default=2, description="Of velocity; pressure has one less.")
+    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(
+        default=24, description="Of a cycle, where the flow pulses and fidelities are compared."
+    )
     inertia: bool = Field(default=True, description="Navier-Stokes; without it Stokes flow.")
     check: bool = Field(
         default=False, description="Solve the steady flow once more, of the other order."

@@ -15,7 +15,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.bordered import Border
-from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine import CURVED, working
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import Inflow, inflow_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -128,7 +128,7 @@ def _mass(room: Spaces, factor: float) -> Any:
     """Factor ∫ u·v as a function of unknowns."""
     u, v = room.velocity.TnT()
     form = room.ng.BilinearForm(room.velocity, symmetric=True)
-    form += factor * u * v * room.ng.dx
+    form += factor * u * v * room.ng.dx(bonus_intorder=CURVED)
     form.Assemble()
     state, answer = form.mat.CreateColVector(), form.mat.CreateColVector()
     inner, count = through(form.mat, state, answer), room.velocity.ndof
