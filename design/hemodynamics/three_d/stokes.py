@@ -116,9 +116,8 @@ class Stokes:
 
     def _add_to(self, form: Any, u: Any, p: Any, v: Any, q: Any) -> None:
         ng = self.spaces.ng
-        form += (
-            self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx(bonus_intorder=CURVED)
-        )
+        dx = ng.dx(bonus_intorder=CURVED)
+        form += self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * dx
         if self.rate:
             form += self.rate * u * v * dx
         form += (-ng.div(v) * p - ng.div(u) * q) * dx
