@@ -74,7 +74,7 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
         done.files += write_resolved(folder, found)
         write_bytes(folder / SEEN, shear_figure(found.mesh, found.steady.wall_shear))
         done.files.append(SEEN)
-    if case.part.compare is not None:
+    if case.part.compare is not None and (found is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, found, tell)
         done.summary["comparison"] = comparison_summary(compared)
         done.files.append(write_comparison(folder, compared))

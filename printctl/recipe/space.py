@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from printctl.recipe.lattice_shape import LatticeShape
+
 
 class ThreeDPart(BaseModel):
     """How flow is resolved in the lumens' space; all of it may be left out.
@@ -41,3 +43,7 @@ class ComparePart(BaseModel):
         default=None, description="Without it, the longest."
     )
     points: Annotated[int, Field(ge=1, le=1000)] = 10
+    lattice: LatticeShape | None = Field(
+        default=None,
+        description="A lattice in the same tissue at the same flow, to hold the network against.",
+    )

@@ -10,6 +10,7 @@ import numpy as np
 from design.files import write_text
 from printctl.bead import PLAYED
 from printctl.flow import WAVES, read_waves
+from printctl.flow.beside import PICTURE
 from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
@@ -143,8 +144,11 @@ def space_pictures(context: RunContext) -> dict[str, bytes]:
     asked, found = context.recipe.flow, {}
     if asked.three_d is not None:
         found["fidelities/Wall shear, resolved in the lumens"] = SEEN
-    if asked.compare is not None:
+    compare = asked.compare
+    if compare is not None and (asked.three_d is not None or asked.one_d is not None):
         found["fidelities/Fidelities against the ideal"] = COMPARED
+    if compare is not None and compare.lattice is not None:
+        found["fidelities/Flow across the vessels that feed, and across a lattice's"] = PICTURE
     return {caption: (context.folder / name).read_bytes() for caption, name in found.items()}
 
 
