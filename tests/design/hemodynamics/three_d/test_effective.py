@@ -50,8 +50,6 @@ def test_the_reduced_network_has_the_flows_and_pressures_of_3d() -> None:
     before, after = (gap(each, CONDITIONS, found) for each in (network, found.network))
     assert after.flow < 1e-3 < before.pressure
     assert after.pressure < 2e-3
-    # Where lumens overlap there is less wall than is drawn: it takes less pressure.
-    assert np.ptp(found.pressure) < 0.99 * np.ptp(solve_flow(network, CONDITIONS).pressure)
     fall = found.pressure[network.vessel_nodes] @ [1.0, -1.0]
     assert fall == pytest.approx(found.resistance * found.flow, rel=1e-9)
     assert found.clear == pytest.approx(np.ones(3), abs=0.03)
