@@ -129,7 +129,8 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
         (_FOR_MATCH, "match_split"),
     ):
         for key in keys:
-            if asked[key] not in (None, False) and not asked[other]:
+            # An option that may be given again is an empty list where it isn't given.
+            if asked[key] not in (None, False, [], ()) and not asked[other]:
                 name, wants = (x.replace("_", "-") for x in (key, other))
                 raise UsageError(f"--{name} is for --{wants}; add that, or leave it out")
     for key, does in (

@@ -9,12 +9,12 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.curve import curved
-from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
+from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.surface import wall_surface
+from design.hemodynamics.three_d.surface_check import check_surface
 from design.hemodynamics.three_d.volume import fill
 from design.hemodynamics.three_d.wall import lumen_wall
 from design.network import FloatArray, VesselNetwork
-from design.solids.remesh import LabelledSurface
 
 _INSIDE: Final = 0.6
 """Longest edge on a vessel's axis over that on its wall. Measured on the planar network: flat
@@ -24,9 +24,6 @@ _COARSEST: Final = 0.7
 """Edge ratio from which on the inside isn't made coarser: elements with all corners on the wall
 fold, and straightening them takes 1 to 4 % of a fork's volume and adds 10 to 20 % to its resistance
 (edge ratios 0.8 to 1); so, it is 0.1 % and 1 %."""
-
-_LEAST_PORT: Final = 0.6
-"""Of a circle's area: a port of straight edges has 0.83 of it, or more (edge ratio 1)."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,8 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     ------
     FlowError
         When nothing can flow through (no free ends), for vessels of no length or radius, for a
-        free end that another vessel runs into, and when Netgen finds no mesh or isn't installed.
+        free end that another vessel runs into, for a fillet without room, and when Netgen finds
+        no mesh or isn't installed.
     SolidError
         When the lumens can't be united.
     """
@@ -79,28 +77,10 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
         raise FlowError("the network has no free ends, so nothing flows in or out; give it some")
     wall = lumen_wall(network, options.fillet_ratio, options.edge_ratio)
     surface = wall_surface(network, wall)
-    _check_ports(surface, wall.ports)
+    check_surface(surface, wall, options.fillet_ratio)
     inside, size = _axes(network, _INSIDE * min(options.edge_ratio, _COARSEST))
     points, tets = fill(surface, inside, size, options.growth)
     return curved(surface, points, tets, wall, wall.ports)
-
-
-def _check_ports(surface: LabelledSurface, ports: tuple[MeshPort, ...]) -> None:
-    """Refuse ports that aren't the discs they are meant to be."""
-    corner = surface.points[surface.faces]
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = np.bincount(
-        surface.label, 0.5 * np.linalg.norm(across, axis=1), minlength=len(ports) + 1
-    )
-    for k, port in enumerate(ports):
-        found, disc = float(area[k + 1]), np.pi * port.radius_mm**2
-        if not _LEAST_PORT * disc < found < disc * (1.0 + 1e-6):
-            x, y, z = port.centre
-            raise FlowError(
-                f"the free end at node {port.node} ({x:.3f}, {y:.3f}, {z:.3f} mm) isn't an open "
-                f"disc: {found:.3g} of {disc:.3g} mm²; another vessel runs into it, or it is "
-                "shorter than it is wide: draw it out, or move it"
-            )
 
 
 def _axes(network: VesselNetwork, ratio: float) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
@@ -16,6 +15,13 @@ from design.solids.smooth.fillet import COLUMNS, wall_rows
 
 BEYOND = 3.0
 """Radii by which the field goes on beyond a free end, so that it is a tube's there."""
+
+_KINK = np.cos(np.radians(15.0))
+"""Where a polyline turns by more it has a fillet, as at a node; not where its pieces are shorter
+than a radius, as those of a rough centreline are."""
+
+_ROOM = 2.0
+"""Over the distance of the seam's end: with `FADE` a fillet is whole to 4/3 of it."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +36,9 @@ class LumenWall:
     ----------
     rows : (n, 10) float64
         Of `wall_rows`, free ends drawn out by `BEYOND` radii.
-    joints : (m, 5) float64, mm
-        Place, ball's radius and fillet's radius of each node where vessels meet.
+    joints : (m, 6) float64, mm
+        Place, ball's radius, fillet's radius and how far it reaches, of each node where vessels
+        meet and each kink of a polyline.
     cells : Cells
         Pieces near a place.
     ports : tuple of MeshPort
@@ -129,15 +136,50 @@ def _beyond(network: VesselNetwork, port: MeshPort) -> FloatArray:
 
 
 def _joints(network: VesselNetwork, fillet_ratio: float) -> FloatArray:
-    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
-    radius = network.radius[ends]
-    thin, wide = np.full(len(network.nodes), inf), np.zeros(len(network.nodes))
-    np.minimum.at(thin, network.vessel_nodes.ravel(), radius.ravel())
-    np.maximum.at(wide, network.vessel_nodes.ravel(), radius.ravel())
-    inner = network.degree() > 1
-    return np.column_stack([network.nodes[inner], wide[inner], fillet_ratio * thin[inner]]).astype(
-        np.float64
-    )
+    """Rows of `LumenWall.joints`: nodes where vessels meet, and kinks of polylines."""
+    at, way, radius, place = _branches(network)
+    order = np.argsort(at, kind="stable")
+    rows = []
+    for mine in np.split(order, np.flatnonzero(np.diff(at[order])) + 1):
+        if len(mine) > 1:
+            ball = fillet_ratio * float(radius[mine].min())
+            seam = _seam(way[mine], radius[mine], ball)
+            rows.append([*place[mine[0]], radius[mine].max(), ball, seam])
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def _branches(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """What leaves each node or kink: its number, unit direction, radius, place."""
+    start, end, r0, r1, _ = network.pieces()
+    way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    inner, first = np.arange(len(network.points)), network.offset[:-1]
+    last = network.offset[1:] - 1
+    # Polylines' ends go by their nodes' numbers, inner points come after these.
+    number = len(network.nodes) + inner
+    number[first], number[last] = network.vessel_nodes.T
+    begins = np.setdiff1d(inner, last)
+    at = np.concatenate([number[begins], number[begins + 1]])
+    ways = np.concatenate([way, -way])
+    within = np.setdiff1d(begins, first)
+    piece = np.searchsorted(begins, within)
+    along = np.einsum("ij,ij->i", way[piece], way[piece - 1])
+    long = np.linalg.norm(end - start, axis=1) > np.minimum(r0, r1)
+    kink = (along < _KINK) & long[piece] & long[piece - 1]
+    smooth = np.isin(at, number[within[~kink]])
+    radius, place = np.concatenate([r0, r1]), np.concatenate([start, end])
+    return at[~smooth], ways[~smooth], radius[~smooth], place[~smooth]
+
+
+def _seam(way: FloatArray, radius: FloatArray, ball: float) -> float:
+    """How far from a node the ball still touches two vessels, mm, with room for it to fade.
+
+    Its centre is as far from both axes as it is from their walls, in the plane of the two:
+    (r + ρ) / sin(θ/2) from the node at an angle θ between them.
+    """
+    i, j = np.triu_indices(len(way), 1)
+    half = np.sqrt(np.clip(0.5 * (1.0 - np.einsum("ij,ij->i", way[i], way[j])), 1e-4, None))
+    wide = np.maximum(radius[i], radius[j]) + ball
+    return float(_ROOM * (wide / half).max())
 
 
 def _cells_of(rows: FloatArray, reach: float) -> Cells:

@@ -20,6 +20,12 @@ MOST = 64
 SHARPNESS = 8
 """Power by which a junction's fillet loses its say with distance."""
 
+FADE = 3.0
+"""A fillet is whole up to 1 - 1/FADE of a junction's reach."""
+
+FLAT = 0.25
+"""Square of the least slope that is believed."""
+
 STEPS = 12
 SETTLED = 1e-9
 PROBE = 1e-4
@@ -39,15 +45,21 @@ def _near(cells: Cells, x: float, y: float, z: float) -> tuple[int, int]:
 
 @jit
 def _fillet(joints: FloatArray, x: float, y: float, z: float) -> float:
-    """Radius of the rolling ball: the nearest junction's, blended between two."""
-    total = weight = 0.0
+    """Radius of the rolling ball: the nearest junction's, blended between two.
+
+    It goes to 0 beyond the junctions' seams: a ball can't pass between vessels that run side by
+    side without being joined, and would join them.
+    """
+    total = weight = reached = 0.0
     for m in range(len(joints)):
         dx, dy, dz = x - joints[m, 0], y - joints[m, 1], z - joints[m, 2]
-        near = (dx * dx + dy * dy + dz * dz) / joints[m, 3] ** 2 + 1e-12
+        away = dx * dx + dy * dy + dz * dz
+        near = away / joints[m, 3] ** 2 + 1e-12
+        reached = max(reached, min(1.0, FADE * (1.0 - sqrt(away) / joints[m, 5])))
         share = near ** (-SHARPNESS / 2)
         total += share * joints[m, 4]
         weight += share
-    return total / weight if weight > 0.0 else 0.0
+    return reached * total / weight if weight > 0.0 and reached > 0.0 else 0.0
 
 
 @jit
@@ -162,6 +174,7 @@ def project(
             square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
             if square < 1e-6:
                 break
-            points[n] -= value / square * g
+            # Between walls the field is flat, and Newton's step would go far.
+            points[n] -= value / max(square, FLAT) * g
             if abs(value) < SETTLED * sqrt(square):
                 break

@@ -136,6 +136,52 @@ def test_an_end_inside_another_vessel_is_refused() -> None:
         lumen_mesh(buried)
 
 
+def _side_by_side(gap: float) -> VesselNetwork:
+    """A turn whose legs run back beside one another, unjoined."""
+    wide = 0.8 + gap
+    nodes = [[0.0, 0, 0], [4, 0, 0], [6, wide / 2, 0], [4, wide, 0], [0, wide, 0]]
+    return network_of(nodes, [(0, 1), (1, 2), (2, 3), (3, 4)], 0.4)
+
+
+def test_fillets_without_room_are_refused_and_smaller_ones_fit() -> None:
+    network = _side_by_side(0.3)
+    with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
+        lumen_mesh(network)
+    _sound(network, MeshOptions(fillet_ratio=0.1))
+
+
+def test_far_from_junctions_vessels_side_by_side_stay_apart() -> None:
+    """Nearer than the fillet's ball is wide: 0.1 mm, and 0.4."""
+    nodes = [[-4.0, 0, 0], [3, 0, 0], [6, 4, 0], [6, -4, 0], [-4, 0.9, 0], [0, 0.9, 0]]
+    network = network_of(nodes, [(0, 1), (1, 2), (1, 3), (4, 5)], 0.4)
+    mesh = lumen_mesh(network)
+    assert _euler(mesh) == 4
+    assert least_jacobian(straightened(mesh)[0]).min() > 0.0
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_rough_centrelines_are_meshed(seed: int) -> None:
+    """Kinks nearer to each other than a radius, as a scan's centreline has."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.0, 6.0, 30)
+    points = np.stack([x, 0.5 * np.sin(2.0 * x + seed), 0.3 * np.cos(1.5 * x)], axis=1)
+    points += rng.normal(0.0, 0.01, points.shape)
+    whole = network_of(points[[0, -1]].tolist(), [(0, 1)], 0.3)
+    radius = 0.3 * np.exp(rng.normal(0.0, 0.05, 30))
+    _sound(replace(whole, offset=np.array([0, 30]), points=points, radius=radius))
+
+
+@pytest.mark.parametrize("degrees", [30.0, 12.0])
+def test_acute_forks_are_meshed(degrees: float) -> None:
+    angle = np.radians(degrees)
+    far = [9.0 * np.cos(angle), 9.0 * np.sin(angle), 0.0]
+    _sound(
+        network_of(
+            [[-4, 0, 0], [0, 0, 0], far, [9, 0, 0]], [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.35]
+        )
+    )
+
+
 def test_options_out_of_bounds_are_refused() -> None:
     for name, value in (("edge_ratio", 2.0), ("fillet_ratio", 0.0), ("growth", 3.0)):
         with pytest.raises(FlowError, match=f"{name} {value:g} of a 3D mesh"):
