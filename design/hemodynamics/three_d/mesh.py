@@ -22,8 +22,8 @@ elements that fold when curved fall from 2,560 of 13,365 to 9 of 8,989, with few
 
 _COARSEST: Final = 0.7
 """Edge ratio from which on the inside isn't made coarser: elements with all corners on the wall
-fold, and straightening them takes 1 to 4 % of a fork's volume and adds 10 to 20 % to its resistance
-(edge ratios 0.8 to 1); so, it is 0.1 % and 1 %."""
+fold, and straightening them takes 1 to 4 % of a fork's volume and adds 3 to 13 % to its resistance
+(edge ratios 0.8 to 1); so, it is 0.1 % and 0.6 %."""
 
 
 @dataclass(frozen=True)
