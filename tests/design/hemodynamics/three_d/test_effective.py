@@ -14,6 +14,8 @@ from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import pipe
 
+pytest.importorskip("ngsolve")
+
 CONDITIONS = FlowConditions(1e-3, inlet_flow_ul_s=4.0)
 
 
