@@ -30,6 +30,7 @@ from design.hemodynamics.three_d import (
     write_flow_vtu,
 )
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.vessel_flows import vessel_flows
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.outputs import write_columns
@@ -126,7 +127,7 @@ def vessel_table(found: Resolved) -> dict[str, Any]:
     mean, most = wall_shear_of_vessels(found)
     return {
         "vessel": np.arange(found.network.vessel_count),
-        "flow_ml_min": amid.flow[:, 0] / UL_S_PER_ML_MIN,
+        "flow_ml_min": vessel_flows(found.network, found.steady) / UL_S_PER_ML_MIN,
         "pressure_mmhg": amid.pressure[:, 0] / PA_PER_MMHG,
         "wall_shear_mean_dyn_cm2": mean * DYN_CM2_PER_PA,
         "wall_shear_max_dyn_cm2": most * DYN_CM2_PER_PA,

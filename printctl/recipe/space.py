@@ -18,7 +18,7 @@ class ThreeDPart(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    edge_ratio: Annotated[float, Field(ge=0.1, le=1.2)] = Field(
+    edge_ratio: Annotated[float, Field(ge=0.1, le=1.0)] = Field(
         default=0.7, description="Length of an element's edge over the lumen's radius."
     )
     order: Literal[2, 3] = Field(default=2, description="Of velocity; pressure has one less.")
