@@ -16,9 +16,7 @@ _OUT: Final = -0.53
 one out let waves pass that are longer than some ten edges (1/0.5 - 1/0.53 = 0.11)."""
 
 
-def denoised(
-    points: FloatArray, faces: NDArray[np.integer], passes: int
-) -> FloatArray:
+def denoised(points: FloatArray, faces: NDArray[np.integer], passes: int) -> FloatArray:
     """Points (n, 3) moved by ``passes`` pairs of Taubin's steps, mm.
 
     Meant for even triangles such as marching cubes make; long ones are no noise.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from manifold3d import Manifold
@@ -27,13 +27,37 @@ _SLICES: Final = 64
 _LEAST_AREA: Final = 0.1
 
 
-def cut_ends(
-    vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]
-) -> tuple[LabelledSurface, tuple[MeshPort, ...]]:
-    """Cut a closed surface at ``ports``; labels are those of `LumenMesh`.
+@dataclass(frozen=True)
+class Cut:
+    """A lumen that is flat at its ports.
 
-    The ports come back with the middle and the size of what was cut. Pieces that no port leads
-    into (specks of a scan, what lay beyond the ends) are left out.
+    Attributes
+    ----------
+    surface : LabelledSurface
+        Closed; labels are those of `LumenMesh`.
+    ports : tuple of MeshPort
+        With the middle and the size of what was cut.
+    points, faces : (n, 3) float64, mm, and (f, 3) int64
+        The wall before the cut, which has no needles along the rims, and goes on beyond them.
+    """
+
+    surface: LabelledSurface
+    ports: tuple[MeshPort, ...]
+    points: FloatArray
+    faces: IntArray
+
+
+class _Body(NamedTuple):
+    """A connected part before the cut, its caps labelled, and what of it the ports lead into."""
+
+    before: LabelledSurface
+    pieces: list[LabelledSurface]
+
+
+def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> Cut:
+    """Cut a closed surface flat at ``ports``.
+
+    Pieces that no port leads into (specks of a scan, what lay beyond the ends) are left out.
 
     Raises
     ------
@@ -42,37 +66,73 @@ def cut_ends(
     SolidError
         When it isn't closed.
     """
+    bodies = [_cut(body, ports) for body in _bodies(vertices, faces)]
+    kept = [piece for body in bodies for piece in body.pieces]
+    _check_reached(kept, ports)
+    surface = _joined(kept)
+    wall = _joined([body.before for body in bodies if body.pieces])
+    return Cut(
+        surface,
+        tuple(_measured(surface, n, port) for n, port in enumerate(ports)),
+        wall.points,
+        wall.faces[wall.label == WALL],
+    )
+
+
+def _bodies(vertices: FloatArray, faces: IntArray) -> list[Manifold]:
     whole = to_manifold(vertices, faces, "the lumen's surface")
-    parts = [_arrays(part) for part in subtract(whole, [_tool(p) for p in ports]).decompose()]
-    labels = [_labels(points, tris, ports) for points, tris in parts]
-    kept = [k for k, label in enumerate(labels) if label.any()]
-    found = np.concatenate([[WALL], *(np.unique(labels[k]) for k in kept)])
+    # What lies within a body, a speck of wall in the lumen, has a volume below 0.
+    return [body for body in whole.decompose() if body.volume() > 0.0]
+
+
+def _cut(body: Manifold, ports: tuple[MeshPort, ...]) -> _Body:
+    points, faces = _arrays(body)
+    pieces = []
+    for part in subtract(body, [_tool(port) for port in ports]).decompose():
+        corners, triangles = _arrays(part)
+        label = _labels(corners, triangles, ports)
+        if label.any():
+            pieces.append(LabelledSurface(corners, triangles, label))
+    return _Body(LabelledSurface(points, faces, _beyond(points, faces, ports)), pieces)
+
+
+def _joined(parts: list[LabelledSurface]) -> LabelledSurface:
+    start = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    return LabelledSurface(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.faces + n for part, n in zip(parts, start, strict=True)]),
+        np.concatenate([part.label for part in parts]),
+    )
+
+
+def _check_reached(parts: list[LabelledSurface], ports: tuple[MeshPort, ...]) -> None:
+    """Each port is there, and each part has a way in and one out."""
+    found = {int(k) - 1 for part in parts for k in np.unique(part.label)}
     for number, port in enumerate(ports):
-        if number + 1 not in found:
+        if number not in found:
             raise FlowError(
                 f"the lumen's surface doesn't reach node {port.node} at "
                 f"{_place(port)}; bring it into the network's frame, or draw it out to there"
             )
-    for k in kept:
-        _check_through(labels[k], ports)
-    start = np.cumsum([0, *(len(parts[k][0]) for k in kept)])
-    surface = LabelledSurface(
-        np.concatenate([parts[k][0] for k in kept]),
-        np.concatenate([parts[k][1] + n for k, n in zip(kept, start, strict=False)]),
-        np.concatenate([labels[k] for k in kept]),
-    )
-    return surface, tuple(_measured(surface, n, port) for n, port in enumerate(ports))
+    for part in parts:
+        here = [ports[k - 1] for k in np.unique(part.label[part.label != WALL])]
+        if len({port.inlet for port in here}) < 2:
+            nodes = ", ".join(str(port.node) for port in here)
+            raise FlowError(
+                f"the lumen's surface is interrupted: its part at node {nodes} has no "
+                f"{'outlet' if here[0].inlet else 'inlet'}; take closed vessels out of the network"
+            )
 
 
-def without_caps(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> IntArray:
-    """The faces of a closed surface but those that lie in a port's plane, or beyond it."""
-    kept = np.ones(len(faces), dtype=np.bool_)
-    for port in ports:
+def _beyond(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> IntArray:
+    """Label the faces of an uncut surface that lie in a port's plane, or beyond it."""
+    label = np.full(len(faces), WALL)
+    for k, port in enumerate(ports):
         away = points - port.centre
         beyond = away @ port.outward > -_FLAT * port.radius_mm
         near = np.einsum("nd,nd->n", away, away) < ((_WIDE + _DEEP) * port.radius_mm) ** 2
-        kept &= ~(beyond & near)[faces].all(axis=1)
-    return faces[kept]
+        label[(beyond & near)[faces].all(axis=1)] = k + 1
+    return label
 
 
 def _place(port: MeshPort) -> str:
@@ -105,16 +165,6 @@ def _labels(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) ->
         near = np.linalg.norm(away, axis=1) < _WIDE * port.radius_mm
         label[(flat & near)[faces].all(axis=1) & (normal @ port.outward > 0.0)] = k + 1
     return label
-
-
-def _check_through(label: IntArray, ports: tuple[MeshPort, ...]) -> None:
-    here = [ports[k - 1] for k in np.unique(label[label != WALL])]
-    if not any(port.inlet for port in here) or all(port.inlet for port in here):
-        nodes = ", ".join(str(port.node) for port in here)
-        raise FlowError(
-            f"the lumen's surface is interrupted: its part at node {nodes} has no "
-            f"{'outlet' if here[0].inlet else 'inlet'}; take closed vessels out of the network"
-        )
 
 
 def _measured(surface: LabelledSurface, number: int, port: MeshPort) -> MeshPort:

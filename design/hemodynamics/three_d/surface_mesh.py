@@ -9,15 +9,16 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.curve import curved
-from design.hemodynamics.three_d.cut_ends import cut_ends, without_caps
+from design.hemodynamics.three_d.cut_ends import cut_ends
 from design.hemodynamics.three_d.facets import facet_wall
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.mesh import INSIDE
 from design.hemodynamics.three_d.volume import fill
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import FloatArray, IntArray, VesselNetwork
+from design.solids.crossings import find_crossings
 from design.solids.denoise import denoised
-from design.solids.remesh import remesh
+from design.solids.remesh import LabelledSurface, remesh
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,23 @@ def surface_mesh(
     if not ends:
         raise FlowError("the network has no free ends, so nothing flows in or out; give it some")
     points = denoised(np.asarray(vertices, dtype=np.float64), faces, options.smooth_passes)
-    rough, ports = cut_ends(points, np.asarray(faces, dtype=np.int64), ends)
-    wall = facet_wall(
-        points, without_caps(points, faces, ends), network, ports, options.edge_ratio
-    )
-    surface = remesh(rough, wall)
+    cut = cut_ends(points, np.asarray(faces, dtype=np.int64), ends)
+    wall = facet_wall(cut.points, cut.faces, network, cut.ports, options.edge_ratio)
+    surface = remesh(cut.surface, wall)
+    _check(surface, network)
     inside, size = axis_places(network, INSIDE * options.edge_ratio)
     filled, tets = fill(surface, inside, size, options.growth)
-    return curved(surface, filled, tets, wall, ports)
+    return curved(surface, filled, tets, wall, cut.ports)
+
+
+def _check(surface: LabelledSurface, network: VesselNetwork) -> None:
+    """Refuse what would bring Netgen down, and with it the process: triangles through others."""
+    crossing = find_crossings(surface.points, surface.faces).crossing
+    if len(crossing):
+        place = surface.points[surface.faces[crossing[0, 0]]].mean(axis=0)
+        near = int(np.argmin(np.linalg.norm(network.nodes - place, axis=1)))
+        raise FlowError(
+            f"{len(crossing)} triangles of the lumen's remade surface pass through others, one at "
+            f"({', '.join(f'{x:.4g}' for x in place)}) mm (nearest node: {near}); take noise off "
+            "(more smooth_passes), or give a smaller edge_ratio"
+        )
