@@ -80,14 +80,14 @@ def places(network: VesselNetwork, part: ComparePart) -> tuple[Probes, int]:
     vessel = longest if part.along_vessel is None else part.along_vessel
     amid = midpoints(network)
     Probes(np.array([vessel]), np.array([0.5])).check(network)
-    first, last = _clear(network, vessel)
+    first, last = clear_of_junctions(network, vessel)
     share = first + (last - first) * along(vessel, part.points).fraction
     return Probes(
         np.append(amid.vessel, np.full(part.points, vessel)), np.append(amid.fraction, share)
     ), vessel
 
 
-def _clear(network: VesselNetwork, vessel: int) -> tuple[float, float]:
+def clear_of_junctions(network: VesselNetwork, vessel: int) -> tuple[float, float]:
     """Part of a vessel that lies outside the widest vessels at its ends, and a radius further."""
     ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
     wide = np.zeros(len(network.nodes))
