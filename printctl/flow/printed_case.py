@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -49,9 +49,6 @@ from printctl.recipe.space import ThreeDPart
 from printctl.recipe.waves import OneDPart
 
 AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
-
-FINER: Final = 0.7
-"""Of a scanned wall's edges, over a round one's: it isn't as smooth."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +179,7 @@ def _in_printed_space(
     if not case.scanned:
         return in_space(even, mesh_of(even, how, case.fillet_ratio), conditions, how)
     seen = scanned_lumen(case.folder, even)
-    fine = SurfaceOptions(edge_ratio=max(0.1, FINER * how.edge_ratio))
+    fine = SurfaceOptions(edge_ratio=how.edge_ratio)
     mesh = surface_mesh(seen.vertices, seen.faces, seen.network, fine)
     return in_space(seen.network, mesh, conditions, how)
 

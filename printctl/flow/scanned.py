@@ -75,9 +75,8 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
     lumen = _lumen(body, placed, voxel)
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
-    mesh = lumen.to_mesh64()
-    vertices = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
-    return Scanned(vertices, np.array(mesh.tri_verts, dtype=np.int64), placed)
+    vertices, triangles = _arrays(lumen)
+    return Scanned(vertices, triangles, placed)
 
 
 def _numbers(folder: Path) -> dict[str, Any]:
@@ -124,6 +123,12 @@ def _lumen(body: Manifold, network: VesselNetwork, voxel: float) -> Manifold:
             f"{expected:.3g}; leave --scanned out, or register the scan again"
         )
     return found
+
+
+def _arrays(lumen: Manifold) -> tuple[FloatArray, IntArray]:
+    mesh = lumen.to_mesh64()
+    points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
+    return points, np.array(mesh.tri_verts, dtype=np.int64)
 
 
 def _ratio(found: Manifold, expected: float) -> float:

@@ -29,6 +29,7 @@ from design.hemodynamics.three_d import (
     straightened,
     write_flow_vtu,
 )
+from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
@@ -38,6 +39,9 @@ from printctl.recipe.space import ThreeDPart
 THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"
 SHARP: Final = 0.1
 """Fillet ratio where the recipe's solid has sharp seams: a seam has no wall shear of its own."""
+
+_APART: Final = 0.5
+"""Radii between places on an axis: more, and a node's nearest is another vessel's."""
 
 STEPS: Final = 50
 """Of a cycle, at most."""
@@ -144,11 +148,8 @@ def wall_shear_of_vessels(
     A node on the wall belongs to the vessel whose axis is nearest, in radii.
     """
     shear = solution.wall_shear
-    start, end, r0, r1, vessel = network.pieces()
-    spots = np.linspace(0.0, 1.0, 9)[None, :, None]
-    axis = (start[:, None] * (1.0 - spots) + end[:, None] * spots).reshape(-1, 3)
-    radius = (r0[:, None] * (1.0 - spots[..., 0]) + r1[:, None] * spots[..., 0]).ravel()
-    owner = np.repeat(vessel, spots.size)
+    axis, apart, owner = axis_places(network, _APART)
+    radius = apart / _APART
     away, near = cKDTree(axis).query(solution.field.mesh.points[shear.node], k=min(32, len(axis)))
     away, near = away.reshape(len(shear.node), -1), near.reshape(len(shear.node), -1)
     best = np.argmin(away / radius[near], axis=1)

@@ -123,7 +123,7 @@ def facet_wall(
         Wanted edge length over the lumen's radius.
     """
     tree = build_triangle_tree(points, faces.astype(np.int32))
-    axis, radius = axis_places(network, _APART)
+    axis, radius, _ = axis_places(network, _APART)
     normals = corner_normals(points, faces)
     return FacetWall(points, faces, normals, tree, cKDTree(axis), radius / _APART, ports, ratio)
 

@@ -71,6 +71,6 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
         raise FlowError("the network has no free ends, so nothing flows in or out; give it some")
     wall = lumen_wall(network, options.fillet_ratio, options.edge_ratio)
     surface = wall_surface(network, wall)
-    inside, size = axis_places(network, INSIDE * options.edge_ratio)
+    inside, size, _ = axis_places(network, INSIDE * options.edge_ratio)
     points, tets = fill(surface, inside, size, options.growth)
     return curved(surface, points, tets, wall, wall.ports)

@@ -86,7 +86,7 @@ def surface_mesh(
     wall = facet_wall(cut.points, cut.faces, network, cut.ports, options.edge_ratio)
     surface = remesh(cut.surface, wall)
     _check(surface, network)
-    inside, size = axis_places(network, INSIDE * options.edge_ratio)
+    inside, size, _ = axis_places(network, INSIDE * options.edge_ratio)
     filled, tets = fill(surface, inside, size, options.growth)
     return curved(surface, filled, tets, wall, cut.ports)
 
