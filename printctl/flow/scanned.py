@@ -25,6 +25,10 @@ PASSES: Final = 10
 _AROUND: Final = 1.4
 """Measured radii within which the lumen is looked for."""
 
+_AMID: Final = 0.3
+_LEAST, _MOST = 0.5, 1.6
+"""Of the measured vessels' volume: all of what is looked through has twice as much."""
+
 _INSET_VOXELS: Final = 4.0
 """A mouth is rounded by the segmentation's smoothing; so far from it the lumen is taken as it is,
 and drawn out straight to the end. Registration leaves out sections there, too."""
@@ -75,6 +79,7 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
     lumen = _lumen(body, placed, voxel)
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
+    _check_size(lumen, placed)
     vertices, triangles = _arrays(lumen)
     return Scanned(vertices, triangles, placed)
 
@@ -103,36 +108,40 @@ def _moved(network: VesselNetwork, matrix: FloatArray) -> VesselNetwork:
 
 def _lumen(body: Manifold, network: VesselNetwork, voxel: float) -> Manifold:
     """What is open within reach of the network; ``body`` is the gel, or the lumen itself."""
-    wide = replace(network, radius=_AROUND * network.radius + 2.0 * voxel)
-    ends = free_ends(wide)
-    around = solid_manifold(
-        lumen_solid(
-            wide,
-            extend_ends_mm=np.array([port.radius_mm for port in ends]),
-            extend_nodes=np.array([port.node for port in ends], dtype=np.int64),
-            tolerance_mm=0.1 * float(wide.radius.min()),
-        ),
-        "the space around the vessels",
+    around = _along_axes(network, _AROUND * network.radius + 2.0 * voxel)
+    amid = _along_axes(network, _AMID * network.radius)
+    # Gel has the axes outside of it.
+    in_gel = (amid ^ body).volume() < 0.5 * amid.volume()
+    return around - body if in_gel else around ^ body
+
+
+def _along_axes(network: VesselNetwork, radius: FloatArray) -> Manifold:
+    """Vessels of another radius, drawn out by it at the ends."""
+    other = replace(network, radius=radius)
+    ends = free_ends(other)
+    solid = lumen_solid(
+        other,
+        extend_ends_mm=np.array([port.radius_mm for port in ends]),
+        extend_nodes=np.array([port.node for port in ends], dtype=np.int64),
+        tolerance_mm=0.1 * float(radius.min()),
     )
-    # Whichever is open at the axes' places: gel has the lumen outside of it.
+    return solid_manifold(solid, "the space around the vessels")
+
+
+def _check_size(lumen: Manifold, network: VesselNetwork) -> None:
     expected = float((np.pi * network.mean_radius() ** 2 * network.lengths()).sum())
-    found = min((around - body, around ^ body), key=lambda m: abs(np.log(_ratio(m, expected))))
-    if not 0.2 < _ratio(found, expected) < 5.0:
+    found = float(lumen.volume())
+    if not _LEAST < found / expected < _MOST:
         raise FlowError(
-            f"the scan has {found.volume():.3g} µL of lumen where the measured vessels have "
+            f"the scan has {found:.3g} µL of lumen where the measured vessels have "
             f"{expected:.3g}; leave --scanned out, or register the scan again"
         )
-    return found
 
 
 def _arrays(lumen: Manifold) -> tuple[FloatArray, IntArray]:
     mesh = lumen.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return points, np.array(mesh.tri_verts, dtype=np.int64)
-
-
-def _ratio(found: Manifold, expected: float) -> float:
-    return max(float(found.volume()), 1e-12) / expected
 
 
 def _drawn_out(lumen: Manifold, port: MeshPort, inset: float) -> Manifold:
