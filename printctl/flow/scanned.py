@@ -19,6 +19,7 @@ from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
 from printctl.errors import UsageError
 from printctl.flow.as_printed import NUMBERS
+from printctl.flow.scanned_size import arrays_of, facing, set_out
 from printctl.pipeline.stages.registration import DEVIATION, load_deviation
 
 PASSES: Final = 10
@@ -76,11 +77,11 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
     body = to_manifold(
         denoised(_applied(unstretched, points), faces, PASSES), faces, "the scanned surface"
     )
-    lumen = _lumen(body, placed, voxel)
+    lumen = set_out(_lumen(body, placed, voxel), placed)
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
     _check_size(lumen, placed)
-    vertices, triangles = _arrays(lumen)
+    vertices, triangles = arrays_of(lumen)
     return Scanned(vertices, triangles, placed)
 
 
@@ -138,23 +139,12 @@ def _check_size(lumen: Manifold, network: VesselNetwork) -> None:
         )
 
 
-def _arrays(lumen: Manifold) -> tuple[FloatArray, IntArray]:
-    mesh = lumen.to_mesh64()
-    points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
-    return points, np.array(mesh.tri_verts, dtype=np.int64)
-
-
 def _drawn_out(lumen: Manifold, port: MeshPort, inset: float) -> Manifold:
     """The lumen whose last ``inset`` mm before a port are those of its section there."""
-    least = np.eye(3)[int(np.argmin(np.abs(port.outward)))]
-    first = np.cross(port.outward, least)
-    first /= np.linalg.norm(first)
-    turn = np.column_stack([first, np.cross(port.outward, first), port.outward])
     start = port.centre - inset * port.outward
-    here = lumen.transform(np.column_stack([turn.T, -turn.T @ start]))
+    here, back = facing(lumen, start, port.outward)
     reach = 2.0 * _AROUND * port.radius_mm
     disc = Manifold.cylinder(4.0 * reach, reach, reach, 64)
     section = (here ^ disc.translate((0.0, 0.0, -0.5 * reach))).slice(0.0)
     mouth = section.extrude(inset + 0.5 * port.radius_mm)
-    whole = (here - disc) + mouth
-    return whole.transform(np.column_stack([turn, start]))
+    return ((here - disc) + mouth).transform(back)

@@ -14,9 +14,11 @@ from skimage.measure import marching_cubes
 from design.errors import FlowError
 from design.network import FloatArray, VesselNetwork
 from design.solids import Solid, write_ply
+from design.solids.manifolds import to_manifold
 from printctl.errors import UsageError
 from printctl.flow.scanned import scanned_lumen
-from tests.design.hemodynamics.three_d.surfaces import straight
+from printctl.flow.scanned_size import blur_squared, set_out
+from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight
 
 RADIUS, LENGTH, STEP, SHRUNK = 0.25, 1.5, 0.025, 0.98
 
@@ -93,3 +95,12 @@ def test_a_registration_without_transforms_is_told(run: Path) -> None:
     (run / "registration.json").write_text("{}")
     with pytest.raises(UsageError, match="has no measured_by"):
         scanned_lumen(run, designed())
+
+
+def test_a_wall_that_blur_moved_inwards_is_set_out_again() -> None:
+    squared = 0.03**2
+    seen = RADIUS - squared / (2.0 * RADIUS)
+    lumen = to_manifold(*faceted_tube(seen, LENGTH, 256, 0.3), "a tube")
+    network = straight(RADIUS, LENGTH)
+    assert_allclose(blur_squared(lumen, network), squared, rtol=0.03)
+    assert_allclose(blur_squared(set_out(lumen, network), network), 0.0, atol=0.03 * squared)
