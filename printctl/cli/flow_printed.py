@@ -70,8 +70,10 @@ def _with_asked(part: FlowPart, asked: Mapping[str, Any]) -> FlowPart:
         for key, value in asked.items()
         if key in ("cell_mm", "wall_viscosity_pa_s", "edge_ratio", "order") and value is not None
     }
-    own = {key: typed[key] for key in ("cell_mm", "wall_viscosity_pa_s") if key in typed}
-    space = {key: typed[key] for key in ("edge_ratio", "order") if key in typed}
+    own: dict[str, Any] = {
+        key: typed[key] for key in ("cell_mm", "wall_viscosity_pa_s") if key in typed
+    }
+    space: dict[str, Any] = {key: typed[key] for key in ("edge_ratio", "order") if key in typed}
     idle = [key for key in own if not asked["one_d"]] + [k for k in space if not asked["three_d"]]
     if idle:
         wants = "one-d" if idle[0] in own else "three-d"
