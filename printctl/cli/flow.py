@@ -10,10 +10,12 @@ from printctl.cli import flow_match
 from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
+from printctl.cli.flow_printed import run_as_printed
 from printctl.cli.flow_ranks import Elsewhere, beyond
 from printctl.cli.flow_solve import Found, pulsatile, space, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.errors import UsageError
 from printctl.networks import Drive, load_source
 
 
@@ -55,6 +57,8 @@ def flow(
     fillet_ratio: options.FilletOption = 0.5,
     compare: options.CompareFlag = False,
     along_vessel: options.AlongOption = None,
+    as_printed: options.AsPrintedFlag = False,
+    scanned: options.ScannedFlag = False,
     ranks: options.RanksOption = None,
     ranks_python: options.PythonOption = None,
     slurm: options.SlurmOption = None,
@@ -72,6 +76,13 @@ def flow(
     if is_svzerod(network):
         _say(run_case(network, out), as_json)
         return
+    if as_printed:
+        found = Found()
+        run_as_printed(context, network, out, found)
+        _say(found, as_json)
+        return
+    if scanned:
+        raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
     # Options are a recipe's section under the same names: `part_of` takes them by name.
     part = part_of(context.params)
     source = load_source(network, unit, Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s))

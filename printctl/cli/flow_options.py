@@ -112,6 +112,15 @@ CheckFlag = Annotated[
 FilletOption = Annotated[
     float, typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius.")
 ]
+AsPrintedFlag = Annotated[
+    bool,
+    typer.Option(
+        "--as-printed", help="Of a run: as designed against the lumens that registration found."
+    ),
+]
+ScannedFlag = Annotated[
+    bool, typer.Option("--scanned", help="3D as printed in the scan's own surface.")
+]
 CompareFlag = Annotated[
     bool, typer.Option("--compare", help="Fidelities side by side, each against the ideal.")
 ]

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
-from printctl.errors import UsageError
+from printctl.flow.as_printed import printed_lumens, read_rows
 from printctl.networks import Drive, load_source
-from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.stages.registration import NUMBERS
 
 
 @dataclass(frozen=True)
@@ -50,40 +46,6 @@ def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
         flow = float(source.known.flow["flow_ul_s"][first].sum()) / UL_S_PER_ML_MIN
     if not as_printed:
         return Lumens(source.network, (), flow)
-    path = model / NUMBERS
-    if not path.is_file():
-        raise UsageError(
-            f"--as-printed takes lumens from {NUMBERS} of a run whose print was registered, and "
-            f"there is none at {path}; register a scan first, or leave --as-printed out"
-        )
-    rows = json.loads(path.read_text(encoding="utf-8")).get("vessels", [])
-    network, closed = printed_lumens(source.network, rows)
-    return Lumens(network, closed, flow)
-
-
-def printed_lumens(
-    network: VesselNetwork, rows: list[dict[str, Any]]
-) -> tuple[VesselNetwork, tuple[int, ...]]:
-    """Radii times each vessel's measured over designed diameter, and the closed vessels.
-
-    A vessel that wasn't measured is as far off as the others on average.
-
-    Raises
-    ------
-    UsageError
-        When the rows aren't of this network.
-    """
-    if [row.get("vessel") for row in rows] != list(range(network.vessel_count)):
-        raise UsageError(f"{NUMBERS} isn't of this {NETWORK}; register the scan again")
-    ratio = np.array(
-        [
-            row["measured_um"] / row["designed_um"] if row.get("measured_um") else np.nan
-            for row in rows
-        ]
-    )
-    if not np.isfinite(ratio).any():
-        raise UsageError(f"no vessel's diameter was measured in {NUMBERS}; leave --as-printed out")
-    ratio = np.where(np.isfinite(ratio), ratio, np.nanmean(ratio))
-    radius = network.radius * np.repeat(ratio, np.diff(network.offset))
-    closed = tuple(k for k, row in enumerate(rows) if row.get("open") is False)
-    return replace(network, radius=radius), closed
+    printed = printed_lumens(source.network, read_rows(model))
+    closed = tuple(np.flatnonzero(printed.closed).tolist())
+    return Lumens(printed.network, closed, flow)

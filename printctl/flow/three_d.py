@@ -29,6 +29,7 @@ from design.hemodynamics.three_d import (
     straightened,
     write_flow_vtu,
 )
+from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import vessel_flows
 from design.network import FloatArray, VesselNetwork
@@ -39,6 +40,9 @@ from printctl.recipe.space import ThreeDPart
 THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"
 SHARP: Final = 0.1
 """Fillet ratio where the recipe's solid has sharp seams: a seam has no wall shear of its own."""
+
+_APART: Final = 0.5
+"""Radii between places on an axis: more, and a node's nearest is another vessel's."""
 
 Tell = Callable[[float, str], None]
 
@@ -124,7 +128,7 @@ def write_resolved(folder: Path, found: Resolved) -> tuple[str, str]:
 def vessel_table(found: Resolved) -> dict[str, Any]:
     """Flow and pressure amid each vessel, and wall shear on its wall."""
     amid = probe_steady(found.network, midpoints(found.network), found.steady.field)
-    mean, most = wall_shear_of_vessels(found)
+    mean, most = wall_shear_of_vessels(found.network, found.steady)
     return {
         "vessel": np.arange(found.network.vessel_count),
         "flow_ml_min": vessel_flows(found.network, found.steady) / UL_S_PER_ML_MIN,
@@ -134,22 +138,21 @@ def vessel_table(found: Resolved) -> dict[str, Any]:
     }
 
 
-def wall_shear_of_vessels(found: Resolved) -> tuple[FloatArray, FloatArray]:
+def wall_shear_of_vessels(
+    network: VesselNetwork, solution: ThreeDSolution
+) -> tuple[FloatArray, FloatArray]:
     """Mean and greatest wall shear on each vessel's wall, (v,), Pa; NaN where it has no node.
 
     A node on the wall belongs to the vessel whose axis is nearest, in radii.
     """
-    shear = found.steady.wall_shear
-    start, end, r0, r1, vessel = found.network.pieces()
-    spots = np.linspace(0.0, 1.0, 9)[None, :, None]
-    axis = (start[:, None] * (1.0 - spots) + end[:, None] * spots).reshape(-1, 3)
-    radius = (r0[:, None] * (1.0 - spots[..., 0]) + r1[:, None] * spots[..., 0]).ravel()
-    owner = np.repeat(vessel, spots.size)
-    away, near = cKDTree(axis).query(found.mesh.points[shear.node], k=min(32, len(axis)))
+    shear = solution.wall_shear
+    axis, apart, owner = axis_places(network, _APART)
+    radius = apart / _APART
+    away, near = cKDTree(axis).query(solution.field.mesh.points[shear.node], k=min(32, len(axis)))
     away, near = away.reshape(len(shear.node), -1), near.reshape(len(shear.node), -1)
     best = np.argmin(away / radius[near], axis=1)
     mine = owner[near[np.arange(len(near)), best]]
-    count, size = found.network.vessel_count, shear.magnitude
+    count, size = network.vessel_count, shear.magnitude
     most = np.full(count, np.nan)
     np.fmax.at(most, mine, size)
     nodes = np.bincount(mine, minlength=count)

@@ -12,7 +12,9 @@ from registration.gauging.deviation import (
     summarise,
     within,
 )
-from registration.gauging.perfusion import Perfusion, perfusion, printed_network
+from registration.gauging.parts import led_through, part_of, without_dead_ends
+from registration.gauging.perfusion import Perfusion, perfusion
+from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
 from registration.gauging.trace import VesselTrace, trace_vessels
 from registration.gauging.vessels import VesselGauge, gauge_vessels
 
@@ -21,6 +23,7 @@ __all__ = [
     "Defect",
     "DefectKind",
     "Deviation",
+    "MeasuredLumen",
     "Perfusion",
     "ScannedSurface",
     "VesselGauge",
@@ -30,10 +33,14 @@ __all__ = [
     "find_closures",
     "gauge_vessels",
     "hausdorff_p95_um",
+    "led_through",
+    "network_of_lumens",
+    "part_of",
     "perfusion",
     "printed_network",
     "summarise",
     "surface_points",
     "trace_vessels",
     "within",
+    "without_dead_ends",
 ]

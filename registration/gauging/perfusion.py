@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
+from registration.gauging.parts import led_through, part_of
+from registration.gauging.printed import printed_network
 from registration.gauging.trace import VesselTrace
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 WATER_PA_S = 1e-3
@@ -60,53 +59,6 @@ class Perfusion:
     measured: BoolArray
     fed: BoolArray
     perfused: bool | None
-
-
-def printed_network(network: VesselNetwork, traces: tuple[VesselTrace, ...]) -> VesselNetwork:
-    """The network with the radii that were measured, a point at each station.
-
-    Where a station wasn't measured (within a junction, unseen) the radius is the designed one
-    plus the vessel's mean error, or where it has none, that of all vessels. An oval lumen of equal
-    area conducts less: its radius r is taken as r (2 / (o + 1/o))^¼ with the ovality o (Poiseuille
-    flow in an ellipse, White, Viscous Fluid Flow, 3-3.3). A closed section has no radius; take
-    closed vessels out (`perfusion` does).
-    """
-    errors = [_mean_error(trace) for trace in traces]
-    common = np.array([error for error in errors if np.isfinite(error)])
-    fallback = float(np.median(common)) if len(common) else 0.0
-    points, radii, offset = [], [], [0]
-    for trace, error in zip(traces, errors, strict=True):
-        way, _ = network.polyline(trace.vessel)
-        radius = _radii(trace, error if np.isfinite(error) else fallback)
-        points += [way[:1], trace.centre, way[-1:]]
-        radii += [radius[:1], radius, radius[-1:]]
-        offset.append(offset[-1] + len(radius) + 2)
-    return VesselNetwork(
-        nodes=network.nodes,
-        vessel_nodes=network.vessel_nodes,
-        kind=network.kind,
-        tree=network.tree,
-        offset=np.array(offset),
-        points=np.concatenate(points),
-        radius=np.concatenate(radii),
-    )
-
-
-def _mean_error(trace: VesselTrace) -> float:
-    """Median of measured less designed radius over the open sections, mm; NaN without any."""
-    there = trace.counted & trace.sections.open
-    error = trace.diameter[there] / 2 - trace.radius[there]
-    error = error[np.isfinite(error)]
-    return float(np.median(error)) if len(error) else float("nan")
-
-
-def _radii(trace: VesselTrace, error: float) -> FloatArray:
-    measured = trace.diameter / 2
-    oval = trace.sections.ovality
-    thinner = np.where(np.isfinite(oval), (2 / (oval + 1 / oval)) ** 0.25, 1.0)
-    usable = np.isfinite(measured) & (measured > 0)
-    filled = np.maximum(trace.radius + error, 0.2 * trace.radius)
-    return np.where(usable, measured * thinner, filled)
 
 
 def perfusion(
@@ -184,10 +136,10 @@ def _flow(
 ) -> tuple[FloatArray, float]:
     """Flow of each vessel, and the pressure drop, with some vessels taken out."""
     flow = np.zeros(network.vessel_count)
-    kept = _led_through(network, kept, inlets, outlets)
+    kept = led_through(network, kept, inlets, outlets)
     if not kept.any():
         return flow, float("nan")
-    part, number = _part(network, np.flatnonzero(kept))
+    part, number = part_of(network, np.flatnonzero(kept))
     sources = tuple(number[node] for node in inlets if node in number)
     sinks = tuple(number[node] for node in outlets if node in number)
     solution = solve_flow(
@@ -207,31 +159,3 @@ def _flow(
     flow[kept] = solution.flow
     drop = solution.pressure[list(sources)].max() - solution.pressure[list(sinks)].min()
     return flow, float(drop)
-
-
-def _led_through(
-    network: VesselNetwork, kept: BoolArray, inlets: tuple[int, ...], outlets: tuple[int, ...]
-) -> BoolArray:
-    """Of the kept vessels, those that hang together with an inlet and an outlet."""
-    rows, columns = network.vessel_nodes[kept].T
-    count = len(network.nodes)
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    both = np.intersect1d(label[list(inlets)], label[list(outlets)])
-    return np.asarray(kept & np.isin(label[network.vessel_nodes[:, 0]], both))
-
-
-def _part(network: VesselNetwork, vessels: IntArray) -> tuple[VesselNetwork, dict[int, int]]:
-    """A network of some of the vessels, and the new number of each of their nodes."""
-    used, ends = np.unique(network.vessel_nodes[vessels], return_inverse=True)
-    lines = [network.polyline(int(vessel)) for vessel in vessels]
-    part = VesselNetwork(
-        nodes=network.nodes[used],
-        vessel_nodes=ends.reshape(-1, 2),
-        kind=network.kind[vessels],
-        tree=network.tree[vessels],
-        offset=np.concatenate([[0], np.cumsum([len(points) for points, _ in lines])]),
-        points=np.concatenate([points for points, _ in lines]),
-        radius=np.concatenate([radius for _, radius in lines]),
-    )
-    return part, {int(node): index for index, node in enumerate(used)}

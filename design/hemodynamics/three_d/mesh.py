@@ -8,15 +8,16 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.curve import curved
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.surface import wall_surface
 from design.hemodynamics.three_d.surface_check import check_surface
 from design.hemodynamics.three_d.volume import fill
 from design.hemodynamics.three_d.wall import lumen_wall
-from design.network import FloatArray, VesselNetwork
+from design.network import VesselNetwork
 
-_INSIDE: Final = 0.6
+INSIDE: Final = 0.6
 """Longest edge on a vessel's axis over that on its wall. Measured on the planar network: flat
 elements that fold when curved fall from 2,560 of 13,365 to 9 of 8,989, with fewer elements."""
 
@@ -78,18 +79,7 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     wall = lumen_wall(network, options.fillet_ratio, options.edge_ratio)
     surface = wall_surface(network, wall)
     check_surface(surface, wall, options.fillet_ratio)
-    inside, size = _axes(network, _INSIDE * min(options.edge_ratio, _COARSEST))
+    spacing = INSIDE * min(options.edge_ratio, _COARSEST)
+    inside, size, _ = axis_places(network, spacing)
     points, tets = fill(surface, inside, size, options.growth)
     return curved(surface, points, tets, wall, wall.ports)
-
-
-def _axes(network: VesselNetwork, ratio: float) -> tuple[FloatArray, FloatArray]:
-    """Places along the axes, ``ratio`` radii apart, and that distance at each, mm."""
-    start, end, r0, r1, _ = network.pieces()
-    length = np.linalg.norm(end - start, axis=1)
-    count = np.ceil(length / (ratio * np.minimum(r0, r1))).astype(np.int64)
-    piece = np.repeat(np.arange(len(start)), count)
-    step = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
-    t = ((step + 0.5) / count[piece])[:, None]
-    radius = (1.0 - t[:, 0]) * r0[piece] + t[:, 0] * r1[piece]
-    return (1.0 - t) * start[piece] + t * end[piece], ratio * radius

@@ -101,7 +101,7 @@ def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> Lum
                 f"vessel {int(vessel[bad][0])} has a piece without {what}; mend the network first"
             )
     axis = (end - start) / length[:, None]
-    ports = tuple(_ports(network))
+    ports = free_ends(network)
     slope = (r1 - r0) / length
     ends = [_beyond(network, port) for port in ports]
     rows = np.concatenate(
@@ -112,7 +112,7 @@ def lumen_wall(network: VesselNetwork, fillet_ratio: float, ratio: float) -> Lum
     return LumenWall(rows, joints, _cells_of(rows, reach), ports, ratio)
 
 
-def _ports(network: VesselNetwork) -> list[MeshPort]:
+def free_ends(network: VesselNetwork) -> tuple[MeshPort, ...]:
     """A port at every free end, square to its vessel."""
     inlets = set(network.inlets().tolist())
     ports = []
@@ -124,7 +124,7 @@ def _ports(network: VesselNetwork) -> list[MeshPort]:
         outward = points[0] - points[1]
         outward = outward / np.linalg.norm(outward)
         ports.append(MeshPort(node, points[0], outward, float(radius[0]), node in inlets))
-    return ports
+    return tuple(ports)
 
 
 def _beyond(network: VesselNetwork, port: MeshPort) -> FloatArray:

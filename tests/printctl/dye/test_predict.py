@@ -11,8 +11,6 @@ import pytest
 
 from printctl.dye import Place
 from printctl.dye.outputs import volume_share
-from printctl.dye.source import printed_lumens
-from printctl.errors import UsageError
 from tests.design.hemodynamics.networks import network_of
 from tests.system.cli import called as printctl
 
@@ -75,19 +73,6 @@ def test_without_a_film_and_predict_the_way_out_is_named(fork: Path) -> None:
     done = printctl("dye", "--model", "fork.csv", "--out", "dye", cwd=fork)
     assert done.returncode != 0
     assert "--predict to foresee" in " ".join(done.stderr.split())
-
-
-def test_printed_lumens_are_as_wide_as_measured() -> None:
-    network = network_of([[0, 0, 0], [5, 0, 0], [9, 0, 0]], [(0, 1), (1, 2)], 0.2)
-    rows = [
-        {"vessel": 0, "designed_um": 400.0, "measured_um": 360.0, "open": True},
-        {"vessel": 1, "designed_um": 400.0, "measured_um": None, "open": False},
-    ]
-    printed, closed = printed_lumens(network, rows)
-    assert printed.radius == pytest.approx(0.18)
-    assert closed == (1,)
-    with pytest.raises(UsageError, match="isn't of this"):
-        printed_lumens(network, rows[:1])
 
 
 def test_half_of_a_cone_s_length_isn_t_half_of_its_volume() -> None:

@@ -1,0 +1,194 @@
+"""A run whose print was registered: its flow as designed and as printed, solved and written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from design.files import write_text
+from design.hemodynamics import FlowConditions, PulsatileConditions, at_same_shear, scaled_network
+from design.hemodynamics.three_d.engine import load_engine
+from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
+from design.network import VesselNetwork
+from design.network_csv import read_network_csv
+from printctl.errors import UsageError
+from printctl.flow.as_printed import (
+    OpenPart,
+    Printed,
+    even_radii,
+    open_part,
+    printed_lumens,
+    read_rows,
+)
+from printctl.flow.conditions import pulsatile_conditions, steady_conditions
+from printctl.flow.one_d import one_d_options
+from printctl.flow.outputs import write_columns
+from printctl.flow.printed_fidelities import (
+    Pair,
+    VesselFlow,
+    along,
+    in_space,
+    lumped,
+    mesh_of,
+    printed_summary,
+    printed_table,
+)
+from printctl.flow.scanned import scanned_lumen
+from printctl.flow.steady import shear_band
+from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.manifest import Manifest
+from printctl.recipe import Recipe
+from printctl.recipe.parts import FlowPart
+from printctl.recipe.pulse import PulsePart
+from printctl.recipe.space import ThreeDPart
+from printctl.recipe.waves import OneDPart
+
+AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
+
+
+@dataclass(frozen=True)
+class PrintedCase:
+    """What is to be solved.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the run.
+    part : FlowPart
+        With ``one_d`` and ``three_d`` where these are asked for.
+    print_scale : float
+        Of the section's numbers: 1 where they are the print's own.
+    fillet_ratio : float
+        Of the lumens.
+    scanned : bool
+        Solve 3D in the scan's own surface.
+    """
+
+    folder: Path
+    part: FlowPart
+    print_scale: float
+    fillet_ratio: float
+    scanned: bool = False
+
+
+def recipe_of(folder: Path) -> Recipe:
+    """The recipe of a run.
+
+    Raises
+    ------
+    UsageError
+        When the folder is no run's.
+    """
+    if not (folder / NETWORK).is_file():
+        raise UsageError(
+            f"--as-printed wants a run folder, and {folder} holds no {NETWORK}; `printctl run` "
+            "makes one"
+        )
+    try:
+        return Recipe.model_validate(Manifest.load(folder).facts["recipe"])
+    except (KeyError, ValidationError) as exc:
+        raise UsageError(
+            f"the manifest in {folder} has no recipe of this version; run the recipe again, or "
+            "give the flow's conditions"
+        ) from exc
+
+
+def solve_as_printed(
+    case: PrintedCase, out: Path, tell: Callable[[str], None]
+) -> tuple[dict[str, Any], list[Path]]:
+    """Solve each fidelity twice, write `AS_PRINTED` and `SUMMARY`; summary and files.
+
+    Raises
+    ------
+    UsageError
+        Without a registration, a pulse for 1D, or a surface for --scanned.
+    FlowError, SolidError, OSError
+        As the solvers and writers, and when nothing is open.
+    """
+    if case.part.three_d is not None:
+        load_engine()  # Missing, it is better told before minutes of work.
+    design = read_network_csv(case.folder / NETWORK, unit="mm")
+    printed = printed_lumens(design, read_rows(case.folder))
+    part = open_part(printed, design)
+    pairs = {"0D": _steady(case, design, part)}
+    if case.part.one_d is not None:
+        tell("1D flow")
+        pairs["1D"] = _waves(case, case.part.one_d, design, part)
+    if case.part.three_d is not None:
+        pairs["3D"] = _space(case, case.part.three_d, design, (printed, part), tell)
+    summary = printed_summary(printed, pairs, shear_band(case.part))
+    summary["lumens_3d"] = _lumens_said(case)
+    out.mkdir(parents=True, exist_ok=True)
+    write_columns(out / AS_PRINTED, printed_table(design, printed, pairs))
+    write_text(out / SUMMARY, json.dumps(summary, indent=1) + "\n")
+    return summary, [out / AS_PRINTED, out / SUMMARY]
+
+
+def _lumens_said(case: PrintedCase) -> str:
+    if case.part.three_d is None:
+        return "not solved"
+    return "the scan's surface" if case.scanned else "round, of the measured diameters"
+
+
+def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart) -> Pair:
+    conditions = _conditions(case, design)
+    printed = lumped(part.network, part.steady(conditions))
+    return Pair(lumped(design, conditions), printed.of_design(part, design.vessel_count))
+
+
+def _waves(case: PrintedCase, how: OneDPart, design: VesselNetwork, part: OpenPart) -> Pair:
+    pulse = case.part.pulse
+    if pulse is None:
+        raise UsageError(
+            "--one-d follows a pulse, and the recipe has none; give --amplitude-ml-min, --shape "
+            "or --waveform, with --wall-young-kpa"
+        )
+    conditions, options = _pulsatile(case, pulse, design), one_d_options(how, pulse.steps)
+    printed = along(part.network, part.pulsatile(conditions), options)
+    return Pair(along(design, conditions, options), printed.of_design(part, design.vessel_count))
+
+
+def _space(
+    case: PrintedCase,
+    how: ThreeDPart,
+    design: VesselNetwork,
+    found: tuple[Printed, OpenPart],
+    tell: Callable[[str], None],
+) -> Pair:
+    conditions, (_, part) = _conditions(case, design), found
+    tell("3D flow as designed")
+    designed = in_space(design, mesh_of(design, how, case.fillet_ratio), conditions, how)
+    tell("3D flow as printed")
+    return Pair(
+        designed,
+        _in_printed_space(case, how, part, part.steady(conditions)).of_design(
+            part, design.vessel_count
+        ),
+    )
+
+
+def _in_printed_space(
+    case: PrintedCase, how: ThreeDPart, part: OpenPart, conditions: FlowConditions
+) -> VesselFlow:
+    even = even_radii(part.network)
+    if not case.scanned:
+        return in_space(even, mesh_of(even, how, case.fillet_ratio), conditions, how)
+    seen = scanned_lumen(case.folder, even)
+    fine = SurfaceOptions(edge_ratio=how.edge_ratio)
+    mesh = surface_mesh(seen.vertices, seen.faces, seen.network, fine)
+    return in_space(seen.network, mesh, conditions, how)
+
+
+def _conditions(case: PrintedCase, design: VesselNetwork) -> FlowConditions:
+    """Of the print's size, at the wall shear of the section's."""
+    small = scaled_network(design, 1.0 / case.print_scale)
+    return at_same_shear(steady_conditions(case.part, Path(), small), case.print_scale)
+
+
+def _pulsatile(case: PrintedCase, pulse: PulsePart, design: VesselNetwork) -> PulsatileConditions:
+    return pulsatile_conditions(case.part, pulse, Path(), case.print_scale, design)

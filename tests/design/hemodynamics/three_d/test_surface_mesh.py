@@ -1,0 +1,163 @@
+"""Lumens that are given as surfaces: facets, voxels, and what can't be meshed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from skimage.measure import marching_cubes
+
+from design.errors import FlowError
+from design.geometry import build_triangle_tree
+from design.geometry.feet import nearest_feet
+from design.hemodynamics import FlowConditions
+from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straightened
+from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
+from design.network import FloatArray, IntArray, VesselNetwork
+from design.solids.denoise import denoised
+from tests.design.hemodynamics.three_d.surfaces import faceted_tube, straight, voxels_of_tube
+
+RADIUS, LENGTH = 0.25, 1.5
+WATER = 1e-3
+
+
+def drop(mesh: LumenMesh, order: int = 2) -> float:
+    """Pressure drop over Poiseuille's, and hold that the mesh is tight."""
+    pytest.importorskip("ngsolve")
+    flow = 4.0
+    conditions = FlowConditions(WATER, inlet_flow_ul_s=flow)
+    solution = solve_steady(straightened(mesh)[0], conditions, FlowOptions(order=order))
+    assert solution.mass_imbalance < 1e-8
+    ideal = 8.0 * WATER * LENGTH * flow / (np.pi * RADIUS**4)
+    return float(np.ptp(solution.port_pressure)) / ideal
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.3])
+def test_a_faceted_tube_flows_like_the_round_one(beyond: float) -> None:
+    pytest.importorskip("netgen")
+    network = straight(RADIUS, LENGTH)
+    points, faces = faceted_tube(RADIUS, LENGTH, 48, beyond)
+    ours = drop(surface_mesh(points, faces, network, SurfaceOptions(edge_ratio=0.7)))
+    round_one = drop(lumen_mesh(network, MeshOptions(edge_ratio=0.7)))
+    assert_allclose(ours, round_one, rtol=5e-3)
+    # Flat facets would narrow the tube: a 24-gon of the same corners has 2.3 % less area.
+    assert_allclose(ours, 1.0, rtol=5e-3)
+
+
+@pytest.mark.parametrize(("noise", "passes"), [(0.0, 0), (0.1, 10)])
+def test_a_tube_of_voxels_flows_like_the_smooth_one(noise: float, passes: int) -> None:
+    pytest.importorskip("netgen")
+    volume, first, step = voxels_of_tube(RADIUS, LENGTH, 0.025, noise, np.random.default_rng(1))
+    points, faces = isosurface(volume, first, step)
+    options = SurfaceOptions(edge_ratio=0.6, smooth_passes=passes)
+    mesh = surface_mesh(points, faces, straight(RADIUS, LENGTH), options)
+    assert_allclose(drop(mesh), 1.0, rtol=2e-2)
+
+
+def isosurface(volume: FloatArray, first: FloatArray, step: float) -> tuple[FloatArray, IntArray]:
+    points, faces, _, _ = marching_cubes(volume, 0.5, spacing=(step,) * 3)
+    points, faces = points.astype(np.float64) + first, faces.astype(np.int64)
+    a, b, c = points[faces].transpose(1, 0, 2)
+    turned = np.einsum("fd,fd->", a, np.cross(b, c)) < 0.0
+    return points, faces[:, ::-1] if turned else faces
+
+
+def test_ports_are_flat_and_where_the_network_ends() -> None:
+    pytest.importorskip("netgen")
+    points, faces = faceted_tube(RADIUS, LENGTH, 48, 0.3)
+    mesh = surface_mesh(points, faces, straight(RADIUS, LENGTH), SurfaceOptions(edge_ratio=0.8))
+    for number, port in enumerate(mesh.ports):
+        on = mesh.points[mesh.faces[mesh.label == number + 1]]
+        assert_allclose((on - port.centre) @ port.outward, 0.0, atol=1e-9)
+        assert_allclose(port.radius_mm, RADIUS, rtol=5e-3)
+        assert port.inlet == (port.node == 0)
+
+
+def test_curved_edges_bulge_out_to_the_round_wall() -> None:
+    pytest.importorskip("netgen")
+    points, faces = faceted_tube(RADIUS, LENGTH, 32, 0.0)
+    mesh = surface_mesh(points, faces, straight(RADIUS, LENGTH), SurfaceOptions(edge_ratio=0.8))
+    wall = np.unique(mesh.faces[mesh.label == 0][:, 3:])
+    off = np.hypot(*mesh.points[wall, :2].T) - RADIUS
+    # The facets themselves lie up to r(1 - cos(π/32)) = 0.48 % inside; middles lie a little out,
+    # for an edge's parabola to follow the arc in the mean.
+    assert np.abs(off).max() < 3e-3 * RADIUS
+    assert np.abs(off.mean()) < 1e-3 * RADIUS
+
+
+def test_a_surface_that_misses_a_port_is_refused_by_node() -> None:
+    points, faces = faceted_tube(RADIUS, LENGTH, 24, -0.2)
+    with pytest.raises(FlowError, match=r"doesn't reach node 0 at \(0, 0, 0\) mm"):
+        surface_mesh(points, faces, straight(RADIUS, LENGTH))
+
+
+def test_an_interrupted_lumen_is_refused() -> None:
+    one, faces = faceted_tube(RADIUS, 0.6, 24, 0.1)
+    both = np.concatenate([one, one + [0.0, 0.0, LENGTH - 0.6]])
+    with pytest.raises(FlowError, match="interrupted: its part at node 0 has no outlet"):
+        surface_mesh(both, np.concatenate([faces, faces + len(one)]), straight(RADIUS, LENGTH))
+
+
+def test_specks_are_left_out() -> None:
+    pytest.importorskip("netgen")
+    tube, faces = faceted_tube(RADIUS, LENGTH, 24, 0.0)
+    speck = 0.02 * tube + [0.35, 0.0, 0.7]
+    both = np.concatenate([tube, speck])
+    options = SurfaceOptions(edge_ratio=0.8)
+    network = straight(RADIUS, LENGTH)
+    with_it = surface_mesh(both, np.concatenate([faces, faces + len(tube)]), network, options)
+    without = surface_mesh(tube, faces, network, options)
+    assert_allclose(volume_of(with_it), volume_of(without), rtol=1e-3)
+
+
+def volume_of(mesh: LumenMesh) -> float:
+    a, b, c, d = mesh.points[mesh.tets[:, :4]].transpose(1, 0, 2)
+    return float(np.einsum("td,td->", b - a, np.cross(c - a, d - a)) / 6.0)
+
+
+def test_options_are_bounded() -> None:
+    with pytest.raises(FlowError, match="smooth_passes -1"):
+        SurfaceOptions(smooth_passes=-1)
+
+
+def test_denoising_keeps_size() -> None:
+    volume, first, step = voxels_of_tube(RADIUS, LENGTH, 0.025, 0.0, np.random.default_rng(1))
+    points, faces = isosurface(volume, first, step)
+    rough = points + 0.004 * np.random.default_rng(2).standard_normal(points.shape)
+    amid = np.abs(points[:, 2] - 0.5 * LENGTH) < 0.3
+
+    def radius(of: FloatArray) -> FloatArray:
+        return np.hypot(of[amid, 0] + 0.007, of[amid, 1] - 0.003)
+
+    found = radius(denoised(rough, faces, 10))
+    assert found.std() < 0.5 * radius(rough).std()
+    assert abs(found.mean() / radius(points).mean() - 1.0) < 2e-3
+
+
+def test_nearest_feet_agree_with_a_dense_search() -> None:
+    rng = np.random.default_rng(3)
+    points, faces = faceted_tube(RADIUS, 0.5, 8, 0.0)
+    tree = build_triangle_tree(points, faces.astype(np.int32))
+    asked = rng.uniform(-0.6, 0.9, (40, 3))
+    feet = nearest_feet(tree, asked)
+    on = np.einsum("nk,nkd->nd", feet.weight, points[faces[feet.face]])
+    u, v = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
+    keep = (u + v <= 1.0 + 1e-12).ravel()
+    weight = np.column_stack([1 - u.ravel() - v.ravel(), u.ravel(), v.ravel()])[keep]
+    dense = np.einsum("wk,fkd->fwd", weight, points[faces]).reshape(-1, 3)
+    best = np.linalg.norm(asked[:, None] - dense[None], axis=2).min(axis=1)
+    ours = np.linalg.norm(asked - on, axis=1)
+    assert (ours <= best + 1e-12).all()
+    assert (ours >= best - 0.01).all()
+
+
+def test_network_without_ends_is_refused() -> None:
+    points, faces = faceted_tube(RADIUS, LENGTH, 8, 0.0)
+    ring = straight(RADIUS, LENGTH)
+    loop = VesselNetwork(
+        ring.nodes, np.array([[0, 1], [1, 0]]), np.zeros(2, np.int64), np.zeros(2, np.int64),
+        np.array([0, 2, 4]), np.concatenate([ring.nodes, ring.nodes[::-1]]), np.full(4, RADIUS),
+    )  # fmt: skip
+    with pytest.raises(FlowError, match="no free ends"):
+        surface_mesh(points, faces, loop)
