@@ -132,7 +132,7 @@ def test_wrong_options_have_a_message_each(fork: Path) -> None:
         (("--edge-ratio", "0.5"), "--edge-ratio is for --three-d"),
         (("--along-vessel", "1"), "--along-vessel is for --compare"),
         (("--three-d", "--edge-ratio", "3"), "three_d.edge_ratio"),
-        (("--compare",), "give three_d or one_d, too"),
+        (("--compare",), "give three_d, one_d or compare.lattice, too"),
         (("--ranks-python", "python3"), "--ranks-python is for --ranks"),
     ):
         done = printctl("flow", "fork.csv", "--unit", "mm", *options, cwd=fork)
