@@ -1,4 +1,4 @@
-"""Flow: lumped (steady, pulsatile, balances), 1D waves, and oxygen: ``make bench-flow``.
+"""Flow: lumped (steady, pulsatile, balances), 1D waves, oxygen, 3D: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
 sums of this file's own. svZeroDSolver's time for the same case, 15.8 CPU s, was measured on this
@@ -24,10 +24,12 @@ from benchmarks.checkers.lumped_energy import (
     steady_energy,
 )
 from benchmarks.command import Job, Row, run
+from benchmarks.flow_lumens import lumen_rows
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees, tapered
 from benchmarks.flow_one_d import one_d_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.flow_ranks import ranks_rows
+from benchmarks.flow_three_d import pipe_rows, womersley_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
     Carreau,
@@ -152,6 +154,9 @@ JOBS: dict[str, Job] = {
     "balance": balance_rows,
     "one_d": one_d_rows,
     "oxygen": oxygen_rows,
+    "pipe": pipe_rows,
+    "womersley": womersley_rows,
+    "lumens": lumen_rows,
     "ranks": ranks_rows,
 }
 

@@ -2,25 +2,18 @@
 
 from firmware_profiles.controllers import Aerotech
 from firmware_profiles.cross_checks import Doubt, doubts
+from firmware_profiles.dishes import Dish
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
+from firmware_profiles.facts import Facts, Span
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
+from firmware_profiles.materials import Bath, Ink, MeasuredLag
 from firmware_profiles.plates import Plate
+from firmware_profiles.printers import Axes, Printer
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
-from firmware_profiles.schema import (
-    Axes,
-    Bath,
-    Dish,
-    Facts,
-    Ink,
-    MeasuredLag,
-    Needle,
-    Printer,
-    Span,
-    Syringe,
-)
+from firmware_profiles.tools import Needle, Syringe
 from firmware_profiles.watching import Watched
 
 __all__ = [

@@ -10,7 +10,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles.schema import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
+from firmware_profiles.dishes import Dish
+from firmware_profiles.facts import Facts
+from firmware_profiles.materials import Bath, Ink
+from firmware_profiles.printers import Printer
+from firmware_profiles.tools import Needle, Syringe
 
 AVR_STEPS_HZ: Final = 40_000.0
 """What Marlin's stepper interrupt does on an ATmega2560 at 16 MHz, all axes together."""

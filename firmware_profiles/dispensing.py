@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from firmware_profiles.dispensers import Pneumatic
 from firmware_profiles.errors import ProfileError
+from firmware_profiles.materials import Ink
 from firmware_profiles.rheology import flow_ul_s, held_pa
-from firmware_profiles.schema import Ink, Needle
+from firmware_profiles.tools import Needle
 
 
 @dataclass(frozen=True)

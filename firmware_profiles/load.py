@@ -8,9 +8,13 @@ from typing import Any, Final, TypeVar
 import yaml
 from pydantic import ValidationError
 
+from firmware_profiles.dishes import Dish
 from firmware_profiles.errors import ProfileError
+from firmware_profiles.facts import Facts
+from firmware_profiles.materials import Bath, Ink
 from firmware_profiles.plates import Plate
-from firmware_profiles.schema import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
+from firmware_profiles.printers import Printer
+from firmware_profiles.tools import Needle, Syringe
 
 Profile = TypeVar("Profile", bound=Facts)
 

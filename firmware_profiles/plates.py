@@ -11,7 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from firmware_profiles.schema import Dish, Facts
+from firmware_profiles.dishes import Dish
+from firmware_profiles.facts import Facts
 
 Millimetres = Annotated[float, Field(gt=0, le=500, allow_inf_nan=False)]
 _TINY_MM = 1e-6

@@ -16,7 +16,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from firmware_profiles.schema import Ink, Needle
+from firmware_profiles.materials import Ink
+from firmware_profiles.tools import Needle
 
 _HALVINGS: Final = 200
 

@@ -20,6 +20,9 @@ from typing import Any
 from rich.console import Console
 
 from design.errors import GrowthError
+from design.hemodynamics.three_d.surface import wall_surface
+from design.hemodynamics.three_d.wall import lumen_wall
+from design.vasculature import planar_four_vessel
 from printctl.link.history import DATA_VARIABLE
 from printctl.networks import Drive, load_source
 from printctl.pipeline.run import design_recipe, run_recipe
@@ -90,6 +93,13 @@ def warm_growth() -> None:
         # What finds no way has compiled all that looks for one.
         with suppress(GrowthError):
             _warmed(CROWDED, design_recipe, scratch)
+    mesh_walls()
+
+
+def mesh_walls() -> None:
+    """Even triangles on lumens' walls, as 3D flow wants them; needs none of its extra."""
+    network = planar_four_vessel()
+    wall_surface(network, lumen_wall(network, fillet_ratio=0.5, ratio=1.0))
 
 
 @contextmanager

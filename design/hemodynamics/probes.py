@@ -9,6 +9,8 @@ import numpy as np
 from design.errors import FlowError
 from design.network import FloatArray, IntArray, VesselNetwork
 
+_MOST_CLEAR = 0.4
+
 
 @dataclass(frozen=True)
 class Probes:
@@ -76,3 +78,18 @@ def midpoints(network: VesselNetwork) -> Probes:
 def along(vessel: int, count: int) -> Probes:
     """Return so many places along one vessel, evenly apart and away from its ends."""
     return Probes(np.full(count, vessel), (np.arange(count) + 0.5) / count)
+
+
+def clear_parts(network: VesselNetwork) -> FloatArray:
+    """Begin and end of each vessel's part that is clear of the junctions, of its length, (v, 2).
+
+    It lies outside the widest vessels at the vessel's ends, and a radius further. Of a vessel
+    that is too short for that, the middle fifth.
+    """
+    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
+    wide = np.zeros(len(network.nodes))
+    np.maximum.at(wide, network.vessel_nodes.ravel(), network.radius[ends].ravel())
+    wide[network.degree() == 1] = 0.0
+    own, length = network.mean_radius()[:, None], network.lengths()[:, None]
+    reach = np.minimum((wide[network.vessel_nodes] + own) / length, _MOST_CLEAR)
+    return np.column_stack([reach[:, 0], 1.0 - reach[:, 1]])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from printctl.cli import flow_match
 from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
@@ -62,6 +63,10 @@ def flow(
     ranks_python: options.PythonOption = None,
     slurm: options.SlurmOption = None,
     svmultiphysics: options.SvmultiphysicsOption = None,
+    match_split: flow_match.MatchFlag = False,
+    want: flow_match.WantOption = None,
+    match_percent: flow_match.PercentOption = None,
+    least_lumen_mm: flow_match.LeastOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network; in pulses, too, where a wave is given.
@@ -88,6 +93,8 @@ def flow(
     space(source.network, part, out, fillet_ratio, found)
     elsewhere = Elsewhere(out, fillet_ratio, ranks, ranks_python, slurm, svmultiphysics)
     beyond(source.network, part, elsewhere, found)
+    matched = flow_match.Match(match_split, want, match_percent, least_lumen_mm)
+    flow_match.match(source.network, part, out, fillet_ratio, matched, found)
     _say(found, as_json)
 
 

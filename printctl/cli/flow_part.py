@@ -19,6 +19,7 @@ _BEHIND: Final = ("resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")
 _FOR_WAVES: Final = ("period_s", "wall_young_kpa", "wall_thickness_mm")
 _FOR_ONE_D: Final = ("cell_mm", "wall_viscosity_pa_s")
+_FOR_MATCH: Final = ("want", "match_percent", "least_lumen_mm")
 _FOR_THREE_D: Final = ("edge_ratio", "order", "check")
 
 
@@ -125,9 +126,11 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
         (_FOR_THREE_D, "three_d"),
         (("along_vessel",), "compare"),
         (("ranks_python",), "ranks"),
+        (_FOR_MATCH, "match_split"),
     ):
         for key in keys:
-            if asked[key] not in (None, False) and not asked[other]:
+            # An option that may be given again is an empty list where it isn't given.
+            if asked[key] not in (None, False, [], ()) and not asked[other]:
                 name, wants = (x.replace("_", "-") for x in (key, other))
                 raise UsageError(f"--{name} is for --{wants}; add that, or leave it out")
     for key, does in (

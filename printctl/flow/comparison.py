@@ -22,7 +22,7 @@ from design.hemodynamics import (
     solve_pulsatile,
     steady_at_probes,
 )
-from design.hemodynamics.probes import Probes, ProbeWaves, along, midpoints
+from design.hemodynamics.probes import Probes, ProbeWaves, along, clear_parts, midpoints
 from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.outputs import write_columns
@@ -30,7 +30,6 @@ from printctl.recipe.space import ComparePart
 
 COMPARISON: Final = "flow_comparison.csv"
 IDEAL: Final = "ideal"
-_MOST_CLEAR: Final = 0.4
 _UL_MIN: Final = 1000.0 / UL_S_PER_ML_MIN
 """µL/min in a µL/s, over 1000 µL in a mL."""
 
@@ -80,23 +79,11 @@ def places(network: VesselNetwork, part: ComparePart) -> tuple[Probes, int]:
     vessel = longest if part.along_vessel is None else part.along_vessel
     amid = midpoints(network)
     Probes(np.array([vessel]), np.array([0.5])).check(network)
-    first, last = clear_of_junctions(network, vessel)
+    first, last = clear_parts(network)[vessel]
     share = first + (last - first) * along(vessel, part.points).fraction
     return Probes(
         np.append(amid.vessel, np.full(part.points, vessel)), np.append(amid.fraction, share)
     ), vessel
-
-
-def clear_of_junctions(network: VesselNetwork, vessel: int) -> tuple[float, float]:
-    """Part of a vessel that lies outside the widest vessels at its ends, and a radius further."""
-    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
-    wide = np.zeros(len(network.nodes))
-    np.maximum.at(wide, network.vessel_nodes.ravel(), network.radius[ends].ravel())
-    wide[network.degree() == 1] = 0.0
-    own = float(network.mean_radius()[vessel])
-    reach = (wide[network.vessel_nodes[vessel]] + own) / network.lengths()[vessel]
-    first, last = np.minimum(reach, _MOST_CLEAR)
-    return float(first), float(1.0 - last)
 
 
 def steady_comparison(

@@ -10,7 +10,7 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d import probe_steady
-from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.three_d.vessel_flows import conserving, vessel_flows
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -20,8 +20,9 @@ from printctl.flow.comparison import (
     steady_comparison,
     write_comparison,
 )
+from printctl.flow.match import reduced_summary
 from printctl.flow.one_d import one_d_options
-from printctl.flow.three_d import STEPS, Resolved, Tell, pulse_at, resolve, write_resolved
+from printctl.flow.three_d import Resolved, Tell, pulse_at, resolve, write_resolved
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
@@ -71,11 +72,12 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     if case.part.three_d is not None:
         driven = case.steady
         found, summary = resolve(case.network, driven, case.part.three_d, case.fillet_ratio, tell)
+        summary["reduced"] = reduced_summary(case.network, driven, found.steady)
         done.summary["three_d"] = summary
         done.files += write_resolved(folder, found)
         write_bytes(folder / SEEN, shear_figure(found.mesh, found.steady.wall_shear))
         done.files.append(SEEN)
-    if case.part.compare is not None:
+    if case.part.compare is not None and (found is not None or case.part.one_d is not None):
         compared = _compared(case, case.part.compare, found, tell)
         done.summary["comparison"] = comparison_summary(compared)
         done.files.append(write_comparison(folder, compared))
@@ -87,17 +89,11 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
 def _compared(case: Case, part: ComparePart, found: Resolved | None, tell: Tell) -> Comparison:
     probes, _ = places(case.network, part)
     if case.pulse is None:
-        others = {} if found is None else {
-            "3D": probe_steady(case.network, probes, found.steady.field)
-        }  # fmt: skip
+        others = {} if found is None else {"3D": _steady_at(found, probes)}
         return steady_comparison(case.network, case.steady, part, others)
-    pulse = case.part.pulse
-    steps = min(STEPS, 100 if pulse is None else pulse.steps)
-    waves = _waves(case, case.pulse, probes, found, steps, tell)
-    period = case.pulse.inlet.period_s or 1.0
-    times = next(iter(waves.values())).time_s if waves else cycle_times(period, steps)
-    if "3D" in waves:
-        times = waves["3D"].time_s
+    waves = _waves(case, case.pulse, probes, found, tell)
+    # At the times of the slowest to solve; the others know theirs at more.
+    times = waves["3D" if "3D" in waves else "1D"].time_s
     return pulsatile_comparison(case.network, case.pulse, part, waves, times)
 
 
@@ -106,7 +102,6 @@ def _waves(
     conditions: PulsatileConditions,
     probes: Probes,
     found: Resolved | None,
-    steps: int,
     tell: Tell,
 ) -> dict[str, ProbeWaves]:
     waves: dict[str, ProbeWaves] = {}
@@ -118,5 +113,16 @@ def _waves(
             waves["1D"] = solved
     if found is not None and case.part.three_d is not None:
         tell(0.0, "3D, in pulses")
-        waves["3D"] = pulse_at(found, conditions, case.part.three_d, steps, probes)[0]
+        at, whole = pulse_at(found, conditions, case.part.three_d, probes)
+        # The first places are amid every vessel.
+        amid = at.flow[: case.network.vessel_count]
+        flow = conserving(case.network, amid, found.mesh.ports, whole.port_flow)
+        waves["3D"] = replace(at, flow=flow[probes.vessel])
     return waves
+
+
+def _steady_at(found: Resolved, probes: Probes) -> ProbeWaves:
+    """Pressure at probes, and the flow of their vessels: a section amid a fork isn't one's own."""
+    at = probe_steady(found.network, probes, found.steady.field)
+    flow = vessel_flows(found.network, found.steady)
+    return replace(at, flow=flow[probes.vessel, None])

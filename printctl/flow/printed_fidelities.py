@@ -17,7 +17,7 @@ from design.hemodynamics import (
     solve_flow,
     solve_one_d,
 )
-from design.hemodynamics.probes import Probes
+from design.hemodynamics.probes import Probes, clear_parts
 from design.hemodynamics.three_d import (
     LumenMesh,
     probe_steady,
@@ -28,7 +28,6 @@ from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.as_printed import OpenPart, Printed
-from printctl.flow.comparison import clear_of_junctions
 from printctl.flow.three_d import SHARP, options_of, wall_shear_of_vessels
 from printctl.recipe.space import ThreeDPart
 
@@ -163,7 +162,7 @@ def _apart(network: VesselNetwork) -> FloatArray:
     found = np.full((network.vessel_count, 3), 0.5)
     more = 2.0 * network.mean_radius() / network.lengths()
     for vessel in range(network.vessel_count):
-        first, last = clear_of_junctions(network, vessel)
+        first, last = clear_parts(network)[vessel]
         found[vessel, 0] = min(first + more[vessel], _MOST_CLEAR)
         found[vessel, 2] = max(last - more[vessel], 1.0 - _MOST_CLEAR)
     return found

@@ -8,11 +8,11 @@ import numpy as np
 from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
+from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.facets import corner_normals
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.manifolds import to_manifold
-from printctl.flow.comparison import clear_of_junctions
 
 _APART: Final = 0.25
 _SECTIONS: Final = 5
@@ -50,7 +50,7 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
     """
     found = []
     for vessel in range(network.vessel_count):
-        first, last = clear_of_junctions(network, vessel)
+        first, last = clear_parts(network)[vessel]
         if last - first < _LEAST_CLEAR:
             continue
         way, radii = network.polyline(vessel)

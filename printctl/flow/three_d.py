@@ -31,6 +31,7 @@ from design.hemodynamics.three_d import (
 )
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.vessel_flows import vessel_flows
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.outputs import write_columns
@@ -42,9 +43,6 @@ SHARP: Final = 0.1
 
 _APART: Final = 0.5
 """Radii between places on an axis: more, and a node's nearest is another vessel's."""
-
-STEPS: Final = 50
-"""Of a cycle, at most."""
 
 Tell = Callable[[float, str], None]
 
@@ -133,7 +131,7 @@ def vessel_table(found: Resolved) -> dict[str, Any]:
     mean, most = wall_shear_of_vessels(found.network, found.steady)
     return {
         "vessel": np.arange(found.network.vessel_count),
-        "flow_ml_min": amid.flow[:, 0] / UL_S_PER_ML_MIN,
+        "flow_ml_min": vessel_flows(found.network, found.steady) / UL_S_PER_ML_MIN,
         "pressure_mmhg": amid.pressure[:, 0] / PA_PER_MMHG,
         "wall_shear_mean_dyn_cm2": mean * DYN_CM2_PER_PA,
         "wall_shear_max_dyn_cm2": most * DYN_CM2_PER_PA,
@@ -166,7 +164,6 @@ def pulse_at(
     found: Resolved,
     conditions: PulsatileConditions,
     part: ThreeDPart,
-    steps: int,
     probes: Probes,
 ) -> tuple[ProbeWaves, ThreeDWaves]:
     """A cycle of pulsatile flow in the mesh, at probes.
@@ -177,6 +174,6 @@ def pulse_at(
         As `march_flow`.
     """
     sections = sections_at(found.network, probes, found.mesh, part.order)
-    clock = Stepping(steps=min(steps, STEPS), frames=0)
+    clock = Stepping(steps=part.steps, frames=0)
     waves = march_flow(found.mesh, conditions, options_of(part), clock, sections)
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

@@ -119,9 +119,11 @@ class FlowPart(Part):
             )
 
     def _check_space(self) -> None:
-        if self.compare is not None and self.three_d is None and self.one_d is None:
+        alone = self.three_d is None and self.one_d is None
+        if self.compare is not None and alone and self.compare.lattice is None:
             raise ValueError(
-                "compare sets other fidelities against the ideal; give three_d or one_d, too"
+                "compare sets other fidelities against the ideal, or a lattice beside the network; "
+                "give three_d, one_d or compare.lattice, too"
             )
         if self.three_d is not None and (self.viscosity is not None or self.losses != LossPart()):
             raise ValueError(

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from printctl.recipe.lattice_shape import LatticeShape
+
 
 class ThreeDPart(BaseModel):
     """How flow is resolved in the lumens' space; all of it may be left out.
@@ -16,10 +18,13 @@ class ThreeDPart(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    edge_ratio: Annotated[float, Field(ge=0.1, le=1.2)] = Field(
+    edge_ratio: Annotated[float, Field(ge=0.1, le=1.0)] = Field(
         default=0.7, description="Length of an element's edge over the lumen's radius."
     )
     order: Literal[2, 3] = Field(default=2, description="Of velocity; pressure has one less.")
+    steps: Annotated[int, Field(ge=8, le=10_000)] = Field(
+        default=24, description="Of a cycle, where the flow pulses and fidelities are compared."
+    )
     inertia: bool = Field(default=True, description="Navier-Stokes; without it Stokes flow.")
     check: bool = Field(
         default=False, description="Solve the steady flow once more, of the other order."
@@ -38,3 +43,7 @@ class ComparePart(BaseModel):
         default=None, description="Without it, the longest."
     )
     points: Annotated[int, Field(ge=1, le=1000)] = 10
+    lattice: LatticeShape | None = Field(
+        default=None,
+        description="A lattice in the same tissue at the same flow, to hold the network against.",
+    )

@@ -121,3 +121,29 @@ def _widen_flat(axes: Any) -> None:
     middle = 0.5 * (low + high)
     half = max(0.5 * (high - low), 0.1 * abs(middle))
     axes.set_ylim(middle - half, middle + half)
+
+
+def spread_figure(flows: Mapping[str, FloatArray]) -> bytes:
+    """Share of feeding vessels up to each flow, flows over their mean; a step up is ideal.
+
+    Returns
+    -------
+    bytes
+        SVG.
+    """
+    with styled():
+        figure = Figure(figsize=(5.2, 3.2), layout="constrained")
+        axes = figure.subplots()
+        for (name, flow), colour in zip(flows.items(), (ACCENT, MUTED), strict=False):
+            ordered = np.sort(flow)
+            share = 100.0 * np.arange(1, len(ordered) + 1) / len(ordered)
+            axes.step(np.append(ordered, ordered[-1]), np.append(0.0, share), where="post",
+                      color=colour, label=f"{name} ({len(ordered)} vessels)")  # fmt: skip
+        axes.axvline(1.0, color=INK, linewidth=0.6, linestyle=":")
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(0.0, 102.0)
+        axes.set_xlabel("flow over the mean")
+        axes.set_ylabel("vessels with no more / %")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.legend(loc="lower right")
+        return to_svg(figure, "spread")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -37,11 +38,8 @@ def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
     # The thinnest direction is looked along first.
     order = np.argsort(span)
     views = [(order[2], order[1], order[0]), (order[2], order[0], order[1])]
-    heights = [max(float(span[v[1]]), 0.15 * float(span[order[2]])) for v in views]
     with styled():
-        tall = 7.0 * sum(heights) / float(span[order[2]]) + 1.6
-        figure = Figure(figsize=(7.4, min(tall, 12.0)), layout="constrained")
-        grid = figure.subplots(2, 1, height_ratios=heights)
+        figure, grid = _panels(span[[view[0] for view in views]], span[[view[1] for view in views]])
         for axes, view in zip(grid, views, strict=True):
             drawn = _view(mesh.points[faces[:, :3]], value, view)
             drawn.set_norm(scale)
@@ -54,6 +52,16 @@ def shear_figure(mesh: LumenMesh, shear: WallShear) -> bytes:
             axes.spines[["top", "right"]].set_visible(False)
         figure.colorbar(drawn, ax=list(grid), label="wall shear / (dyn/cm²)", shrink=0.6)
         return to_svg(figure, "wall shear")
+
+
+def _panels(wide: FloatArray, high: FloatArray) -> tuple[Figure, list[Axes]]:
+    """Two drawings of these sizes: one above the other where they are flat, else side by side."""
+    if high.sum() <= 0.8 * wide[0]:
+        figure = Figure(figsize=(7.4, 1.8 + 6.0 * high.sum() / wide[0]), layout="constrained")
+        ratios = np.maximum(high, 0.15 * wide[0])
+        return figure, list(figure.subplots(2, 1, height_ratios=ratios))
+    figure = Figure(figsize=(9.4, 1.2 + 4.0 * high.max() / wide[0]), layout="constrained")
+    return figure, list(figure.subplots(1, 2))
 
 
 def _view(corners: FloatArray, value: FloatArray, view: tuple[int, int, int]) -> PolyCollection:

@@ -41,7 +41,16 @@ from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
 
 _HERE: Final = Path(__file__).parent
-PLACES: Final = ("flow", "oxygen", "design", "toolpath", "print", "scan", "registration")
+PLACES: Final = (
+    "flow",
+    "fidelities",
+    "oxygen",
+    "design",
+    "toolpath",
+    "print",
+    "scan",
+    "registration",
+)
 """Sections a figure can be put into by a prefix of its name, ``toolpath/Layer 12``."""
 
 
@@ -126,6 +135,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "vessel_summary": sections.vessel_summary(registration),
         "vessel_table": sections.vessel_table(registration),
         "flow_table": sections.flow_table(flow),
+        "fidelity_table": sections.fidelity_table(mapping(data, "fidelities")),
         "oxygen_table": sections.oxygen_table(mapping(data, "oxygen")),
         "check_table": sections.check_table(mapping(data, "dry_run")),
         "lumen_facts": sections.lumen_facts(mapping(data, "lumens")),

@@ -46,6 +46,14 @@ FLOW_COLUMNS: Final = (
     Column("wall_shear_pa", "Wall shear", "Pa", digits=4),
     Column("wall_shear_band", "Band", kind="text"),
 )
+FIDELITY_COLUMNS: Final = (
+    Column("fidelity", "Fidelity", kind="text"),
+    Column("flow_off_ul_min", "Flow", "µL/min", digits=3),
+    Column("flow_off_percent_of_inlet", "of the inlet's", "%", digits=3),
+    Column("pressure_off_mmhg", "Pressure", "mmHg", digits=3),
+    Column("pressure_off_percent_of_inlet", "of the inlet's", "%", digits=3),
+    Column("flow_spread_percent", "Spread of flow across vessels", "%", digits=3),
+)
 OXYGEN_COLUMNS: Final = (
     Column("vessel", "Vessel", kind="text"),
     Column("kind", "Kind", kind="text"),
@@ -190,6 +198,16 @@ def flow_table(flow: Mapping[str, Any]) -> Table | None:
     if len(rows) > MAX_ROWS:
         rows.sort(key=_by_flow)
     return make_table("flow", rows, FLOW_COLUMNS, order="by flow") if rows else None
+
+
+def fidelity_table(fidelities: Mapping[str, Any]) -> Table | None:
+    """How far each fidelity is from the ideal."""
+    found = mapping(fidelities, "comparison")
+    rows = [{"fidelity": k, **v} for k, v in found.items() if isinstance(v, Mapping)]
+    if not rows:
+        return None
+    spread = {"flow_spread_percent": found.get("ideal_flow_spread_percent")}
+    return make_table("fidelities", [{"fidelity": "ideal", **spread}, *rows], FIDELITY_COLUMNS)
 
 
 def oxygen_table(oxygen: Mapping[str, Any]) -> Table | None:

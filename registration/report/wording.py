@@ -14,7 +14,7 @@ _UNITS: Final = {
     "_ml_min": "mL/min", "_mm_s": "mm/s", "_ul_s": "µL/s", "_pa_s": "Pa·s", "_mmhg": "mmHg",
     "_mm3": "mm³", "_mm2": "mm²", "_percent": "%", "_kpa": "kPa", "_psi": "psi", "_deg": "°",
     "_pa": "Pa", "_um": "µm", "_mm": "mm", "_ul": "µL", "_mb": "MB", "_ml": "mL", "_s": "s",
-    "_c": "°C",
+    "_c": "°C", "_dyn_cm2": "dyn/cm²",
 }  # fmt: skip
 _WORDS: Final = {
     "rms": "RMS", "sd": "SD", "p95": "95th percentile", "id": "ID", "min": "min.", "max": "max.",

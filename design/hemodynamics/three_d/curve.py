@@ -6,14 +6,19 @@ from typing import Final
 
 import numpy as np
 
+from design.hemodynamics.three_d.lagrange import quadratic, triangle_rule
 from design.hemodynamics.three_d.lumen_mesh import EDGES, WALL, LumenMesh, MeshPort
 from design.network import FloatArray, IntArray
 from design.solids.remesh import LabelledSurface, Shape
 
 _FACE_EDGES: Final = np.array([[0, 1], [1, 2], [2, 0]])
 
-_QUARTER: Final = 0.5 * (1.0 - np.sqrt(1.0 / 3.0))
-"""Where an edge's deviation is looked at: Gauss's two places."""
+_ALONG: Final = tuple(zip(*np.polynomial.legendre.leggauss(3), strict=True))
+"""Where an edge's deviation is looked at, and the weights: Gauss's three places. The deviation
+of a parabola from an arc is of fourth degree; two places leave areas 0.03 % too large."""
+
+_LEVELLINGS: Final = 3
+"""Rounds after which faces lie on the shape in the mean, to some 1e-5 of a radius."""
 
 
 def curved(
@@ -40,15 +45,17 @@ def curved(
     ports : tuple of MeshPort
     """
     pairs = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1)
-    key, number = np.unique(pairs[:, 0] * len(points) + pairs[:, 1], return_inverse=True)
-    edges = np.column_stack([key // len(points), key % len(points)])
+    count = len(points)
+    key, number = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
+    edges = np.column_stack([key // count, key % count])
     middle = points[edges].mean(axis=1)
-    around, patch = _on_boundary(surface, key, len(points))
+    around, patch = _on_boundary(surface, key, count)
     middle[around] = _followed(points[edges[around]], patch, shape)
-    node = len(points) + number.reshape(-1, len(EDGES))
-    faces = np.column_stack([surface.faces, len(points) + _faces_edges(surface, key, len(points))])
+    node = count + number.reshape(-1, len(EDGES))
+    faces = np.column_stack([surface.faces, count + _faces_edges(surface, key, count)])
     every = np.concatenate([points, middle])
-    return LumenMesh(every, np.column_stack([tets, node]), len(points), faces, surface.label, ports)
+    _level(every, faces[surface.label == WALL], count + around[patch == WALL], shape)
+    return LumenMesh(every, np.column_stack([tets, node]), count, faces, surface.label, ports)
 
 
 def _keys(surface: LabelledSurface, count: int) -> IntArray:
@@ -77,10 +84,10 @@ def _followed(ends: FloatArray, patch: IntArray, shape: Shape) -> FloatArray:
     middle = shape.onto(ends.mean(axis=1), patch)
     for _ in range(2):
         gap = np.zeros_like(middle)
-        for t in (_QUARTER, 1.0 - _QUARTER):
-            first, last, bulge = _parabola(t)
+        for place, weight in _ALONG:
+            first, last, bulge = _parabola(0.5 * (1.0 + place))
             on = first * ends[:, 0] + last * ends[:, 1] + bulge * middle
-            gap += 0.5 * (shape.onto(on, patch) - on)
+            gap += 0.5 * weight * (shape.onto(on, patch) - on)
         # The bulge's share of the mean along the edge is 2/3.
         middle = middle + 1.5 * gap
     return middle
@@ -89,3 +96,22 @@ def _followed(ends: FloatArray, patch: IntArray, shape: Shape) -> FloatArray:
 def _parabola(t: float) -> tuple[float, float, float]:
     """Weights of the ends and the middle at a share ``t`` of an edge."""
     return (1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)
+
+
+def _level(points: FloatArray, faces: IntArray, free: IntArray, shape: Shape) -> None:
+    """Move the ``free`` middles until faces (f, 6), too, lie on the shape in the mean.
+
+    Edges that do leave the faces between them bulging, by 0.02 % of a lumen's volume. A face
+    follows its three middles as a whole (each has a third of its mean): each goes by the mean of
+    what its two faces are off. Rims stay, and with them the ports' areas.
+    """
+    at, weight = triangle_rule()
+    value = quadratic(np.column_stack([at, np.zeros(len(at))]))[0][:, [0, 1, 2, 4, 5, 6]]
+    wall = np.full(len(at) * len(faces), WALL)
+    for _ in range(_LEVELLINGS):
+        on = np.einsum("qn,fnx->fqx", value, points[faces])
+        moved = shape.onto(on.reshape(-1, 3), wall).reshape(on.shape)
+        gap = np.einsum("q,fqx->fx", weight, moved - on)
+        step = np.zeros_like(points)
+        np.add.at(step, faces[:, 3:], 0.5 * gap[:, None, :])
+        points[free] += step[free]

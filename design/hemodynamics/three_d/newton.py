@@ -17,6 +17,8 @@ _STEPS: Final = 25
 _LEAST_DAMPING: Final = 1.0 / 32.0
 _FORCING: Final = 1e-3
 _PATIENCE: Final = 60
+_PATIENCE_IN_TIME: Final = 8
+"""A factor that serves all time steps is worth its making much sooner."""
 _FALLS: Final = 0.2
 _LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)))
 """Shares of convection gone through, tried in turn."""
@@ -163,6 +165,7 @@ class Guide:
     def __init__(self, problem: Problem, *, lazy: bool = False) -> None:
         self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
         self.solve = problem.stokes.solve
+        self.patience = _PATIENCE_IN_TIME if lazy else _PATIENCE
         self._times: Apply | None = None
 
     @property
@@ -185,7 +188,7 @@ class Guide:
             self._times = self._derivative(problem.convection, x, share)
         times = self._times or problem.stokes.times
         try:
-            return self._solved(times, residual, rtol, _PATIENCE)
+            return self._solved(times, residual, rtol, self.patience)
         except FlowError:
             if not fits_general(problem.spaces.count):
                 return self._solved(times, residual, rtol, STEPS)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
+from design.hemodynamics.three_d.engine import CURVED
 from design.hemodynamics.three_d.engine_mesh import WALL_NAME, port_name
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.stokes import Spaces
@@ -43,7 +44,7 @@ def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0
             "so that no profile fits; mesh it finer"
         )
     psi, test = scalar.TnT()
-    at = ng.ds(port_name(port))
+    at = ng.ds(port_name(port), bonus_intorder=CURVED)
     form = ng.BilinearForm(scalar, symmetric=True)
     form += (ng.Grad(psi).Trace() * ng.Grad(test).Trace() + rate * psi * test) * at
     form.Assemble()

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.hemodynamics.three_d.engine import CURVED
 from design.hemodynamics.three_d.engine_mesh import WALL_NAME, port_name
 from design.network import FloatArray
 
@@ -64,7 +65,11 @@ def spaces(ng: Any, mesh: Any, ports: int, order: int, inflow: int | None) -> Sp
     outward = np.zeros((ports, both.ndof))
     for k in range(ports):
         form = ng.LinearForm(velocity)
-        form += velocity.TestFunction() * ng.specialcf.normal(3) * ng.ds(port_name(k))
+        form += (
+            velocity.TestFunction()
+            * ng.specialcf.normal(3)
+            * ng.ds(port_name(k), bonus_intorder=CURVED)
+        )
         form.Assemble()
         outward[k, : velocity.ndof] = form.vec.FV().NumPy()
     return Spaces(ng, mesh, both, velocity, order, free, outward)
@@ -80,7 +85,7 @@ class Stokes:
         (u, p), (v, q) = both.TnT()
         form = ng.BilinearForm(both, symmetric=True)
         self._add_to(form, u, p, v, q)
-        form += -_SLACK / viscosity * p * q * ng.dx
+        form += -_SLACK / viscosity * p * q * ng.dx(bonus_intorder=CURVED)
         self._form = form.Assemble()
         self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
         source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
@@ -111,10 +116,11 @@ class Stokes:
 
     def _add_to(self, form: Any, u: Any, p: Any, v: Any, q: Any) -> None:
         ng = self.spaces.ng
-        form += self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * ng.dx
+        dx = ng.dx(bonus_intorder=CURVED)
+        form += self.viscosity * ng.InnerProduct(ng.Grad(u), ng.Grad(v)) * dx
         if self.rate:
-            form += self.rate * u * v * ng.dx
-        form += (-ng.div(v) * p - ng.div(u) * q) * ng.dx
+            form += self.rate * u * v * dx
+        form += (-ng.div(v) * p - ng.div(u) * q) * dx
 
 
 def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], NDArray[Any]]:
@@ -133,7 +139,7 @@ def _pressure_mass(both: Any, factor: float, ng: Any) -> tuple[Any, Any, Any]:
     """∫ p q times a factor, as the engine's matrix, and two vectors for it."""
     p, q = both.components[1].TnT()
     form = ng.BilinearForm(both.components[1], symmetric=True)
-    form += factor * p * q * ng.dx
+    form += factor * p * q * ng.dx(bonus_intorder=CURVED)
     form.Assemble()
     return form.mat, form.mat.CreateColVector(), form.mat.CreateColVector()
 
@@ -169,11 +175,17 @@ class Convection:
     def add_to(self, form: Any, u: Any, v: Any, share: float) -> None:
         """Add this share of its terms to a form of the engine's."""
         ng, inertia = self.spaces.ng, share * self.density
-        form += inertia * (ng.Grad(u) * u) * v * ng.dx
+        form += inertia * (ng.Grad(u) * u) * v * ng.dx(bonus_intorder=CURVED)
         if self.outlets:
             out = u * ng.specialcf.normal(3)
             names = "|".join(port_name(k) for k in self.outlets)
-            form += -0.5 * inertia * ng.IfPos(out, 0.0, out) * (u * v) * ng.ds(names)
+            form += (
+                -0.5
+                * inertia
+                * ng.IfPos(out, 0.0, out)
+                * (u * v)
+                * ng.ds(names, bonus_intorder=CURVED)
+            )
 
     def force(self, values: FloatArray) -> FloatArray:
         """Its vector at these unknowns, (n,)."""

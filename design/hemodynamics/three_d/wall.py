@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.cells import Cells, sort_boxes
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
+from design.hemodynamics.three_d.wall_field import distances, project, radii
 from design.network import FloatArray, IntArray, VesselNetwork
-from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance, wall_rows
-from kernels import jit
+from design.solids.smooth.fillet import COLUMNS, wall_rows
 
 BEYOND = 3.0
 """Radii by which the field goes on beyond a free end, so that it is a tube's there."""
 
-_MOST = 24
-"""Pieces that are looked at around a point."""
+_KINK = np.cos(np.radians(15.0))
+"""Where a polyline turns by more it has a fillet, as at a node; not where its pieces are shorter
+than a radius, as those of a rough centreline are."""
 
-_SHARPNESS = 8
-"""Power by which a junction's fillet loses its say with distance."""
-
-BoolArray = NDArray[np.bool_]
-
-_STEPS = 12
-_SETTLED = 1e-9
-_PROBE = 1e-4
+_ROOM = 2.0
+"""Over the distance of the seam's end: with `FADE` a fillet is whole to 4/3 of it."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +36,9 @@ class LumenWall:
     ----------
     rows : (n, 10) float64
         Of `wall_rows`, free ends drawn out by `BEYOND` radii.
-    joints : (m, 5) float64, mm
-        Place, ball's radius and fillet's radius of each node where vessels meet.
+    joints : (m, 6) float64, mm
+        Place, ball's radius, fillet's radius and how far it reaches, of each node where vessels
+        meet and each kink of a polyline.
     cells : Cells
         Pieces near a place.
     ports : tuple of MeshPort
@@ -61,13 +55,13 @@ class LumenWall:
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance at each of ``points`` (n, 3), mm; right in sign and zero."""
         found = np.empty(len(points))
-        _distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), found)
+        distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), found)
         return found
 
     def size(self, points: FloatArray) -> FloatArray:
         """Wanted edge length at each point, mm: a share of the nearest vessel's radius."""
         found = np.empty(len(points))
-        _radii(self.rows, self.cells, np.ascontiguousarray(points), found)
+        radii(self.rows, self.cells, np.ascontiguousarray(points), found)
         return self.ratio * found
 
     def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
@@ -79,7 +73,7 @@ class LumenWall:
             mine = port == k
             plane[mine] = each.outward
             moved[mine] -= np.outer((moved[mine] - each.centre) @ each.outward, each.outward)
-        _project(self.rows, self.joints, self.cells, moved, plane, patch <= 0)
+        project(self.rows, self.joints, self.cells, moved, plane, patch <= 0)
         return moved
 
 
@@ -142,15 +136,50 @@ def _beyond(network: VesselNetwork, port: MeshPort) -> FloatArray:
 
 
 def _joints(network: VesselNetwork, fillet_ratio: float) -> FloatArray:
-    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
-    radius = network.radius[ends]
-    thin, wide = np.full(len(network.nodes), inf), np.zeros(len(network.nodes))
-    np.minimum.at(thin, network.vessel_nodes.ravel(), radius.ravel())
-    np.maximum.at(wide, network.vessel_nodes.ravel(), radius.ravel())
-    inner = network.degree() > 1
-    return np.column_stack([network.nodes[inner], wide[inner], fillet_ratio * thin[inner]]).astype(
-        np.float64
-    )
+    """Rows of `LumenWall.joints`: nodes where vessels meet, and kinks of polylines."""
+    at, way, radius, place = _branches(network)
+    order = np.argsort(at, kind="stable")
+    rows = []
+    for mine in np.split(order, np.flatnonzero(np.diff(at[order])) + 1):
+        if len(mine) > 1:
+            ball = fillet_ratio * float(radius[mine].min())
+            seam = _seam(way[mine], radius[mine], ball)
+            rows.append([*place[mine[0]], radius[mine].max(), ball, seam])
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def _branches(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """What leaves each node or kink: its number, unit direction, radius, place."""
+    start, end, r0, r1, _ = network.pieces()
+    way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    inner, first = np.arange(len(network.points)), network.offset[:-1]
+    last = network.offset[1:] - 1
+    # Polylines' ends go by their nodes' numbers, inner points come after these.
+    number = len(network.nodes) + inner
+    number[first], number[last] = network.vessel_nodes.T
+    begins = np.setdiff1d(inner, last)
+    at = np.concatenate([number[begins], number[begins + 1]])
+    ways = np.concatenate([way, -way])
+    within = np.setdiff1d(begins, first)
+    piece = np.searchsorted(begins, within)
+    along = np.einsum("ij,ij->i", way[piece], way[piece - 1])
+    long = np.linalg.norm(end - start, axis=1) > np.minimum(r0, r1)
+    kink = (along < _KINK) & long[piece] & long[piece - 1]
+    smooth = np.isin(at, number[within[~kink]])
+    radius, place = np.concatenate([r0, r1]), np.concatenate([start, end])
+    return at[~smooth], ways[~smooth], radius[~smooth], place[~smooth]
+
+
+def _seam(way: FloatArray, radius: FloatArray, ball: float) -> float:
+    """How far from a node the ball still touches two vessels, mm, with room for it to fade.
+
+    Its centre is as far from both axes as it is from their walls, in the plane of the two:
+    (r + ρ) / sin(θ/2) from the node at an angle θ between them.
+    """
+    i, j = np.triu_indices(len(way), 1)
+    half = np.sqrt(np.clip(0.5 * (1.0 - np.einsum("ij,ij->i", way[i], way[j])), 1e-4, None))
+    wide = np.maximum(radius[i], radius[j]) + ball
+    return float(_ROOM * (wide / half).max())
 
 
 def _cells_of(rows: FloatArray, reach: float) -> Cells:
@@ -160,129 +189,3 @@ def _cells_of(rows: FloatArray, reach: float) -> Cells:
     margin = (wide + np.maximum(reach, 0.5 * wide))[:, None]
     low, high = np.minimum(start, start + step) - margin, np.maximum(start, start + step) + margin
     return sort_boxes(low, high, float(2.0 * np.median(margin)))
-
-
-@jit
-def _near(rows: FloatArray, cells: Cells, x: float, y: float, z: float, found: IntArray) -> int:
-    """Pieces near a place, into ``found``; how many."""
-    i = int(np.floor((x - cells.low[0]) / cells.size))
-    j = int(np.floor((y - cells.low[1]) / cells.size))
-    k = int(np.floor((z - cells.low[2]) / cells.size))
-    if min(i, j, k) < 0 or i >= cells.shape[0] or j >= cells.shape[1] or k >= cells.shape[2]:
-        return 0
-    cell = (i * cells.shape[1] + j) * cells.shape[2] + k
-    count = 0
-    for at in range(cells.first[cell], cells.first[cell + 1]):
-        if count < len(found):
-            found[count] = cells.item[at]
-            count += 1
-    return count
-
-
-@jit
-def _fillet(joints: FloatArray, x: float, y: float, z: float) -> float:
-    """Radius of the rolling ball: the nearest junction's, blended between two."""
-    total = weight = 0.0
-    for m in range(len(joints)):
-        dx, dy, dz = x - joints[m, 0], y - joints[m, 1], z - joints[m, 2]
-        near = (dx * dx + dy * dy + dz * dz) / joints[m, 3] ** 2 + 1e-12
-        share = near ** (-_SHARPNESS / 2)
-        total += share * joints[m, 4]
-        weight += share
-    return total / weight if weight > 0.0 else 0.0
-
-
-@jit
-def field(
-    rows: FloatArray, joints: FloatArray, cells: Cells, at: FloatArray, g: FloatArray
-) -> float:
-    """Signed distance at a place, mm; its gradient into ``g`` (3,). inf where no piece is near."""
-    x, y, z = at[0], at[1], at[2]
-    found = np.empty(256, np.int64)
-    count = _near(rows, cells, x, y, z, found)
-    least, second = inf, inf
-    near = np.empty((_MOST, COLUMNS))
-    apart = np.empty(_MOST)
-    used = 0
-    for n in range(count):
-        a, gx, gy, gz = wall_distance(rows[found[n]], x, y, z)
-        if a < least:
-            least, second = a, least
-            g[0], g[1], g[2] = gx, gy, gz
-        else:
-            second = min(second, a)
-        place = used
-        if used == _MOST:
-            place = int(np.argmax(apart))
-            if apart[place] <= a:
-                continue
-        else:
-            used += 1
-        near[place], apart[place] = rows[found[n]], a
-    if used < 2:
-        return least
-    rho = _fillet(joints, x, y, z)
-    if rho <= 0.0 or second > 2.0 * rho or least >= rho:
-        return least
-    near = near[:used]
-    value = rounded_distance(near, rho, x, y, z)
-    step = _PROBE * rho
-    g[0] = rounded_distance(near, rho, x + step, y, z) - rounded_distance(near, rho, x - step, y, z)
-    g[1] = rounded_distance(near, rho, x, y + step, z) - rounded_distance(near, rho, x, y - step, z)
-    g[2] = rounded_distance(near, rho, x, y, z + step) - rounded_distance(near, rho, x, y, z - step)
-    g /= 2.0 * step
-    return value
-
-
-@jit
-def _distances(
-    rows: FloatArray, joints: FloatArray, cells: Cells, points: FloatArray, found: FloatArray
-) -> None:
-    g = np.empty(3)
-    for n in range(len(points)):
-        found[n] = field(rows, joints, cells, points[n], g)
-
-
-@jit
-def _radii(rows: FloatArray, cells: Cells, points: FloatArray, found: FloatArray) -> None:
-    """Radius of the vessel whose wall is nearest, or that holds the place deepest."""
-    near = np.empty(256, np.int64)
-    for n in range(len(points)):
-        least, found[n] = inf, 0.0
-        for m in range(_near(rows, cells, points[n, 0], points[n, 1], points[n, 2], near)):
-            row = rows[near[m]]
-            a, _, _, _ = wall_distance(row, points[n, 0], points[n, 1], points[n, 2])
-            s = 0.0
-            for k in range(3):
-                s += (points[n, k] - row[k]) * row[3 + k]
-            radius = row[7] + row[8] * min(max(s, 0.0), row[6])
-            if abs(a) / radius < least:
-                least, found[n] = abs(a) / radius, radius
-
-
-@jit
-def _project(
-    rows: FloatArray,
-    joints: FloatArray,
-    cells: Cells,
-    points: FloatArray,
-    plane: FloatArray,
-    move: BoolArray,
-) -> None:
-    """Newton's steps along the gradient, within a plane where its normal isn't 0."""
-    g = np.empty(3)
-    for n in range(len(points)):
-        if not move[n]:
-            continue
-        for _ in range(_STEPS):
-            value = field(rows, joints, cells, points[n], g)
-            if value == inf:
-                break
-            across = g[0] * plane[n, 0] + g[1] * plane[n, 1] + g[2] * plane[n, 2]
-            g -= across * plane[n]
-            square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
-            if square < 1e-6:
-                break
-            points[n] -= value / square * g
-            if abs(value) < _SETTLED * sqrt(square):
-                break

@@ -76,7 +76,7 @@ def remesh(
     Raises
     ------
     SolidError
-        When the surface isn't closed.
+        When the surface isn't closed, or a wanted length isn't above 0.
     """
     for _ in range(rounds):
         surface = _turned(_drawn_in(_split(surface, shape, growth), shape, growth))
@@ -97,7 +97,12 @@ def patches(surface: LabelledSurface) -> IntArray:
 def _wanted(surface: LabelledSurface, shape: Shape, growth: float) -> FloatArray:
     wanted = np.ascontiguousarray(shape.size(surface.points), dtype=np.float64)
     if not (np.isfinite(wanted).all() and (wanted > 0.0).all()):
-        raise SolidError("the wanted edge length isn't above 0 everywhere")
+        bad = int(np.flatnonzero(~(np.isfinite(wanted) & (wanted > 0.0)))[0])
+        x, y, z = surface.points[bad]
+        raise SolidError(
+            f"the wanted edge length at {x:.4g}, {y:.4g}, {z:.4g} mm is {wanted[bad]:g} mm; the "
+            "surface must lie near its shape, and lengths be above 0"
+        )
     passes.level(surface.points, surface.faces, wanted, growth)
     return wanted
 

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from design.hemodynamics import PulsatileConditions
+from design.lattices import build_lattice
 from printctl.flow import pulsatile_conditions
+from printctl.flow.beside import set_beside
 from printctl.flow.fidelities import Case, solve_fidelities
 from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import flow
+from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 
 
@@ -22,6 +25,14 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         network, recipe.flow, context.conditions, _pulse(context), recipe.solid.fillet_ratio
     )
     found = solve_fidelities(context.folder, case, report)
+    asked_for = recipe.flow.compare
+    if asked_for is not None and asked_for.lattice is not None:
+        # In the design's size and at its flow: that is what both were made for.
+        lattice = build_lattice(context.tissue, asked_for.lattice.options())
+        found.summary["beside"], files = set_beside(
+            context.folder, context.designed_network, lattice, context.designed_conditions
+        )
+        found.files += files
     return found.summary, found.files
 
 
@@ -48,4 +59,6 @@ def asked(context: RunContext) -> bool:
     return part.three_d is not None or part.compare is not None
 
 
-STAGE = Stage("fidelities", depends, (NETWORK,), ("kernels", "design", "registration"), work, asked)
+STAGE = Stage(
+    "fidelities", depends, (SURFACE, NETWORK), ("kernels", "design", "registration"), work, asked
+)

@@ -10,6 +10,8 @@ import numpy as np
 from design.files import write_text
 from printctl.bead import PLAYED
 from printctl.flow import WAVES, read_waves
+from printctl.flow.beside import PICTURE
+from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
@@ -32,6 +34,7 @@ _SECTIONS = {
     "tissue": "tissue",
     "vasculature": "network",
     "flow": "flow",
+    "fidelities": "fidelities",
     "measures": "measures",
     "oxygen": "oxygen",
     "solid": "solid",
@@ -129,8 +132,24 @@ def figures(context: RunContext) -> dict[str, bytes]:
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
     )
     return (
-        waves(context) | oxygen_picture(context) | layer_pictures(context.folder / GCODE, pushing)
+        waves(context)
+        | space_pictures(context)
+        | oxygen_picture(context)
+        | layer_pictures(context.folder / GCODE, pushing)
     )
+
+
+def space_pictures(context: RunContext) -> dict[str, bytes]:
+    """Wall shear in the lumens and fidelities side by side, where the recipe asks for them."""
+    asked, found = context.recipe.flow, {}
+    if asked.three_d is not None:
+        found["fidelities/Wall shear, resolved in the lumens"] = SEEN
+    compare = asked.compare
+    if compare is not None and (asked.three_d is not None or asked.one_d is not None):
+        found["fidelities/Fidelities against the ideal"] = COMPARED
+    if compare is not None and compare.lattice is not None:
+        found["fidelities/Flow across the vessels that feed, and across a lattice's"] = PICTURE
+    return {caption: (context.folder / name).read_bytes() for caption, name in found.items()}
 
 
 def oxygen_picture(context: RunContext) -> dict[str, bytes]:

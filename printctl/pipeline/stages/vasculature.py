@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.hemodynamics import scaled_network
-from design.lattices import LatticeOptions, build_lattice
+from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
 from design.vasculature import (
@@ -76,7 +76,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
                 notes += overlaps_told(network, clearance)
                 return network, {"notes": list(notes)}
         case LatticeNetwork():
-            network, clearance = build_lattice(context.tissue, lattice_options(part)), 0.0
+            network, clearance = build_lattice(context.tissue, part.options()), 0.0
         case GrownNetwork():
             tree = grown_tree(context, part)
             return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
@@ -99,19 +99,6 @@ def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...
         f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {found.count} "
         f"(overlaps: tell); nearest are vessels {one} and {two}, {found.gap_mm[worst]:.3g} mm "
         f"apart at ({x:.4g}, {y:.4g}, {z:.4g}) mm",
-    )
-
-
-def lattice_options(part: LatticeNetwork) -> LatticeOptions:
-    """The recipe's words in the design's, which speak of radii."""
-    wide = part.manifold_diameter_mm
-    return LatticeOptions(
-        kind=part.lattice,
-        cell_mm=part.cell_mm,
-        radius_mm=part.diameter_mm / 2,
-        manifold_radius_mm=None if wide is None else wide / 2,
-        axis=part.axis,
-        clearance_mm=part.clearance_mm,
     )
 
 

@@ -127,10 +127,13 @@ def _each_vessel(registration: Mapping[str, Any]) -> list[Flowable]:
     return [] if table is None else [text("Each vessel", HEADING), *data_table(table)]
 
 
+_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "other")
+
+
 def _pictures(drawn: Figures) -> list[Flowable]:
     """Two in a row, and what belongs to no other section."""
     shown = [
-        one for place in ("registration", "design", "flow", "oxygen", "toolpath", "other")
+        one for place in _PICTURED
         for one in _drawn(drawn, place, HALF)
     ]  # fmt: skip
     if not shown:

@@ -6,7 +6,6 @@ import pytest
 
 from design.lattices import LatticeKind
 from printctl.errors import RecipeError
-from printctl.pipeline.stages.vasculature import lattice_options
 from printctl.recipe import parse_recipe
 from printctl.recipe.lattice import LatticeNetwork
 
@@ -23,15 +22,15 @@ def parsed(**lattice: Any) -> LatticeNetwork:
 
 @pytest.mark.parametrize("kind", get_args(LatticeKind))
 def test_every_lattice_can_be_asked_for(kind: str) -> None:
-    assert lattice_options(parsed(lattice=kind)).kind == kind
+    assert parsed(lattice=kind).options().kind == kind
 
 
 def test_diameters_become_radii() -> None:
-    options = lattice_options(parsed(manifold_diameter_mm=1.2, axis="x", clearance_mm=0.2))
+    options = parsed(manifold_diameter_mm=1.2, axis="x", clearance_mm=0.2).options()
     assert (options.radius_mm, options.manifold_mm, options.axis) == (0.3, 0.6, "x")
     assert options.clearance_mm == 0.2
     # Half as wide again where the recipe doesn't say.
-    assert lattice_options(parsed()).manifold_mm == pytest.approx(0.45)
+    assert parsed().options().manifold_mm == pytest.approx(0.45)
 
 
 @pytest.mark.parametrize(

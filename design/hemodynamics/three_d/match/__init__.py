@@ -1,0 +1,15 @@
+"""Radii adjusted until flow in 3D divides as it is wanted."""
+
+from design.hemodynamics.three_d.match.loop import match_split
+from design.hemodynamics.three_d.match.options import Matched, MatchOptions, Round
+from design.hemodynamics.three_d.match.target import Target, ideal_target, outlet_target
+
+__all__ = [
+    "MatchOptions",
+    "Matched",
+    "Round",
+    "Target",
+    "ideal_target",
+    "match_split",
+    "outlet_target",
+]

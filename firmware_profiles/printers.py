@@ -1,0 +1,202 @@
+"""A printer: its axes, firmware, heads and what they may do."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.controllers import Aerotech, check_controller
+from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.facts import CommandName, Facts, NonNegative, Positive, Span
+from firmware_profiles.heads import Head, check_heads
+from firmware_profiles.watching import Watched
+
+
+class Axes(BaseModel):
+    """One number for each axis; e is the plunger."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    x: Positive
+    y: Positive
+    z: Positive
+    e: Positive
+
+
+class Printer(Facts):
+    """A printer: its firmware, its limits and how it counts.
+
+    E is the plunger's travel in mm where the dispenser is one; a pneumatic head's jobs have no E,
+    and the e of its axes is the firmware's own, unused.
+    """
+
+    firmware: Literal[
+        "marlin", "prusa", "reprapfirmware", "klipper", "smoothieware", "aerotech"
+    ] = Field(
+        description="Firmware family, which sets the protocol. All but marlin are built after "
+        "public sources and not verified against a real recording. For aerotech jobs are written, "
+        "and not sent."
+    )
+    aerotech: Aerotech | None = Field(
+        default=None, description="Which controller; to be said for firmware aerotech alone."
+    )
+    baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
+    x_mm: Span
+    y_mm: Span
+    z_mm: Span
+    steps_per_mm: Axes
+    max_speed_mm_s: Axes
+    max_acceleration_mm_s2: Axes
+    acceleration_mm_s2: Positive = Field(description="While printing and travelling.")
+    max_step_rate_hz: Positive | None = Field(
+        default=None, description="Steps per second of one axis; an 8-bit board's if not said."
+    )
+    junction_deviation_mm: Positive = 0.013
+    min_segment_time_s: NonNegative = Field(
+        default=0.02, description="Below it the planner slows down when it runs empty."
+    )
+    min_steps_per_segment: Annotated[int, Field(ge=1, le=100)] = 6
+    planner_blocks: Annotated[int, Field(ge=2, le=1024)] = 16
+    command_queue: Annotated[int, Field(ge=1, le=64)] = 4
+    receive_buffer_bytes: Annotated[int, Field(ge=32, le=65536)] = 128
+    max_line_bytes: Annotated[int, Field(ge=32, le=512)] = 96
+    emergency_parser: bool = True
+    advanced_ok: bool = False
+    lines_in_flight: Literal[1, 2] = Field(
+        default=1,
+        description="2: moves leave in pairs, where a slow adapter starves the planner. Only for "
+        "Marlin and its fork, which count lines.",
+    )
+    usb_ids: tuple[Annotated[str, Field(pattern="^[0-9a-f]{4}:[0-9a-f]{4}(:.+)?$")], ...] = Field(
+        default=(),
+        description="USB vendor:product of the board or its adapter, in hex, with :SERIAL behind "
+        "where there are several alike; --port auto looks for them.",
+    )
+    bauds: tuple[Annotated[int, Field(ge=9600, le=2_000_000)], ...] = Field(
+        default=(250_000, 115_200, 500_000, 1_000_000, 57_600),
+        description="Tried by --baud auto, after `baud`.",
+    )
+    dtr: bool = Field(
+        default=True,
+        description="Whether DTR is on while the port is open. Boards with USB of their own "
+        "answer only then; off keeps some boards from resetting (not on Linux, which raises it "
+        "while it opens a port).",
+    )
+    rts: bool = Field(default=True, description="The same for RTS.")
+    resets_on_connect: bool = Field(
+        default=True, description="Whether opening the port (DTR) resets the board."
+    )
+    dispenser: Dispenser = Field(default=Plunger(), description="What pushes the ink.")
+    plunger_travel_mm: Positive | None = Field(
+        default=None, description="What the plunger can travel; to be said where there is one."
+    )
+    max_plunger_force_n: Positive | None = Field(
+        default=None, description="What the head may push with; unknown without."
+    )
+    heads: tuple[Head, ...] = Field(
+        default=(), description="Where there are several; the keys above then hold for each."
+    )
+    advance_s: Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)] = Field(
+        default=0.0,
+        description="Pressure advance that the firmware's own configuration holds (Marlin's K, "
+        "RepRapFirmware's M572 S, Klipper's pressure_advance); the dry run's prediction takes it.",
+    )
+    idle_timeout_s: NonNegative = Field(
+        default=600,
+        description="Set at the start of a print where the firmware can be told (M85, "
+        "SET_IDLE_TIMEOUT): its own switch-off when a killed host can't; 0 for none.",
+    )
+    cold_extrusion_configured: bool = Field(
+        default=False,
+        description="Whether the firmware's own configuration lets the plunger move cold; asked "
+        "for where no command does it (Klipper's min_extrude_temp).",
+    )
+    extra_commands: tuple[CommandName, ...] = Field(
+        default=(), description="Commands that this machine knows beyond its firmware's usual ones."
+    )
+    safe_state_off: tuple[SwitchCommand, ...] = Field(
+        default=(),
+        description="Commands that switch off what else is dangerous after a stop (pressure, UV, a "
+        "pump); sent when the needle has left, before the heaters go off. Nothing that moves.",
+    )
+    watch: tuple[Watched, ...] = Field(
+        default=(),
+        description="Forces or pressures that the machine tells when asked, and their limits; "
+        "asked for while it prints.",
+    )
+    safe_state_on: tuple[str, ...] = Field(
+        default=(), description="What must stay on after a stop (cooling of ink and bath)."
+    )
+
+    @model_validator(mode="after")
+    def _pairs_need_a_count(self) -> Printer:
+        if self.lines_in_flight == 2 and self.firmware not in ("marlin", "prusa"):
+            raise ValueError(
+                f"lines_in_flight 2: {self.firmware} keeps no count of lines that could settle "
+                "which of two it took (or none that was tried); use 1"
+            )
+        return self
+
+    @property
+    def streamed(self) -> bool:
+        """Whether a host sends it a job's lines; else its own software loads the file."""
+        return self.firmware != "aerotech"
+
+    @property
+    def pneumatic(self) -> Pneumatic | None:
+        """The pneumatic head, if it is one."""
+        return self.dispenser if isinstance(self.dispenser, Pneumatic) else None
+
+    @model_validator(mode="after")
+    def _controller_agrees(self) -> Printer:
+        asked = tuple(watched.query for watched in self.watch)
+        sent = {"safe_state_off": self.safe_state_off, "watch": asked}
+        check_controller(self.firmware, self.aerotech, self.dispenser, sent)
+        return self
+
+    @model_validator(mode="after")
+    def _heads_agree(self) -> Printer:
+        check_heads(self.heads, self.firmware, plunger=self.pneumatic is None)
+        return self
+
+    @property
+    def head_count(self) -> int:
+        """How many heads there are."""
+        return max(1, len(self.heads))
+
+    def of_head(self, number: int) -> Printer:
+        """Give the printer as if it had one head alone: steps, speed, travel and force of that one.
+
+        Raises
+        ------
+        ProfileError
+            When there is no such head.
+        """
+        if not 0 <= number < self.head_count:
+            raise ProfileError(
+                f"{self.name} has no head {number}, only 0 to {self.head_count - 1} (heads)"
+            )
+        if not self.heads:
+            return self
+        head = self.heads[number]
+        steps, speed = self.steps_per_mm, self.max_speed_mm_s
+        own = {
+            "name": f"{self.name}, head {number} ({head.name})",
+            "heads": (),
+            "steps_per_mm": steps.model_copy(update={"e": head.plunger_steps_per_mm or steps.e}),
+            "max_speed_mm_s": speed.model_copy(update={"e": head.max_plunger_mm_s or speed.e}),
+            "plunger_travel_mm": head.plunger_travel_mm or self.plunger_travel_mm,
+            "max_plunger_force_n": head.max_plunger_force_n or self.max_plunger_force_n,
+        }
+        return self.model_copy(update=own)
+
+    @model_validator(mode="after")
+    def _a_plunger_s_travel_is_said(self) -> Printer:
+        if (self.pneumatic is None) == (self.plunger_travel_mm is None):
+            raise ValueError(
+                "plunger_travel_mm must be said for a plunger, and can't be of a pneumatic head"
+            )
+        return self

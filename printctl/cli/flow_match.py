@@ -1,0 +1,109 @@
+"""`printctl flow --match-split`: radii adjusted until flow in 3D divides as it is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.network import VesselNetwork
+from printctl.cli.flow_solve import Found
+from printctl.cli.options import messages
+from printctl.errors import UsageError
+from printctl.flow import steady_conditions
+from printctl.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, options_from
+from printctl.flow.three_d import SHARP
+from printctl.recipe.parts import FlowPart
+from printctl.recipe.space import ThreeDPart
+
+MatchFlag = Annotated[
+    bool, typer.Option("--match-split", help="Adjust radii until 3D divides as 0D, or --want.")
+]
+WantOption = Annotated[
+    list[str] | None,
+    typer.Option("--want", metavar="NODE,ML_MIN", help="Flow wanted at an outlet; again for more."),
+]
+PercentOption = Annotated[
+    float | None,
+    typer.Option("--match-percent", help="Largest deviation, of the inlet's flow; 0.5."),
+]
+LeastOption = Annotated[
+    float | None,
+    typer.Option("--least-lumen-mm", min=0.0, help="Smallest diameter that can be printed."),
+]
+
+_PERCENT = 0.5
+
+
+@dataclass(frozen=True)
+class Match:
+    """What is asked for; mirrors the options."""
+
+    asked: bool
+    want: list[str] | None
+    percent: float | None
+    least_lumen_mm: float | None
+
+
+def match(
+    network: VesselNetwork,
+    part: FlowPart,
+    out: Path,
+    fillet_ratio: float,
+    how: Match,
+    found: Found,
+) -> None:
+    """Match where it is asked for, and write the adjusted network and its history.
+
+    Raises
+    ------
+    FlowError, SolidError, UsageError, OSError
+        As `steady_conditions` and `match_and_write`.
+    """
+    if not how.asked:
+        return
+    space = part.three_d or ThreeDPart()
+    options = options_from(
+        _PERCENT if how.percent is None else how.percent,
+        how.least_lumen_mm or 0.0,
+        space.edge_ratio,
+        max(fillet_ratio, SHARP),
+        space.inertia,
+    )
+    conditions = steady_conditions(part, Path(), network)
+    with messages().status("matching the split") as status:
+        found.summary["match"] = match_and_write(
+            out,
+            network,
+            conditions,
+            _wanted(how.want or []),
+            options,
+            lambda _, doing: status.update(f"matching the split: {doing}"),
+        )
+    found.files += [out / MATCHED, out / HISTORY, out / VESSELS]
+    _warn(found)
+
+
+def _wanted(texts: list[str]) -> dict[int, float]:
+    found: dict[int, float] = {}
+    for text in texts:
+        node, _, flow = text.partition(",")
+        try:
+            found[int(node)] = float(flow)
+        except ValueError:
+            raise UsageError(f"--want {text!r} isn't NODE,ML_MIN; write 4,0.05") from None
+    return found
+
+
+def _warn(found: Found) -> None:
+    told = found.summary["match"]
+    if told["met"]:
+        return
+    bounds = told["vessels_at_a_bound"]
+    why = f"vessels {bounds} stand at a bound of their radius" if bounds else "rounds bring no more"
+    messages().print(
+        f"the split isn't met: {told['worst_percent_of_inlet']:.2g} % of the inlet's flow is left "
+        f"in vessel {told['worst_vessel']} ({why})", style="yellow", markup=False,
+    )  # fmt: skip

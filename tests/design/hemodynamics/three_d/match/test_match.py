@@ -1,0 +1,125 @@
+"""Radii adjusted until 3D has the wanted flows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.errors import FlowError
+from design.hemodynamics import FlowConditions, solve_flow
+from design.hemodynamics.probes import Probes
+from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straightened
+from design.hemodynamics.three_d.effective import effective
+from design.hemodynamics.three_d.match import (
+    MatchOptions,
+    ideal_target,
+    match_split,
+    outlet_target,
+)
+from design.hemodynamics.three_d.match.radii import free_radii, next_scales
+from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.network import VesselNetwork
+from design.vasculature import planar_four_vessel
+from tests.design.hemodynamics.networks import network_of
+
+pytest.importorskip("ngsolve")
+
+FAST = FlowConditions(1e-3, inlet_flow_ul_s=33.0)
+COARSE = MatchOptions(tolerance=0.02, mesh=MeshOptions(edge_ratio=0.9))
+
+
+def _fork() -> VesselNetwork:
+    """Short, and so fast that inertia sends too much straight on."""
+    nodes = [[0.0, 0.0, 0.0], [2.5, 0.0, 0.0], [4.5, 0.3, 0.0], [3.0, -2.0, 0.0]]
+    return network_of(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.4])
+
+
+def test_a_fork_gets_the_split_it_was_designed_for() -> None:
+    network = _fork()
+    done = match_split(network, FAST, options=COARSE)
+    assert done.met
+    assert done.history[0].worst > COARSE.tolerance >= done.history[done.best].worst
+    assert len(done.history) <= 4
+    assert done.bounded == ()
+    # The root's radius doesn't decide the split, and stays.
+    assert done.network.radius[:2] == pytest.approx(network.radius[:2])
+    # What the history says is what the network of the best round carries.
+    wanted = solve_flow(network, FAST).flow
+    assert np.abs(done.effective.flow - wanted).max() == pytest.approx(
+        33.0 * done.history[done.best].worst, rel=1e-6
+    )
+
+
+@pytest.mark.slow
+def test_flows_can_be_asked_for_at_outlets() -> None:
+    network = _fork()
+    target = outlet_target(network, FAST, {2: 11.0, 3: 22.0})
+    done = match_split(network, FAST, target, COARSE)
+    assert done.met
+    assert done.effective.flow[1] == pytest.approx(11.0, abs=0.02 * 33.0)
+    assert done.network.radius[4] > network.radius[4] > 0.0
+    assert done.network.radius[2] < network.radius[2]
+
+
+def test_bounds_are_kept_and_told() -> None:
+    network = _fork()
+    options = replace(COARSE, least_radius_mm=0.39, most_change=1.02, rounds=2)
+    done = match_split(network, FAST, outlet_target(network, FAST, {2: 5.0}), options)
+    assert not done.met
+    assert set(done.bounded) == {1, 2}
+    assert done.network.radius.min() >= 0.39 * (1 - 1e-9)
+    assert done.network.radius.max() <= max(0.5, 0.4 * 1.02) * (1 + 1e-9)
+    with pytest.raises(FlowError, match=r"below the least that is to be printed, 0\.45"):
+        match_split(network, FAST, options=replace(COARSE, least_radius_mm=0.45))
+
+
+def test_the_reduced_model_is_brought_to_the_target_at_once() -> None:
+    """With the resistances of 3D held, the next radii have the wanted flows to rounding."""
+    network = _fork()
+    mesh, _ = straightened(lumen_mesh(network, COARSE.mesh))
+    found = effective(network, FAST, solve_steady(mesh, FAST, FlowOptions(order=2)))
+    target = ideal_target(network, FAST)
+    scale = next_scales(network, FAST, target, found, free_radii(network, COARSE), np.ones(3))
+    owner = np.repeat(np.arange(3), 2)
+    guess = replace(found.network, radius=found.network.radius * scale[owner])
+    assert solve_flow(guess, FAST).flow == pytest.approx(target.flow, rel=1e-5)
+
+
+def test_in_a_loop_all_vessels_may_change_in_a_tree_those_at_outlets() -> None:
+    assert free_radii(_fork(), MatchOptions()).vessel.tolist() == [1, 2]
+    assert len(free_radii(planar_four_vessel(), MatchOptions()).vessel) == 14
+    assert free_radii(_fork(), MatchOptions(vary=(2, 0))).vessel.tolist() == [0, 2]
+
+
+def test_what_cannot_be_wanted_is_refused() -> None:
+    network = _fork()
+    for flows, said in (
+        ({1: 3.0}, "node 1 is given a flow and isn't an outlet"),
+        ({2: -1.0}, "wanted out of node 2 is -1"),
+        ({2: 10.0, 3: 10.0}, "sum to 20 .* the inlet has 33"),
+        ({2: 40.0}, "sum to 40"),
+    ):
+        with pytest.raises(FlowError, match=said):
+            outlet_target(network, FAST, flows)
+    with pytest.raises(FlowError, match=r"vessels to vary: \[7\]"):
+        match_split(network, FAST, options=replace(COARSE, vary=(7,)))
+    with pytest.raises(FlowError, match="tolerance 1e-06"):
+        MatchOptions(tolerance=1e-6)
+
+
+@pytest.mark.slow
+def test_the_planar_network_comes_within_a_thousandth() -> None:
+    network = planar_four_vessel()
+    conditions = FlowConditions(1e-3, inlet_flow_ul_s=0.25 * 1000.0 / 60.0)
+    done = match_split(network, conditions, options=MatchOptions(tolerance=0.001))
+    assert done.met
+    assert done.history[0].worst > 0.003
+    assert len(done.history) <= 4
+    # Again, of the other order, by the sections of the channels.
+    mesh, _ = straightened(lumen_mesh(done.network))
+    again = solve_steady(mesh, conditions, FlowOptions(order=3))
+    probes = Probes(np.array([5, 6, 7, 8]), np.full(4, 0.5))
+    flow = probe_steady(done.network, probes, again.field).flow[:, 0]
+    assert flow == pytest.approx(done.target.flow[5:9], abs=0.0015 * 4.1667)
