@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.hemodynamics import (
     FlowConditions,
@@ -45,7 +46,7 @@ class VesselFlow:
         Pressure lost over flow; inf where nothing flows. In 3D that of the part clear of
         junctions, for the whole length, and NaN where next to nothing flows.
     flow : (v,) float64, µL/s
-        Mean of a cycle.
+        Mean of a cycle; in 3D NaN in a vessel without a part clear of junctions.
     wall_shear : (v,) float64, Pa
         Mean by size.
     drop_pa : float, Pa
@@ -137,7 +138,10 @@ def in_space(
     probes = Probes(np.repeat(every, 3), places.ravel())
     waves = probe_steady(network, probes, found.field)
     pressure, flow = waves.pressure[:, 0].reshape(-1, 3), waves.flow[:, 0].reshape(-1, 3)[:, 1]
-    lost = (pressure[:, 0] - pressure[:, 2]) / (places[:, 2] - places[:, 0])
+    between = places[:, 2] - places[:, 0]
+    lost = (pressure[:, 0] - pressure[:, 2]) / between
+    # Through a vessel that is all junction a section is the fork's, and its flow nobody's.
+    flow = np.where(_all_junction(network), np.nan, flow)
     ports = found.port_flow
     inflow = -float(ports[ports < 0.0].sum())
     return VesselFlow(
@@ -162,6 +166,16 @@ def _apart(network: VesselNetwork) -> FloatArray:
         found[vessel, 0] = min(first + more[vessel], _MOST_CLEAR)
         found[vessel, 2] = max(last - more[vessel], 1.0 - _MOST_CLEAR)
     return found
+
+
+def _all_junction(network: VesselNetwork) -> NDArray[np.bool_]:
+    """Whether a slab amid a vessel, three quarters of a radius to each side, meets a junction."""
+    ends = np.stack([network.offset[:-1], network.offset[1:] - 1], axis=1)
+    wide = np.zeros(len(network.nodes))
+    np.maximum.at(wide, network.vessel_nodes.ravel(), network.radius[ends].ravel())
+    wide[network.degree() == 1] = 0.0
+    reach = wide[network.vessel_nodes].max(axis=1) + 0.75 * network.mean_radius()
+    return np.asarray(reach > 0.5 * network.lengths())
 
 
 def mesh_of(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:
@@ -237,7 +251,7 @@ def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand
 def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
     one, other = pair.designed, pair.printed
     change = 100.0 * (other.share - one.share)
-    worst = int(np.argmax(np.abs(change)))
+    worst = int(np.argmax(np.abs(np.nan_to_num(change))))
     told: dict[str, Any] = {
         "designed_pressure_drop_mmhg": one.drop_pa / PA_PER_MMHG,
         "pressure_drop_mmhg": other.drop_pa / PA_PER_MMHG,
