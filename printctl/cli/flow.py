@@ -1,4 +1,4 @@
-"""`printctl flow`: steady and pulsatile flow in any network, and svZeroDSolver's cases."""
+"""`printctl flow`: flow in any network at three fidelities, and other programs' cases."""
 
 from __future__ import annotations
 
@@ -69,9 +69,10 @@ def flow(
     least_lumen_mm: flow_match.LeastOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Solve the flow in a network; in pulses, too, where a wave is given.
+    """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
-    An input file of svZeroDSolver (.json) is stepped through its cycles instead.
+    Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run. An
+    input file of svZeroDSolver (.json) is stepped through its cycles instead.
     """
     if is_svzerod(network):
         _say(run_case(network, out), as_json)
