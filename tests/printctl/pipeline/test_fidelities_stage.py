@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions
-from printctl.flow.three_d import Resolved, wall_shear_of_vessels
+from printctl.flow.three_d import wall_shear_of_vessels
 from printctl.pipeline.stages import fidelities
 from printctl.recipe.parts import FlowPart
 from registration.report.lumen_figure import shear_figure
@@ -62,9 +62,8 @@ def test_wall_shear_is_told_by_the_nearest_vessel_and_drawn() -> None:
     node = np.unique(mesh.faces[mesh.label == 0])
     height = mesh.points[node, 2]
     shear: Any = SimpleNamespace(node=node, magnitude=height)
-    steady: Any = SimpleNamespace(wall_shear=shear)
-    none: Any = None
-    mean, most = wall_shear_of_vessels(Resolved(network, mesh, steady, none))
+    steady: Any = SimpleNamespace(wall_shear=shear, field=SimpleNamespace(mesh=mesh))
+    mean, most = wall_shear_of_vessels(network, steady)
     assert most[:2] == pytest.approx([2.0, 4.0], abs=0.26)
     assert mean[:2] == pytest.approx([1.0, 3.0], abs=0.15)
     assert np.isnan(mean[2])
