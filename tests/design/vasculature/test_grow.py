@@ -91,7 +91,9 @@ SHAPES = (
 )
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(
+    "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 10))]
+)
 @pytest.mark.parametrize("name", SHAPES)
 def test_tree_stays_in_tissue_without_collisions(tissues, name, seed):
     options = GrowthOptions(terminals=60, seed=seed, clearance_mm=0.02)

@@ -59,6 +59,7 @@ def test_printable_tree_keeps_them_through_pruning_and_new_tips(tissues):
     check(grow_tree(tissues["block"], options), limits)
 
 
+@pytest.mark.slow
 def test_polish_keeps_them(tissues):
     limits = LIMITS[-1]
     tree = grow_tree(tissues["block"], GrowthOptions(terminals=60, **limits))

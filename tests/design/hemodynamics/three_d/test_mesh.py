@@ -55,7 +55,7 @@ def _sound(network: VesselNetwork, options: MeshOptions | None = None) -> LumenM
     return mesh
 
 
-@pytest.mark.parametrize("edge_ratio", [0.5, 0.7])
+@pytest.mark.parametrize("edge_ratio", [pytest.param(0.5, marks=pytest.mark.slow), 0.7])
 def test_a_tube_has_its_volume_and_its_ports_area_to_a_ten_thousandth(edge_ratio: float) -> None:
     mesh = lumen_mesh(straight(0.5, 4.0), MeshOptions(edge_ratio=edge_ratio))
     assert mesh_volume(mesh) == pytest.approx(np.pi, rel=5e-5)
