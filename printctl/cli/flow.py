@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 import typer
 
@@ -17,6 +18,9 @@ from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.networks import Drive, load_source
+
+FILLET: Final = 0.5
+"""Of a network that no recipe rounds."""
 
 
 def flow(
@@ -54,7 +58,7 @@ def flow(
     edge_ratio: options.EdgeOption = None,
     order: options.OrderOption = None,
     check: options.CheckFlag = False,
-    fillet_ratio: options.FilletOption = 0.5,
+    fillet_ratio: options.FilletOption = None,
     compare: options.CompareFlag = False,
     along_vessel: options.AlongOption = None,
     as_printed: options.AsPrintedFlag = False,
@@ -86,16 +90,17 @@ def flow(
         raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
     # Options are a recipe's section under the same names: `part_of` takes them by name.
     part = part_of(context.params)
+    fillet = FILLET if fillet_ratio is None else fillet_ratio
     source = load_source(network, unit, Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s))
     found = Found()
     steady(source.network, part, out, found)
     pulsatile(source.network, part, out, svzerod, found)
     waves(source.network, part, out, svoned, found)
-    space(source.network, part, out, fillet_ratio, found)
-    elsewhere = Elsewhere(out, fillet_ratio, ranks, ranks_python, slurm, svmultiphysics)
+    space(source.network, part, out, fillet, found)
+    elsewhere = Elsewhere(out, fillet, ranks, ranks_python, slurm, svmultiphysics)
     beyond(source.network, part, elsewhere, found)
     matched = flow_match.Match(match_split, want, match_percent, least_lumen_mm)
-    flow_match.match(source.network, part, out, fillet_ratio, matched, found)
+    flow_match.match(source.network, part, out, fillet, matched, found)
     _say(found, as_json)
 
 

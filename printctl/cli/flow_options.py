@@ -110,7 +110,8 @@ CheckFlag = Annotated[
     bool, typer.Option("--check", help="Solve 3D once more, of the other order: error estimate.")
 ]
 FilletOption = Annotated[
-    float, typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius.")
+    float | None,
+    typer.Option("--fillet-ratio", help="Of 3D: fillet over the thinnest vessel's radius."),
 ]
 AsPrintedFlag = Annotated[
     bool,

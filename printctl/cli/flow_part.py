@@ -133,6 +133,12 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
             if asked[key] not in (None, False, [], ()) and not asked[other]:
                 name, wants = (x.replace("_", "-") for x in (key, other))
                 raise UsageError(f"--{name} is for --{wants}; add that, or leave it out")
+    lumens = ("three_d", "match_split", "ranks", "slurm", "svmultiphysics")
+    if asked["fillet_ratio"] is not None and not any(asked[key] for key in lumens):
+        raise UsageError(
+            "--fillet-ratio rounds the lumens that 3D flow is solved in; give --three-d, "
+            "--match-split, --ranks, --slurm or --svmultiphysics, or leave it out"
+        )
     for key, does in (
         ("svzerod", "writes a pulsatile problem"),
         ("svoned", "writes a pulsatile problem"),
