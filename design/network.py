@@ -106,6 +106,10 @@ class VesselNetwork:
         """Number of vessel ends at each node, (m,)."""
         return np.bincount(self.vessel_nodes.ravel(), minlength=len(self.nodes))
 
+    def kind_names(self) -> NDArray[np.str_]:
+        """What each vessel carries, as files say it, (v,)."""
+        return np.array([kind.name.lower() for kind in VesselKind])[self.kind]
+
     def inlets(self) -> IntArray:
         """Nodes that vessels leave and none enters."""
         return self._ends(leaving=0, entering=1)

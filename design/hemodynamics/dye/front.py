@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.dye.carried import STILL, Carried, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import FloatArray, VesselNetwork
 
 DYE_DIFFUSIVITY: Final = 4e-4
 """mm²/s; fluorescein in water at 25 °C has 4.25e-4 (Culbertson et al. 2002,
@@ -162,10 +162,9 @@ def _half(network: VesselNetwork, carried: Carried, moves: NDArray[np.bool_]) ->
 
 def front_table(network: VesselNetwork, front: DyeFront) -> dict[str, NDArray[np.generic]]:
     """Columns of a per-vessel table, each (v,)."""
-    names = np.array([kind.name.lower() for kind in VesselKind])
     return {
         "vessel": np.arange(network.vessel_count),
-        "kind": names[network.kind],
+        "kind": network.kind_names(),
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),
         "tip_enters_s": front.tip_enters_s,

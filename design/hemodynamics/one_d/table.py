@@ -10,7 +10,7 @@ from design.hemodynamics.vessel.inertance import plug_inertance
 from design.hemodynamics.vessel.wall import wave_speed
 from design.hemodynamics.vessel.womersley import womersley_number
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 
 Table = dict[str, NDArray[np.generic]]
@@ -26,10 +26,9 @@ def one_d_table(
     greatest. ``wave_share`` is the length over the wavelength of the cycle, ``widest`` and
     ``narrowest`` diameters over the rest's.
     """
-    names = np.array([kind.name.lower() for kind in VesselKind])
     table: Table = {
         "vessel": np.arange(network.vessel_count),
-        "kind": names[network.kind],
+        "kind": network.kind_names(),
         "tree": network.tree,
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),

@@ -14,7 +14,7 @@ from design.hemodynamics.oxygen.conditions import (
     assumptions,
 )
 from design.hemodynamics.oxygen.solution import OxygenSolution
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 
 BINS: Final = 40
 MMHG_PER_MILLIMOLAR: Final = AIR_MMHG / AIR_MILLIMOLAR
@@ -99,10 +99,9 @@ def oxygen_table(
 
     ``wall_flux_nmol_s`` is given to the tissue; below 0 where a vessel takes oxygen up.
     """
-    names = np.array([kind.name.lower() for kind in VesselKind])
     return {
         "vessel": np.arange(network.vessel_count),
-        "kind": names[network.kind],
+        "kind": network.kind_names(),
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),
         "oxygen_in_millimolar": solution.entry,

@@ -13,7 +13,7 @@ from design.files import write_text
 from design.hemodynamics.zero_d.flow import FlowSolution
 from design.hemodynamics.zero_d.shear_band import ShearBand, places
 from design.hemodynamics.zero_d.validity import poiseuille_holds, reynolds
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
 
 
@@ -31,11 +31,10 @@ def flow_table(
     """
     first, last = network.vessel_nodes.T
     pressure_in, pressure_out = solution.pressure[first], solution.pressure[last]
-    names = np.array([kind.name.lower() for kind in VesselKind])
     number = reynolds(network, solution, density)
     table: dict[str, NDArray[np.generic]] = {
         "vessel": np.arange(network.vessel_count),
-        "kind": names[network.kind],
+        "kind": network.kind_names(),
         "tree": network.tree,
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),

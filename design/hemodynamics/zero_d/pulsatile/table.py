@@ -18,7 +18,7 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
     swing,
 )
 from design.hemodynamics.zero_d.validity import ENTRANCE_SHARE, LAMINAR_REYNOLDS, entrance_share
-from design.network import FloatArray, VesselKind, VesselNetwork
+from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 
 
@@ -103,10 +103,9 @@ def pulsatile_table(
     direction and ½ where it has none.
     """
     numbers = pulse_numbers(network, solution, conditions)
-    names = np.array([kind.name.lower() for kind in VesselKind])
     table: dict[str, NDArray[np.generic]] = {
         "vessel": np.arange(network.vessel_count),
-        "kind": names[network.kind],
+        "kind": network.kind_names(),
         "tree": network.tree,
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),
