@@ -40,6 +40,8 @@ class Wiring:
     journal : Journal
     printer : Printer
     retreat : Retreat
+    fresh : bool
+        Whether the port has just been opened, so that the board may be starting.
     on_status : callable
         Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
     """
@@ -50,6 +52,7 @@ class Wiring:
     journal: Journal
     printer: Printer
     retreat: Retreat = field(default_factory=Retreat)
+    fresh: bool = True
     on_status: Callable[[Status], None] = lambda status: None
 
 

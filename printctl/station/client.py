@@ -97,7 +97,7 @@ class Station:
         raise NotImplementedError
 
     def touch_off(self, z: float | None = None, *, foil_mm: float = 0.0) -> StationStatus:
-        """Say that the tip touches the dish's floor: here, or at ``z``, less the foil's thickness."""
+        """Say that the tip touches the floor: here, or at ``z``, less the foil it stands on."""
         raise NotImplementedError
 
     def set_position(
