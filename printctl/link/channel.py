@@ -133,6 +133,8 @@ class Channel(Logbook):
         self.protocol.submit(text, self.wiring.clock.now())
         while not self._replies:
             self._pump()
+        if text == b"M400":
+            self._made.waited(self.protocol.lines_done)
         return self._replies[0].lines
 
     def _agree(self, begin: Callable[[float], None]) -> int:
@@ -178,6 +180,7 @@ class Channel(Logbook):
     def _on_went_back(self, event: said.WentBack) -> None:
         self._alarm(f"lines {event.first} to {event.last} weren't taken after all; sent again")
         self._unverified = True
+        self._made.back(self.protocol.lines_done)
         if event.controls:  # the newest is what `_command` waits for
             self._awaited = event.first + len(event.controls) - 1
         if self._state in EARLY and not self._resumed:
