@@ -45,6 +45,7 @@ COMMANDS: dict[str, str] = {
     "calibrate": "calibrate:calibrate",
     "doctor": "doctor:doctor",
     "init": "init:init",
+    "recipe": "recipe:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
 
