@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,6 +18,7 @@ from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.journal import History
+from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, modal_state, relieved_mm
 from printctl.link.reloading import plunger_travel
@@ -55,17 +55,6 @@ class Recovery:
     gcode: bytes
     steps: tuple[str, ...]
     start: tuple[float, float, float] | None
-
-
-def surely_moved(lines: Sequence[bytes], taken: int, queued: int) -> int:
-    """Lines whose motion had ended when ``taken`` were taken, at most ``queued`` moves ahead."""
-    left = queued
-    for index in range(taken - 1, -1, -1):
-        if _MOVE.match(lines[index]):
-            if left == 0:
-                return index + 1
-            left -= 1
-    return 0
 
 
 def plan_recovery(
