@@ -37,7 +37,7 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
             again = button("Reconnect", lambda: told(service.reconnect, who))
 
     async def find() -> None:
-        found = await run.io_bound(service.ports)
+        found = await run.io_bound(service.ports) or []
         port.set_options(_ports(found))
         fitting = [one for one in found if profile.value in one.profiles]
         if len(fitting) == 1:

@@ -1,0 +1,58 @@
+"""The printer's page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from nicegui import ui
+
+from printctl.web.printer.card_calibrating import add_calibrating
+from printctl.web.printer.card_changing import add_changing
+from printctl.web.printer.card_connection import add_connection
+from printctl.web.printer.card_console import add_console
+from printctl.web.printer.card_jog import add_jog
+from printctl.web.printer.card_macros import add_macros
+from printctl.web.printer.card_mounted import add_mounted
+from printctl.web.printer.card_plots import add_plots
+from printctl.web.printer.card_plunger import add_plunger
+from printctl.web.printer.card_touching import add_touching
+from printctl.web.printer.service import PrinterService
+from printctl.web.shell.frame import frame
+from printctl.web.shell.who import this_browser
+
+REFRESH_S: Final = 0.5
+_STYLE: Final = Path(__file__).with_name("printer.css")
+_CARDS: Final = (
+    add_connection,
+    add_jog,
+    add_touching,
+    add_plots,
+    add_mounted,
+    add_plunger,
+    add_console,
+    add_changing,
+    add_macros,
+    add_calibrating,
+)
+
+
+def register(service: PrinterService) -> None:
+    """Define the page."""
+    style = _STYLE.read_text(encoding="utf-8")
+
+    @ui.page("/printer")
+    def printer() -> None:
+        who = this_browser()
+        with frame("/printer"):
+            ui.add_css(style)
+            with ui.element("div").classes("pc-cards"):
+                refreshes = [add(service, who) for add in _CARDS]
+
+        def refresh() -> None:
+            status = service.status
+            for one in refreshes:
+                one(status)
+
+        refresh()
+        ui.timer(REFRESH_S, refresh)
