@@ -94,7 +94,7 @@ def plan_recovery(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
-    start = _declared(job, begin)
+    start = declared_start(job, begin)
     gcode = _way_in(job, begin, at, printer, retreat, start) + _rest(job, data, begin)
     steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why, printer))
     return Recovery(begin, gcode, steps, start)
@@ -119,7 +119,7 @@ def _beginning(
     )
 
 
-def _declared(job: Job, begin: int) -> tuple[float, float, float] | None:
+def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
     """Where the job tells the firmware that the tip stands, before its first move."""
     places = [k for k, line in enumerate(job.lines[:begin]) if _PLACED.match(line)]
     moves = (k for k, line in enumerate(job.lines) if _MOVE.match(line))

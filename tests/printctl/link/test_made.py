@@ -1,4 +1,4 @@
-"""Lines that were certainly carried out: never more than were, all once the printer stands still."""
+"""Lines that were certainly carried out: never more than were, all once the printer stands."""
 
 from __future__ import annotations
 
