@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -32,8 +32,14 @@ from printctl.web.printer.desk import Desk
 from printctl.web.printer.shelf import Shelf
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
 
-MOST_ROWS = 200
-_Few = Annotated[tuple[float, ...], Field(min_length=1, max_length=20)]
+MOST_ROWS: Final = 200
+LARGEST: Final = 1e6
+_MM = Annotated[float, Field(ge=-1000, le=1000)]
+_Doses = Annotated[
+    tuple[Annotated[float, Field(gt=0, le=10_000)], ...], Field(min_length=1, max_length=20)
+]
+_Targets = Annotated[tuple[_MM, ...], Field(min_length=1, max_length=20)]
+_Cell = Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.+-]{0,24}$")]
 
 
 class Asked(BaseModel):
@@ -43,13 +49,13 @@ class Asked(BaseModel):
 
     printer: str = Field(description="Profile.")
     syringe: str = "hamilton_1ml"
-    at_mm: tuple[float, float, float] = Field(description="Where the tip stands, mm.")
-    doses_ul: _Few = (20.0, 40.0, 60.0)
+    at_mm: tuple[_MM, _MM, _MM] = Field(description="Where the tip stands, mm.")
+    doses_ul: _Doses = (20.0, 40.0, 60.0)
     repeats: Annotated[int, Field(ge=1, le=20)] = 4
     flow_ul_s: Annotated[float, Field(ge=0.001, le=1000)] = 2.0
     wait_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     axis: Axis = "x"
-    targets_mm: _Few = (2.0, 4.0, 6.0, 8.0, 10.0)
+    targets_mm: _Targets = (2.0, 4.0, 6.0, 8.0, 10.0)
     overshoot_mm: Annotated[float, Field(ge=0.01, le=20)] = 1.0
     speed_mm_s: Annotated[float, Field(ge=0.01, le=100)] = 2.0
 
@@ -59,12 +65,12 @@ class Read(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    rows: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1, max_length=MOST_ROWS)]
+    rows: Annotated[tuple[tuple[_Cell, ...], ...], Field(min_length=1, max_length=MOST_ROWS)]
     printer: str = "generic_marlin"
     syringe: str = "hamilton_1ml"
     density_g_cm3: Annotated[float, Field(gt=0.1, le=20)] = 0.998
     density_error: Annotated[float, Field(ge=0, le=5)] = 0.001
-    part_mm: tuple[float, float] = (20.0, 20.0)
+    part_mm: tuple[_MM, _MM] = (20.0, 20.0)
 
 
 class Prepared(BaseModel):
@@ -187,9 +193,13 @@ class Calibrating:
         path = folder / f"{wizard.name}_{datetime.now():%Y%m%d}.csv"
         write_text(path, table.getvalue())
         try:
-            return read_readings(path, wizard.numbers, wizard.columns[: wizard.words])
+            data = read_readings(path, wizard.numbers, wizard.columns[: wizard.words])
         except PrintctlError as exc:
             raise BadRequestError(str(exc).replace(f"{path}", "the readings")) from exc
+        largest = max(float(abs(column).max()) for column in data.numbers.values())
+        if largest > LARGEST:
+            raise BadRequestError(f"a reading of {largest:g}: at most {LARGEST:g}; mend the row")
+        return data
 
 
 def _on_page(name: str) -> Wizard:

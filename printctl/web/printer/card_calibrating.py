@@ -13,7 +13,7 @@ from printctl.web.printer.service import PrinterService
 
 def add_calibrating(service: PrinterService, who: Principal) -> Refresh:
     """A row for each calibration."""
-    with card("Calibration", wide=True):
+    with card("Calibration"):
         note("The same tests and fits as `printctl calibrate`; every number with its interval.")
         with ui.element("ul").classes("pc-list"):
             for wizard in service.calibrating.wizards:

@@ -90,9 +90,7 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
                     button("Push 5 µL", lambda: purge(5.0))
                     quiet_button("It comes clean: next", stepper.next)
             with ui.step("Wipe the needle"):
-                note(
-                    "With a lint-free swab, downwards: its drop would go into the bath."
-                )
+                note("With a lint-free swab, downwards: its drop would go into the bath.")
                 wiped = ui.checkbox("Wiped")
                 done = button("Done", dialog.close)
                 done.bind_enabled_from(wiped, "value")

@@ -13,6 +13,7 @@ from printctl.web.printer.shelf import SIMULATED, FoundPort, summary, unmeasured
 from printctl.web.shell.told import told
 
 _BAUDS = {"": "the profile's", "auto": "auto: try each"}
+PLAIN = "generic_marlin"
 _AGAIN = (StationState.HALTED, StationState.LOST)
 
 
@@ -23,7 +24,7 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
         detail = note()
         with ui.column().classes("w-full gap-3") as choices:
             names = service.shelf.printers()
-            profile = ui.select(names, label="Printer profile", value=names[0])
+            profile = ui.select(names, label="Printer profile", value=_first(names))
             about, doubt = note(), note()
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 port = ui.select(_ports([]), label="Port", value=SIMULATED).classes("grow")
@@ -70,6 +71,10 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
     describe()
     ui.timer(0.1, find, once=True)
     return refresh
+
+
+def _first(names: list[str]) -> str:
+    return PLAIN if PLAIN in names else names[0]
 
 
 def _ports(found: list[FoundPort]) -> dict[str, str]:

@@ -10,9 +10,8 @@ from nicegui import events, ui
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.console import Entry
-from printctl.web.printer.parts import Refresh, button, card, note
+from printctl.web.printer.parts import Refresh, button, card, live, note, tried
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
 
 SHOWN: Final = 100
 _ON_KEY: Final = (
@@ -25,7 +24,7 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
     """A log, and a line to type into."""
     recalled = _Recalled()
     shown = [0]
-    with card("Console", wide=True):
+    with card("Console"):
         note(
             "What would break the link's count or position is refused; Arrow Up brings back what "
             "you typed."
@@ -39,6 +38,7 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
             line = ui.input("Command", placeholder="M115").classes("grow")
             line.props('outlined autocomplete=off spellcheck=false input-class="font-mono"')
             send = button("Send", lambda: go())
+        said = live()
 
     async def go() -> None:
         text = str(line.value or "").strip()
@@ -46,7 +46,8 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
             return
         recalled.add(text)
         line.set_value("")
-        await told(service.console.send, who, text)
+        # What the console refuses stands in its log; the rest is said below the line.
+        said.set_text(await tried(service.console.send, who, text))
 
     async def key(event: events.GenericEventArguments) -> None:
         if event.args == "Enter":

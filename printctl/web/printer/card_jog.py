@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
-from firmware_profiles import ProfileError
-from printctl.cli.failures import message_and_code
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_home import home_dialog
 from printctl.web.printer.hands import STEPS_MM, rim_mm
-from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button
+from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, tried
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
 
@@ -29,9 +27,9 @@ _ON_KEY: Final = (
     "(e) => { if (%s.includes(e.key)) { e.preventDefault(); if (!e.repeat) emit(e.key); } }"
 )
 _PAD: Final = (
-    (None, ("y", 1, "Y +", "north"), None, ("z", 1, "Z + up", "")),
-    (("x", -1, "X −", "west"), None, ("x", 1, "X +", "east"), None),
-    (None, ("y", -1, "Y −", "south"), None, ("z", -1, "Z − down", "")),
+    (None, ("y", 1, "Y +"), None, ("z", 1, "Z up")),
+    (("x", -1, "X −"), None, ("x", 1, "X +"), None),
+    (None, ("y", -1, "Y −"), None, ("z", -1, "Z down")),
 )
 
 
@@ -66,7 +64,7 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
 
     async def jog(axis: str, sign: int) -> None:
         said.set_text("")
-        said.set_text(await _tried(service.hands.jog, who, axis, sign * float(step.value)))
+        said.set_text(await tried(service.hands.jog, who, axis, sign * float(step.value)))
 
     def key(event: events.GenericEventArguments) -> Any:
         axis, sign = KEYS[str(event.args)]
@@ -88,7 +86,7 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
 
 def _readout() -> list[ui.label]:
     places = []
-    with ui.row().classes("w-full gap-6"):
+    with ui.row().classes("w-full gap-x-5 gap-y-0"):
         for axis in "XYZ":
             with ui.row().classes("items-baseline gap-1 no-wrap"):
                 ui.label(axis).classes("text-sm pc-muted")
@@ -98,25 +96,13 @@ def _readout() -> list[ui.label]:
     return places
 
 
-def _cell(cell: tuple[str, int, str, str] | None, jog: Any, moves: list[ui.button]) -> None:
+def _cell(cell: tuple[str, int, str] | None, jog: Any, moves: list[ui.button]) -> None:
     if cell is None:
         ui.element("span")
         return
-    axis, sign, text, _ = cell
+    axis, sign, text = cell
     one = ui.button(text, on_click=lambda: jog(axis, sign)).props("no-caps")
     moves.append(one.classes("pc-jog"))
-
-
-async def _tried(work: Any, *args: Any) -> str:
-    """Do it; give what was refused in words, to be shown where the hand is."""
-    try:
-        await run.io_bound(work, *args)
-    except Exception as exc:
-        known = message_and_code(exc)
-        if known is None and not isinstance(exc, ProfileError):
-            raise
-        return f"Refused: {known[0] if known else exc}"
-    return ""
 
 
 def _trust(status: StationStatus) -> str:

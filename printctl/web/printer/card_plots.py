@@ -23,21 +23,19 @@ _TEXT: Final = "#7d8590"  # legible on white and on black
 def add_plots(service: PrinterService, who: Principal) -> Refresh:
     """Plots of the last ten minutes, and a row for each heater."""
     heaters: dict[str, _Heater] = {}
-    with card("Temperatures and pressure", wide=True):
+    with card("Temperatures and pressure"):
         with (
             ui.element("div")
             .classes("w-full")
-            .props(
-                'role=img aria-label="Temperatures of the last ten minutes; the numbers stand below"'
-            )
+            .props('role=img aria-label="Temperatures of the last ten minutes; numbers below"')
         ):
             warm = ui.echart(_options("°C")).classes("w-full h-56")
         with (
             ui.element("div")
             .classes("w-full")
             .props(
-                'role=img aria-label="Forces and pressures of the last ten minutes, with limits; '
-                'the numbers stand below"'
+                'role=img aria-label="Forces and pressures of the last ten minutes, limits; '
+                'numbers below"'
             ) as beside
         ):
             pressed = ui.echart(_options("")).classes("w-full h-40")
@@ -70,8 +68,9 @@ class _Heater:
     """A heater's row: what it is at, and what it is to be at."""
 
     def __init__(self, service: PrinterService, who: Principal, name: str, heats: bool) -> None:
-        with ui.row().classes("w-full items-center gap-3"):
-            self._text = ui.label().classes("min-w-[11rem] tabular-nums")
+        self._name = name
+        self._text = ui.label().classes("tabular-nums font-medium")
+        with ui.row().classes("w-full items-center gap-2"):
             self._parts: list[Any] = []
             if not heats:
                 return
@@ -81,11 +80,12 @@ class _Heater:
                 if wanted.value is not None:
                     await told(service.hands.heat, who, name, float(wanted.value))
 
-            turn_off = quiet_button("Off", lambda: told(service.hands.heat, who, name, 0.0))
-            self._parts = [button("Set", put), turn_off]
+            self._parts = [
+                button("Set", put),
+                quiet_button("Off", lambda: told(service.hands.heat, who, name, 0.0)),
+            ]
             self._parts[0].props(f'aria-label="Set the target of the {name}"')
-            turn_off.props(f'aria-label="Switch the {name} off"')
-        self._name = name
+            self._parts[1].props(f'aria-label="Switch the {name} off"')
 
     def show(self, now: float, target: float | None, is_open: bool) -> None:
         """Show the numbers."""
@@ -93,8 +93,6 @@ class _Heater:
         self._text.set_text(f"{self._name} {now:.1f} °C{wanted}")
         for part in self._parts:
             part.set_enabled(is_open)
-
-    _name = ""
 
 
 def _options(unit: str) -> dict[str, Any]:
@@ -116,6 +114,7 @@ def _options(unit: str) -> dict[str, Any]:
             "scale": True,
             "name": unit,
             "minInterval": 1,
+            "axisLine": {"onZero": False},
             "nameTextStyle": {"color": _TEXT},
             "axisLabel": {"color": _TEXT},
             "splitLine": {"lineStyle": {"color": _TEXT, "opacity": 0.25}},

@@ -7,8 +7,10 @@ from contextlib import contextmanager
 from html import escape
 from typing import Any, Final
 
-from nicegui import ui
+from nicegui import run, ui
 
+from firmware_profiles import ProfileError
+from printctl.cli.failures import message_and_code
 from printctl.station import StationState, StationStatus
 
 Refresh = Callable[[StationStatus], None]
@@ -26,13 +28,9 @@ IN_WORDS: Final = {
 
 
 @contextmanager
-def card(title: str, wide: bool = False) -> Iterator[None]:
+def card(title: str) -> Iterator[None]:
     """A card with a title, a region of its own for those who hear the page."""
-    with (
-        ui.card()
-        .classes("w-full p-4 gap-3" + (" md:col-span-2" if wide else ""))
-        .props(f'role=region aria-label="{escape(title)}"')
-    ):
+    with ui.card().classes("w-full p-4 gap-3").props(f'role=region aria-label="{escape(title)}"'):
         heading(title)
         yield
 
@@ -73,7 +71,19 @@ def number(
 ) -> ui.number:
     """A number with its unit and its limits."""
     made = ui.number(label, value=value, min=low, max=high, step=step, suffix=suffix)
-    return made.classes("w-32").props("outlined dense=false")
+    return made.classes("pc-number").props("outlined")
+
+
+async def tried(work: Callable[..., Any], *args: Any) -> str:
+    """Do it in a thread; give what was refused in words, to be shown where the hand is."""
+    try:
+        await run.io_bound(work, *args)
+    except Exception as exc:
+        known = message_and_code(exc)
+        if known is None and not isinstance(exc, ProfileError):
+            raise
+        return f"Refused: {known[0] if known else exc}"
+    return ""
 
 
 def mm(value: float | None) -> str:
