@@ -92,7 +92,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     if order.resume:
         return resume_print(order.folder, open_port())
     if order.port != SIMULATED:
-        if order.once and (done := _printed(order)) is not None:
+        if order.once and (done := finished(order)) is not None:
             return done
         _refuse_interrupted(order)
     return start_print(
@@ -126,7 +126,8 @@ def running(order: Order) -> PrintClient | None:
     return client
 
 
-def _printed(order: Order) -> PrintClient | None:
+def finished(order: Order) -> PrintClient | None:
+    """A client of the order's print, if it is done."""
     client = _attached(order.folder)
     if client is None or client.status.state is not LinkState.DONE:
         return None
