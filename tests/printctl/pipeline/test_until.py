@@ -76,7 +76,7 @@ def test_a_wrong_recipe_is_told_there_too(shell: Shell, tmp_path: Path) -> None:
 
 
 def test_without_a_finished_print_there_is_none_to_take(shell: Shell, tmp_path: Path) -> None:
-    toolpath = {"method": "fresh", "needle": "22g", "layer_um": 300, "line_um": 400}
+    toolpath = {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
     recipe = str(_recipe(tmp_path, toolpath=toolpath))
     code, _, err = shell(recipe, "--out", str(tmp_path / "r"), "--printed")
     assert code == 4
