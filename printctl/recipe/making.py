@@ -9,7 +9,15 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
 from printctl.recipe.heads import HeadPart, check_heads
-from printctl.recipe.marks import FILE, BathName, DishName, InkName, NeedleName, PrinterName, SyringeName
+from printctl.recipe.marks import (
+    FILE,
+    BathName,
+    DishName,
+    InkName,
+    NeedleName,
+    PrinterName,
+    SyringeName,
+)
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -218,10 +226,14 @@ class FileScan(Part):
         default=False, description="Lumens are brighter than the gel: filled with contrast agent."
     )
     oct_calibration: str | None = Field(
-        default=None, description="File of `printctl calibrate oct`, relative to the recipe.", json_schema_extra=FILE,
+        default=None,
+        description="File of `printctl calibrate oct`, relative to the recipe.",
+        json_schema_extra=FILE,
     )
     walls: str | None = Field(
-        default=None, description="File of `printctl calibrate walls`, relative to the recipe.", json_schema_extra=FILE,
+        default=None,
+        description="File of `printctl calibrate walls`, relative to the recipe.",
+        json_schema_extra=FILE,
     )
     air_above: bool = Field(
         default=False, description="Air lies above the sample: undo refraction at its surface."

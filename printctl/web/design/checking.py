@@ -111,11 +111,8 @@ def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:
 def _named(data: dict[str, Any], folder: Path) -> list[Problem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
     found = []
-    try:
-        values = list(forms.said(recipe_form(), data))
-    except KeyError:
-        return []  # an unknown key, which the schema refuses by itself
-    for path, value in values:
+    # Unknown keys are refused by the schema itself.
+    for path, value in forms.said(recipe_form(), data, strict=False):
         field = forms.field_at(recipe_form(), data, path)
         if field is None or not isinstance(value, str):
             continue

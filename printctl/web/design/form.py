@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 from printctl.web.design.schema import FormField, Node
@@ -34,7 +35,7 @@ def put(form: Node, data: dict[str, Any], path: Path, value: Any) -> dict[str, A
     new = copy.deepcopy(data)
     inside: Any = new
     node: Node | None = form
-    for key, following in zip(path, path[1:], strict=False):
+    for key, following in pairwise(path):
         found, node = below(node, inside, key)
         there = value_at(inside, (key,))
         if there is None:
@@ -100,28 +101,29 @@ def field_at(form: Node, data: Any, path: Path) -> FormField | None:
     return found
 
 
-def said(form: Node, data: Any) -> Iterator[tuple[Path, Any]]:
+def said(form: Node, data: Any, strict: bool = True) -> Iterator[tuple[Path, Any]]:
     """Every value of a recipe with its place, as the form's inputs hold them.
 
     Raises
     ------
     KeyError
-        For a key that the form hasn't.
+        For a key that the form hasn't; such keys are passed over unless ``strict``.
     """
-    for path, value in _said(form, data, ()):
-        yield path, value
+    return _said(form, data, (), strict)
 
 
-def _said(node: Node | None, value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
+def _said(node: Node | None, value: Any, path: Path, strict: bool) -> Iterator[tuple[Path, Any]]:
     if node is None:
-        raise KeyError(".".join(map(str, path)))
+        if strict:
+            raise KeyError(".".join(map(str, path)))
+        return
     deeper = isinstance(value, dict | list) and node.sort in ("section", "choice", "list", "row")
     if not deeper or not value:
         yield path, value
         return
     pairs = value.items() if isinstance(value, dict) else enumerate(value)
     for key, inner in pairs:
-        yield from _said(below(node, value, key)[1], inner, (*path, key))
+        yield from _said(below(node, value, key)[1], inner, (*path, key), strict)
 
 
 def user_path(form: Node, data: Any, loc: tuple[str | int, ...]) -> Path:

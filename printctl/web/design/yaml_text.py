@@ -63,9 +63,7 @@ def rewritten(text: str, new: dict[str, Any]) -> str:
 
 def dumped(data: Any) -> str:
     """Data as a recipe's text: sections in lines, short lists in one."""
-    return yaml.dump(
-        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100, indent=2
-    )
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100, indent=2)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -143,7 +143,7 @@ class Node:
         return data
 
     def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], FormField]]:
-        """Every field below, with the keys that lead to it; options and items count as their place."""
+        """Every field below with the keys to it; options and items count as their place."""
         for one in self.fields:
             yield (*path, one.key), one
             yield from one.node.walk((*path, one.key))
