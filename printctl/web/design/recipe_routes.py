@@ -24,7 +24,7 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
 
     @routes.get("", summary="All recipes")
     def every() -> list[a.RecipeRow]:
-        return [a.RecipeRow(**vars(row)) for row in recipes.list()]
+        return [a.RecipeRow(**vars(row)) for row in recipes.rows()]
 
     @routes.post("", summary="Begin a recipe from the starter or an example", status_code=201)
     def new(given: a.NewRecipe) -> a.RecipeAnswer:

@@ -81,7 +81,7 @@ class Recipes:
     def _bin(self) -> Path:
         return self._workspace.private / "bin"
 
-    def list(self) -> list[RecipeFile]:
+    def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
         found = []
         for path in sorted(self.folder.glob("*.yaml")):

@@ -17,7 +17,7 @@ def run_routes(service: DesignService) -> APIRouter:
 
     @routes.get("", summary="All runs, the newest first")
     def every() -> list[a.RunAnswer]:
-        return [a.RunAnswer(**vars(row)) for row in runs.list()]
+        return [a.RunAnswer(**vars(row)) for row in runs.rows()]
 
     @routes.get("/compare", summary="Two runs beside each other")
     def compare(one: str, other: str) -> a.ComparisonAnswer:

@@ -67,7 +67,7 @@ class Runs:
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._lock = threading.Lock()
 
-    def list(self) -> list[RunRow]:
+    def rows(self) -> list[RunRow]:
         """All runs, the newest first."""
         folders = [path for path in (self._workspace.root / "runs").iterdir() if path.is_dir()]
         rows = [self._row(path) for path in folders if not path.name.startswith(".")]
