@@ -132,7 +132,9 @@ def _place(machine: Machine, said: JobSetUp) -> list[Check]:
     away = max(abs(a - b) for a, b in zip(machine.tip_mm, said.start_mm, strict=True))
     remedy = "move the tip to the start, or take the place where it stands as the start"
     return [
-        Check("tip's distance from the start", away, _AGREES_MM, "mm", away <= _AGREES_MM, "", remedy)
+        Check(
+            "tip's distance from the start", away, _AGREES_MM, "mm", away <= _AGREES_MM, "", remedy
+        )
     ]
 
 

@@ -129,7 +129,9 @@ def key_of(gcode: Path, set_up: JobSetUp) -> str:
 
 def profile_files(set_up: JobSetUp) -> list[Path]:
     """The set-up's profiles that are files of the user's, which may change."""
-    names = [getattr(set_up, key) for key in ("printer", "syringe", "ink", "needle", "bath", "dish")]
+    names = [
+        getattr(set_up, key) for key in ("printer", "syringe", "ink", "needle", "bath", "dish")
+    ]
     parts = [Path(part) for name in names for part in name.split(",") if part]
     return [path for path in parts if path.is_file()]
 

@@ -94,11 +94,13 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
     """
     line = np.array([0, *job.file_lines], np.int64)
     last = max(int(run.program.line.max(initial=0)), int(line.max()))
-    layer, layers = _parts(view.line, view.layer, view.act, line) if view else _none(line)
+    layer, layers = (
+        _parts(view.line, view.layer, view.act, line) if view is not None else _none(line)
+    )
     vessel, vessels = _none(line)
     if view is not None and view.vessel is not None:
         vessel, vessels = _parts(view.line, view.vessel, view.act, line)
-    ink = np.bincount(run.program.line, volume_ul, last + 1)
+    ink: FloatArray = np.bincount(run.program.line, volume_ul, last + 1).astype(np.float64)
     return JobTable(
         time_s=_times(run, line, last),
         ink_ul=np.cumsum(ink)[line],
@@ -106,11 +108,11 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
         file_line=line,
         layer=layer,
         vessel=vessel,
-        layers_done=_done(line, view, view and view.layer),
-        vessels_done=_done(line, view, view and view.vessel),
+        layers_done=_done(line, view, None if view is None else view.layer),
+        vessels_done=_done(line, view, None if view is None else view.vessel),
         layer_count=layers,
         vessel_count=vessels,
-        passes=bool(view and view.layers.passes),
+        passes=view is not None and view.layers.passes,
     )
 
 
