@@ -19,7 +19,10 @@ def level(
     ] = "20,20",
     as_json: JsonFlag = False,
 ) -> None:
-    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches."""
+    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.
+
+    Three places of each at least, not in a row; more tell how sure the tilt is.
+    """
     data = given(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
     unknown = set(data.words["surface"]) - {"bed", "bath"}
     if unknown:

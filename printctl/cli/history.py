@@ -57,7 +57,10 @@ def rebuild(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Make the list again from the journals, which are the truth."""
+    """Make the list again from the journals, which are the truth.
+
+    For a list that is damaged, or run folders that were moved. No journal is changed.
+    """
     for folder in folders or ():
         if not folder.is_dir():
             raise UsageError(f"{folder} is no folder; give one that holds prints")
