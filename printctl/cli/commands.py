@@ -45,6 +45,7 @@ COMMANDS: dict[str, str] = {
     "profiles": "profiles:profiles",
     "history": "history:history",
     "calibrate": "calibrate:calibrate",
+    "serve": "serve:serve",
     "doctor": "doctor:doctor",
     "init": "init:init",
     "recipe": "recipe:recipe",

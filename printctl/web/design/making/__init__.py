@@ -1,0 +1,6 @@
+"""Runs of recipes as processes of the command line, found again by a new server."""
+
+from printctl.web.design.making.progress import RunProgress, StageProgress, read_progress
+from printctl.web.design.making.runs import Runs
+
+__all__ = ["RunProgress", "Runs", "StageProgress", "read_progress"]
