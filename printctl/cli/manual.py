@@ -120,6 +120,13 @@ MANUAL: Final[Mapping[str, Manual]] = {
         {1: "failed, or something differs", **REACHES},
     ),
     "history": Manual(("printctl history", "printctl history --search heart --csv")),
+    "history show": Manual(("printctl history show 1795267901",)),
+    "history bundle": Manual(("printctl history bundle 1795267901 --out heart_3.zip",)),
+    "history verify": Manual(("printctl history verify heart_3.zip --key lab.pem",)),
+    "history key": Manual(("printctl history key --out lab.pem",)),
+    "history repeat": Manual(("printctl history repeat 1795267901 --to work/jobs",)),
+    "history list": Manual(("printctl history list --state killed --since 2026-11-01",)),
+    "history csv": Manual(("printctl history csv --since 2026-11-01",)),
     "history rebuild": Manual(("printctl history rebuild",)),
     "calibrate": Manual(("printctl calibrate weigh weigh.csv --write mine.yaml",)),
     "calibrate weigh": Manual(
@@ -154,6 +161,13 @@ MANUAL: Final[Mapping[str, Manual]] = {
     "doctor": Manual(
         ("printctl doctor", "printctl doctor --json", "printctl doctor --warm"),
         {1: "something keeps printctl from working here"},
+    ),
+    "serve": Manual(
+        (
+            "printctl serve",
+            "printctl serve work --port 8081",
+            "printctl serve work --host 0.0.0.0 --password",
+        )
     ),
     "init": Manual(("printctl init my_print.yaml",)),
     "recipe": Manual(("printctl recipe migrate old.yaml",)),
