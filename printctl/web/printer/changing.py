@@ -76,13 +76,13 @@ class Changing:
         """
         if not 0 < ul <= PURGE_STEP_UL:
             raise BadRequestError(f"{ul:g} µL in one purge: above 0, at most {PURGE_STEP_UL:g} µL")
-        fastest = fastest_ul_s(self._desk.status)
-        if fastest is None:
-            raise ConflictError("say which syringe is mounted first")
-        most = min(PURGE_UL_S, fastest)
-        if ul_s is not None and not 0 < ul_s <= most:
-            raise BadRequestError(f"{ul_s:g} µL/s: a purge goes at most at {most:g} µL/s here")
         with self._desk.moving(who) as station, self._lock:
+            fastest = fastest_ul_s(station.status)
+            if fastest is None:
+                raise ConflictError("say which syringe is mounted first")
+            most = min(PURGE_UL_S, fastest)
+            if ul_s is not None and not 0 < ul_s <= most:
+                raise BadRequestError(f"{ul_s:g} µL/s: a purge goes at most at {most:g} µL/s here")
             if self._purged_ul + ul > PURGE_UL + 1e-9:
                 raise ConflictError(
                     f"{self._purged_ul:g} µL are purged, at most {PURGE_UL:g} µL after a change: "
