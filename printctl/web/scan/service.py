@@ -64,6 +64,10 @@ class ScanService:
         ------
         BadRequestError, NotFoundError, ConflictError
         """
+        if scan == f"run~{run}":
+            raise ConflictError(
+                f"this is run {run!r}'s own scan; continue the run, which registers it"
+            )
         model, folder = self.runs.folder(run), self.folder(scan, run)
         missing = [name for name in (SOLID, NETWORK) if not (model / name).is_file()]
         if missing:

@@ -183,6 +183,7 @@ class ScanStore:
         kept.mkdir(parents=True, exist_ok=True)
         goal = kept / f"{path.name}~{secrets.token_hex(4)}"
         shutil.move(path, goal)
+        path.with_suffix(".json").unlink(missing_ok=True)
 
     def _refuse(self, name: str) -> None:
         if (self.folder / name).exists():
