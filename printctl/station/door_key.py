@@ -63,7 +63,7 @@ def messages(connection: socket.socket, timeout: float | None) -> Iterator[dict[
         yield from map(json.loads, lines)
 
 
-def ask(folder: Path, do: str, patience_s: float, **values: Any) -> dict[str, Any]:
+def ask(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str, Any]:
     """Ask, and wait for the answer.
 
     Raises
