@@ -59,9 +59,8 @@ def test_the_table_tells_ink_line_and_layer_of_every_command():
     assert table.layers_done[-1] == 4
     assert (np.diff(table.time_s) >= 0).all()
     assert table.time_s[-1] == dry_run(data, PRINTER, START).duration_s
-    written = [
-        k for k, text in enumerate(data.decode().splitlines(), 1) if "X5" in text and "E" in text
-    ]
+    lines = data.decode().splitlines()
+    written = [k for k, text in enumerate(lines, 1) if text.startswith("G1 X") and "E" in text]
     for layer in range(4):
         moves = written[layer * 12 : (layer + 1) * 12]
         rows = np.flatnonzero(np.isin(table.file_line, moves))
