@@ -46,6 +46,7 @@ COMMANDS: dict[str, str] = {
     "serve": "serve:serve",
     "doctor": "doctor:doctor",
     "init": "init:init",
+    "recipe": "recipe:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
 

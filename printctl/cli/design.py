@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
 from printctl.pipeline.run import design_recipe
 from printctl.recipe import load_recipe
 
@@ -18,7 +18,7 @@ def design(
     as_json: JsonFlag = False,
 ) -> None:
     """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv."""
-    data = design_recipe(load_recipe(recipe), recipe.resolve().parent, out, messages())
+    data = design_recipe(load_recipe(recipe, tell), recipe.resolve().parent, out, messages())
     if as_json:
         print_json(data)
         return

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    RecipeArg,
+    YesFlag,
+    messages,
+    print_json,
+    print_lines,
+    tell,
+)
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.pipeline.artefacts import HTML, PDF
@@ -31,7 +39,7 @@ def run(
     Exit code 1 when the print doesn't pass, 3 when a safety check refuses it, 4 when the printer
     fails.
     """
-    loaded = load_recipe(recipe)
+    loaded = load_recipe(recipe, tell)
     folder = out if out is not None else Path("runs") / loaded.name
     data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), assume_yes=yes, pdf=pdf)
     verdict = data["verdict"]

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import getpass
+import json
 import platform
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from printctl.link.journal import Record, read_records
+from printctl.link.record import JOURNAL
 
+NOTED = "record.json"
+"""What the operator notes of a print, beside its journal."""
+
+_LARGEST_NOTE = 16 * 2**20
 INTERRUPTED = "interrupted"
 """State of a print whose journal has no end: its link process died, or it is going on."""
 
@@ -51,6 +57,8 @@ class PrintEntry:
     begun : int
         How often it was begun or gone on with.
     alarms : tuple of Alarm
+    operator : str
+        As the print's record names them (``record.json`` beside the journal); empty without one.
     """
 
     id: str
@@ -71,6 +79,12 @@ class PrintEntry:
     total: int = 0
     begun: int = 0
     alarms: tuple[Alarm, ...] = ()
+    operator: str = ""
+
+    @property
+    def by(self) -> str:
+        """Who printed: the operator, else the computer's user."""
+        return self.operator or self.who
 
 
 def this_user() -> dict[str, str]:
@@ -118,9 +132,22 @@ def entry_of(journal: Path) -> PrintEntry | None:
             for r in records
             if r.get("t") == "alarm"
         ),
+        operator=_operator(journal),
         file=str(first.get("name", "")),
         **{k: str(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile", "port")},
     )
+
+
+def _operator(journal: Path) -> str:
+    """Who is named in the record beside the folder's present journal."""
+    path = journal.with_name(NOTED)
+    try:
+        if journal.name != JOURNAL or path.stat().st_size > _LARGEST_NOTE:
+            return ""
+        values = json.loads(path.read_text(encoding="utf-8"))["values"]
+        return str(values.get("operator") or "")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return ""
 
 
 def _identity(job: Record) -> str:

@@ -28,6 +28,7 @@ from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
+from printctl.link.origin import origin
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -188,6 +189,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             started=time.time(),
             **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
             **this_user(),
+            **origin(printer),
         )
         remember_meanwhile(order.folder)
         replace(record, address=address, token=token).save(order.folder)
