@@ -73,7 +73,7 @@ class Desk(Attending):
             self._learn(here, status, at)
         else:
             kind = BY_NAME.get(status.error, LinkError)
-            wish.say(refusal(kind(status.message)))
+            self._answer(wish, refusal(kind(status.message)))
         self._after(here, status)
 
     def _serve(self, here: _Print, at: Place | None, wish: Wish) -> tuple[Status, bool]:
@@ -87,7 +87,7 @@ class Desk(Attending):
                 self._standby.end()
             signal.signal(signal.SIGTERM, lambda *_: self.leave())
             self._tell(StationState.PRINTING, f"printing {here.job.name}")
-            wish.say(self._reply("print", {}))
+            self._answer(wish, self._reply("print", {}))
 
         try:
             transport = self._transport
@@ -142,17 +142,18 @@ class Desk(Attending):
             self._again(ended)
 
     def _again(self, ended: str) -> None:
-        trusted = self.known.homed
-        if self.socket.simulated:
-            try:
-                self.connect()
-            except LinkError as exc:
-                self.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
-                return
-        else:
+        homed = self.known.homed
+        if not self.socket.simulated:
             self._stand_by(fresh=False)
-        self.known.homed = trusted
-        self._tell(StationState.READY, ended)
+            self._tell(StationState.READY, ended)
+            return
+        try:
+            self.connect(ended)
+        except LinkError as exc:
+            self.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
+        else:
+            self.known.homed = homed
+            self._tell_live()
 
     def _remember_executed(self, here: _Print, status: Status) -> None:
         """Where a simulated tip stands now; and that the record is whole, where it is."""
@@ -182,4 +183,4 @@ class Desk(Attending):
         self.journal.add("state", state="closed", message=message)
         self._tell(StationState.CLOSED, message, position_mm=None)
         if wish is not None:
-            wish.say(self._reply("close", {}))
+            self._answer(wish, self._reply("close", {}))

@@ -38,7 +38,7 @@ def open_connection(folder: Path) -> tuple[socket.socket, StationRecord] | None:
         time.sleep(0.02)
 
 
-def post(connection: socket.socket, record: StationRecord, do: str, **values: Any) -> None:
+def post(connection: socket.socket, record: StationRecord, do: str, /, **values: Any) -> None:
     """Send a wish."""
     message = {"do": do, "token": record.token, **values}
     connection.sendall(json.dumps(message).encode() + b"\n")
