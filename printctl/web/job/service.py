@@ -6,12 +6,14 @@ import json
 import threading
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_text
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.job import load_job
+from printctl.link.reach import alive, what_is_known
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import declared_start
 from printctl.preflight import Check
@@ -34,7 +36,9 @@ from printctl.web.job.jobs import (
 from printctl.web.job.journalled import journalled
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
 from printctl.web.job.preflight import Preflight, Preflights, file_hash, load_table, refuse, row
+from printctl.web.job.progress import predicted_s, progress
 from printctl.web.job.record import PrintRecord, Records
+from printctl.web.job.remaining import Remaining
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
 from printctl.web.job.starting import order_of, refuse_unconfirmed
 from printctl.web.job.station_printing import StationPrinting
@@ -196,11 +200,13 @@ class JobService:
         if follower is not None and follower.heard is not None:
             return follower.heard
         try:
-            load_record(folder)
+            going_on = not load_record(folder).status and alive(folder)
         except NoLink:
             return None
-        self._follow(job, folder)
-        return self._heard_soon(job)
+        if going_on:
+            self._follow(job, folder)
+            return self._heard_soon(job)
+        return self._ended(job, folder)
 
     def current(self) -> Heard | None:
         """The print that goes on; of several the one begun last."""
@@ -261,11 +267,34 @@ class JobService:
     def _follow(self, job: str, folder: Path) -> None:
         with self._lock:
             before = self._followers.get(job)
-            if before is not None and before.alive:
+            if before is not None and before.alive and not before.over:
                 return
             follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._tell)
             self._followers[job] = follower
             follower.begin()
+
+    def _ended(self, job: str, folder: Path) -> Heard:
+        """A print that is over, from what it left; it is told to nobody."""
+        status, journal = what_is_known(folder), journalled(folder / JOURNAL)
+        heard = Heard(job, folder, status, journal)
+        self._note_end(heard)
+        file = self.core.workspace.job_file(job)
+        if journal.sha256 != file_hash(file) or not (folder / SET_UP).is_file():
+            return heard
+        said = JobSetUp.model_validate_json((folder / SET_UP).read_text(encoding="utf-8"))
+        known = self._preflights.known(file, said)
+        if known is None:
+            return heard
+        table = load_table(known.table)
+        at = predicted_s(table, status.lines_executed)
+        done = progress(
+            table,
+            status.lines_executed,
+            journal.active_s,
+            time.time(),
+            Remaining(float(table.time_s[-1])).estimate(at),
+        )
+        return replace(heard, progress=done)
 
     def _heard_soon(self, job: str) -> Heard:
         limit = time.monotonic() + 10.0
