@@ -18,7 +18,7 @@ import sqlite3
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -300,7 +300,8 @@ def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> l
 
 def put(index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]) -> None:
     """Write one print into an open index; ``stamp`` is its journal's size and time of change."""
-    values = asdict(entry) | {"journal": str(entry.journal.resolve())}
+    values = {name: getattr(entry, name) for name in _COLUMNS}
+    values["journal"] = str(entry.journal.resolve())
     marks = ", ".join("?" * len(_COLUMNS))
     index.execute(
         f"INSERT OR REPLACE INTO prints ({', '.join(_COLUMNS)}) VALUES ({marks})",
