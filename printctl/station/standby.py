@@ -203,7 +203,7 @@ class Standby(Checking):
         return done == 1.0
 
     def push(self, mm: float, speed_mm_s: float) -> float:
-        """Move the plunger by ``mm`` and wait; give how far it went.
+        """Move the plunger by ``mm`` and wait; give how far it was sent. see `plunger`.
 
         Raises
         ------
@@ -221,8 +221,11 @@ class Standby(Checking):
         def piece(part: float) -> str:
             return f"G1 E{begin + mm * part:.5f} {feed}"
 
-        done = self._piecewise(piece, _pieces(seconds), seconds, watched=mm > 0)
-        self.look()
+        try:
+            done = self._piecewise(piece, _pieces(seconds), seconds, watched=mm > 0)
+            self.plunger = begin + mm * done
+        finally:
+            self.look()
         return mm * done
 
     def ask_soon(self) -> None:
@@ -234,10 +237,17 @@ class Standby(Checking):
         for _ in range(RETRIES):
             found = parse_position(self._command(b"M114", journalled=False))
             if {"X", "Y", "Z"} <= set(found):
-                self.position = found["X"], found["Y"], found["Z"]
-                self.plunger = found.get("E")
+                self._take((found["X"], found["Y"], found["Z"]), found.get("E"))
                 return
         self.position = self.plunger = None
+
+    def _take(self, place: Place, e: float | None) -> None:
+        """Believe what M114 says, but for what its two decimals leave out of a known place."""
+        was, pushed = self.position, self.plunger
+        if was is None or any(abs(a - b) > _WITHIN_MM for a, b in zip(was, place, strict=True)):
+            self.position = place
+        if pushed is None or e is None or abs(pushed - e) > _WITHIN_MM:
+            self.plunger = e
 
     # --- steps ---------------------------------------------------------------------------------
 
@@ -270,6 +280,7 @@ class Standby(Checking):
 
     def _expect(self, place: Place) -> None:
         """See that the printer went where it was sent; go on counting from there exactly."""
+        self.position = place
         self.look()
         at = self.position
         if at is None or math.dist(at, place) > 2 * _WITHIN_MM:
@@ -277,7 +288,6 @@ class Standby(Checking):
                 f"the printer stands at {_told(at)} and not at {_told(place)}: its own limits "
                 "(soft endstops) or a wrong position keep it from there"
             )
-        self.position = place
 
     def _taken_fault(self) -> str:
         text, self._fault = self._fault, ""

@@ -62,7 +62,9 @@ def write_scene(source: JobSource) -> Path:
     except (PrintctlError, ProfileError) as exc:
         raise SceneError(str(exc)) from exc
     except OSError as exc:
-        raise SceneError(f"the view of {source.gcode.name}: {exc.strerror}: {exc.filename}") from exc
+        raise SceneError(
+            f"the view of {source.gcode.name}: {exc.strerror}: {exc.filename}"
+        ) from exc
     return path
 
 

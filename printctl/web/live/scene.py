@@ -175,7 +175,7 @@ def _about(
         "passes": job.layers.passes,
         "layer_group": group,
         "layers": np.round(job.layers.z_mm[group - 1 :: group], 4).tolist(),
-        "vessels": int(len(np.unique(vessels[vessels != NONE]))),
+        "vessels": len(np.unique(vessels[vessels != NONE])),
         "heads": int(points[1:, HEAD].max(initial=0)) + 1,
         "written_low_mm": np.minimum(_lowest(starts), _lowest(ends)).tolist(),
         "written_high_mm": (-np.minimum(_lowest(-starts), _lowest(-ends))).tolist(),

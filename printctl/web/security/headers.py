@@ -41,6 +41,7 @@ def security_headers(nonce: str, sources: str) -> list[tuple[bytes, bytes]]:
             f"connect-src 'self' {sources}",
             "form-action 'self'",
             "base-uri 'none'",
+            "frame-src 'self'",
             "frame-ancestors 'none'",
             "object-src 'none'",
         )
