@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from nicegui import run, ui
+from nicegui import ui
 
 from printctl.web.design.look.compare import Difference
+from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import embed
 from printctl.web.design.service import DesignService
 from printctl.web.shell.told import told
@@ -26,7 +27,7 @@ class CompareTab:
 
     async def refresh(self) -> None:
         """Show the runs that there are."""
-        rows = await run.io_bound(self._service.runs.rows)
+        rows = await aside(self._service.runs.rows)
         names = [row.name for row in rows if row.state != "never"]
         for select, place in ((self._one, 0), (self._other, 1)):
             value = select.value if select.value in names else None

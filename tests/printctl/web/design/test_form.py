@@ -62,7 +62,7 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
 
 
 def test_fields_know_bounds_units_choices_and_defaults() -> None:
-    fields = {path: field for path, field in FORM.walk()}
+    fields = dict(FORM.walk())
     layer = fields["toolpath", "layer_um"]
     assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
     assert fields["printer", "ink"].node.profile == "inks"
