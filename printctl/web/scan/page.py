@@ -68,6 +68,8 @@ class _Page:
             self._simulate = ui.button(
                 "Simulate the scan of this run's print, and register it", on_click=self._go_on
             ).props("outline")
+        self._own = ui.label("This scan is the run's own: continuing the run registers it.")
+        self._own.classes("pc-quiet")
         self._state = ui.label().classes("pc-message").props("role=status")
         self._bars = ui.column().classes("w-full gap-1")
 
@@ -188,6 +190,7 @@ class _Page:
         self._go.set_enabled(bool(self._scan) and not own and not now.going_on)
         self._cancel.set_enabled(now.going_on)
         self._simulate.set_enabled(printed == "done" and not now.going_on)
+        self._own.visible = own
         if now == self._shown:
             return
         ended = self._shown is not None and self._shown.going_on and not now.going_on
