@@ -74,9 +74,21 @@ def register(
             "--print", help="The print that was scanned: its folder or file; else the run's own."
         ),
     ] = None,
-    tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
+    tolerance_um: Annotated[
+        float,
+        typer.Option(
+            "--tolerance-um",
+            help="RMS deviation of the scaled fit above which the print doesn't pass.",
+            min=0.1,
+        ),
+    ] = 100.0,
     diameter_tolerance_percent: Annotated[
-        float, typer.Option("--diameter-tolerance-percent", min=0.1)
+        float,
+        typer.Option(
+            "--diameter-tolerance-percent",
+            help="Error of a vessel's diameter above which it doesn't.",
+            min=0.1,
+        ),
     ] = 10.0,
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,

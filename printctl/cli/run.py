@@ -8,7 +8,15 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    RecipeArg,
+    YesFlag,
+    messages,
+    print_json,
+    print_lines,
+    tell,
+)
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
@@ -54,7 +62,7 @@ def run(
     """
     told = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if told is None else told.whole(message_of):
-        loaded = load_recipe(recipe)
+        loaded = load_recipe(recipe, tell)
         folder = out if out is not None else Path("runs") / loaded.name
         how = How(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
         data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)

@@ -13,10 +13,11 @@ from sim.gcode import parse_line
 
 IntArray = NDArray[np.int64]
 
-_KIND: Final = re.compile(rb"^;[ ]*(?:TYPE:|FEATURE:|feature )[ ]*([^\n]*?)[ ]*$", re.MULTILINE)
-_HEIGHT: Final = re.compile(rb"^;[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)", re.MULTILINE)
-_LAYER: Final = re.compile(rb"^;[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)", re.MULTILINE)
-_FILAMENT: Final = re.compile(rb"^;[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)", re.MULTILINE)
+# A literal "\n;" to begin with lets the search skip lines of moves ten times faster than "^;" does.
+_KIND: Final = re.compile(rb"\n;[ ]*(?:TYPE:|FEATURE:|feature )[ ]*([^\n]*?)[ ]*(?=\n|\Z)")
+_HEIGHT: Final = re.compile(rb"\n;[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
+_LAYER: Final = re.compile(rb"\n;[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")
+_FILAMENT: Final = re.compile(rb"\n;[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)")
 _STADIUM: Final = re.compile(rb"PrusaSlicer|SuperSlicer|OrcaSlicer|BambuStudio|Slic3r")
 _MADE_BY: Final = 4000
 """Bytes at the file's head within which a slicer says its name."""
@@ -63,7 +64,8 @@ class Comments:
 
 def read_comments(text: bytes) -> Comments:
     """Read a file of `plain_lines`."""
-    ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+    text = b"\n" + text
+    begins = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
     kinds: dict[str, int] = {}
     found = list(_KIND.finditer(text))
     names = [match[1].decode("utf-8", "replace") or "no name" for match in found]
@@ -71,20 +73,20 @@ def read_comments(text: bytes) -> Comments:
     heights = list(_HEIGHT.finditer(text))
     filament = _FILAMENT.search(text)
     return Comments(
-        kind_lines=_lines(found, ends),
+        kind_lines=_lines(found, begins),
         kind=np.array(kind, np.int64),
         kinds=tuple(kinds),
-        height_lines=_lines(heights, ends),
+        height_lines=_lines(heights, begins),
         height_mm=np.array([float(match[1]) for match in heights]),
-        layer_lines=_lines(list(_LAYER.finditer(text)), ends),
+        layer_lines=_lines(list(_LAYER.finditer(text)), begins),
         filament_mm=float(filament[1]) if filament and float(filament[1]) > 0 else None,
         stadium=_STADIUM.search(text[:_MADE_BY]) is not None,
     )
 
 
-def _lines(found: list[re.Match[bytes]], ends: IntArray) -> IntArray:
+def _lines(found: list[re.Match[bytes]], begins: IntArray) -> IntArray:
     """Line number of each match, from 1."""
-    return np.searchsorted(ends, np.array([match.start() for match in found], np.int64)) + 1
+    return np.searchsorted(begins, np.array([match.start() for match in found], np.int64)) + 1
 
 
 def said_start(text: bytes) -> tuple[float, float, float] | None:

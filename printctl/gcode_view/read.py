@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -26,11 +28,36 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _LIFT_MM: Final = 1e-3
+_VOLUMES: Final = re.compile(rb"\nM200 D[1-9]")
 _USUAL_RATIO: Final = (1.1, 8.0)
 """Width of a line over its height: of others the bore is likely to be a wrong one."""
 
 
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A job, and what the reader made of the file before.
+
+    Attributes
+    ----------
+    job : GcodeJob
+    program : Program
+    row : (n,) int64
+        Row of the program of each of the job's moves.
+    """
+
+    job: GcodeJob
+    program: Program
+    row: IntArray
+
+
 def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None) -> GcodeJob:
+    """Read a file; as `read_with_program`, the job alone."""
+    return read_with_program(gcode, name, pushing, line_map).job
+
+
+def read_with_program(
+    gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
+) -> Reading:
     """Read a file.
 
     Parameters
@@ -65,7 +92,7 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
     width, said_width = _widths(rows, layer, layers, dose, digit_ul, said)
     line = program.line[rows.row]
     kind, kinds = _kinds(said, line_map, line)
-    return GcodeJob(
+    job = GcodeJob(
         name=name,
         start=rows.start,
         end=rows.end,
@@ -83,6 +110,7 @@ def read_job(gcode: bytes, name: str, pushing: Pushing, line_map: LineMap | None
         text=text,
         notes=(said_dose, *said_width, *_doubts(program, text)),
     )
+    return Reading(job, program, rows.row)
 
 
 def _nothing(program: Program, name: str, pushing: Pushing, valve: Valve | None) -> str:
@@ -185,7 +213,7 @@ def _doubts(program: Program, text: bytes) -> tuple[str, ...]:
     if flows.any():
         line = int(program.line[flows][0])
         found.append(f"The flow factor of line {line} (M221) isn't in the volumes.")
-    if any(f"\nM200 D{digit}".encode() in text for digit in range(1, 10)):
+    if _VOLUMES.search(text):
         found.append("M200 makes E a volume; widths here take it as a length.")
     bad = int((program.kind == BAD).sum())
     if bad:

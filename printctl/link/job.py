@@ -87,12 +87,9 @@ def parse_job(data: bytes, name: str, max_line_bytes: int = 96) -> Job:
     file_lines: list[int] = []
     marks = MarkReader()
     for number, raw in enumerate(data.splitlines(), start=1):
-        if raw[:2] == b"//":  # how a comment begins in an Aerotech's file
+        command = command_of(raw)
+        if raw[:2] == b"//":
             raw = b";" + raw[2:]
-        command = raw.split(b";", 1)[0]
-        if b"(" in command:
-            command = _PARENTHESES.sub(b"", command)
-        command = command.strip()
         if raw[:1] == b";":
             marks.comment(raw, len(lines))
         elif command:
@@ -102,6 +99,16 @@ def parse_job(data: bytes, name: str, max_line_bytes: int = 96) -> Job:
     if not lines:
         raise JobError(f"{name} has no command in it; nothing to print")
     return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, Marks(marks.found))
+
+
+def command_of(raw: bytes) -> bytes:
+    """What is sent of a line; empty where it is a comment or blank."""
+    if raw[:2] == b"//":  # how a comment begins in an Aerotech's file
+        return b""
+    command = raw.split(b";", 1)[0]
+    if b"(" in command:
+        command = _PARENTHESES.sub(b"", command)
+    return command.strip()
 
 
 def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None:

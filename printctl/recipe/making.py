@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+    model_validator,
+)
 
 from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
@@ -161,6 +168,15 @@ class PrinterPart(Part):
                 "in heads alone"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _said_in_heads_alone(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What is dumped can be read again: no syringe and ink beside those of the heads."""
+        said: dict[str, Any] = whole(self)
+        if self.heads:
+            said.pop("syringe", None)
+            said.pop("ink", None)
+        return said
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:

@@ -9,9 +9,9 @@ const DIRECTIONS = {
 };
 
 export class Stage {
-  constructor(element) {
+  constructor(element, drawing = {}) {
     this.element = element;
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, ...drawing });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     element.append(this.renderer.domElement);
     this.scene = new THREE.Scene();

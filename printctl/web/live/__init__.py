@@ -1,0 +1,7 @@
+"""The live 3D view of a print: its scene, its routes, its place in a page."""
+
+from printctl.web.live.errors import SceneError
+from printctl.web.live.scene import LiveScene, make_scene
+from printctl.web.live.source import JobSource
+
+__all__ = ["JobSource", "LiveScene", "SceneError", "make_scene"]

@@ -1,0 +1,9 @@
+"""What can go wrong with a live view."""
+
+from __future__ import annotations
+
+from printctl.errors import UsageError
+
+
+class SceneError(UsageError):
+    """A job can't be shown; the message says why."""

@@ -1,0 +1,92 @@
+"""Makes scenes for the server, in a process of its own: ``python -m printctl.web.live.make``.
+
+One `JobSource` as a line of JSON comes in, one answer goes out: ``{"scene": PATH}`` or
+``{"error": MESSAGE}``. The process ends when its input does, so it never outlives the server.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from design.files import write_bytes
+from firmware_profiles import ProfileError
+from printctl.errors import PrintctlError
+from printctl.gcode_view import read_line_map
+from printctl.web.live.errors import SceneError
+from printctl.web.live.pack import VERSION, pack_scene
+from printctl.web.live.scene import make_scene
+from printctl.web.live.source import JobSource
+
+_POLITE: Final = 10
+"""Niceness: a print that goes on comes first."""
+_SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
+
+
+def cached_scene(source: JobSource) -> Path:
+    """Where a job's scene is, or will be.
+
+    Raises
+    ------
+    SceneError
+        When the job can't be read.
+    """
+    try:
+        return source.cache / f"{source.key(VERSION)}.scene"
+    except OSError as exc:
+        raise SceneError(f"{source.gcode} can't be read: {exc.strerror}") from exc
+
+
+def write_scene(source: JobSource) -> Path:
+    """Make a job's scene unless it is there.
+
+    Raises
+    ------
+    SceneError
+        When the job can't be shown, or the scene not be kept.
+    """
+    path = cached_scene(source)
+    if path.is_file():
+        return path
+    try:
+        gcode = source.gcode.read_bytes()
+        lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
+        line_map, notes = read_line_map(source.gcode, lines)
+        scene = make_scene(source, gcode, line_map)
+        scene.about["notes"] += notes
+        write_bytes(path, pack_scene(scene))
+    except (PrintctlError, ProfileError) as exc:
+        raise SceneError(str(exc)) from exc
+    except OSError as exc:
+        raise SceneError(
+            f"the view of {source.gcode.name}: {exc.strerror}: {exc.filename}"
+        ) from exc
+    return path
+
+
+def warm() -> None:
+    """Load what the first job would otherwise wait for."""
+    with TemporaryDirectory() as folder:
+        gcode = Path(folder) / "sample.gcode"
+        gcode.write_bytes(_SAMPLE)
+        write_scene(JobSource(gcode, Path(folder)))
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    os.nice(_POLITE)
+    warm()
+    for line in sys.stdin:
+        try:
+            answer = {"scene": str(write_scene(JobSource.from_json(line)))}
+        except SceneError as exc:
+            answer = {"error": str(exc)}
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""The server's hold on the process that makes scenes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from pathlib import Path
+from typing import Final
+
+from printctl.web.live.errors import SceneError
+from printctl.web.live.make import cached_scene
+from printctl.web.live.source import JobSource
+
+_LONGEST_S: Final = 120.0
+"""For a job of 50 million moves."""
+
+
+class SceneMaker:
+    """Makes scenes, one at a time, without the event loop waiting for any of it.
+
+    The process begins with `start`, best when the server does (importing and loading the kernels
+    takes seconds), or with the first job; it begins again when it died.
+    """
+
+    def __init__(self, longest_s: float = _LONGEST_S) -> None:
+        self._longest_s = longest_s
+        self._process: asyncio.subprocess.Process | None = None
+        self._one = asyncio.Lock()
+
+    async def start(self) -> None:
+        """Begin the process unless it runs."""
+        if self._process is not None and self._process.returncode is None:
+            return
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "printctl.web.live.make",
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+        )
+
+    async def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None and process.returncode is None:
+            process.kill()
+            await process.wait()
+
+    async def scene_file(self, source: JobSource) -> Path:
+        """The file of a job's scene, made now unless it is there.
+
+        Raises
+        ------
+        SceneError
+            When the job can't be shown; the message is for the user.
+        """
+        path = await asyncio.to_thread(cached_scene, source)
+        if path.is_file():
+            return path
+        async with self._one:
+            return Path(await self._made(source))
+
+    async def _made(self, source: JobSource) -> str:
+        await self.start()
+        try:
+            async with asyncio.timeout(self._longest_s):
+                answer = await self._ask(source.to_json())
+        except TimeoutError as exc:
+            await self.close()
+            raise SceneError(
+                f"the view of {source.gcode.name} wasn't made in {self._longest_s:g} s; "
+                "the print isn't touched by it"
+            ) from exc
+        except BaseException:
+            # Whoever asked is gone: the answer still to come mustn't meet the next question.
+            await self.close()
+            raise
+        if "error" in answer:
+            raise SceneError(answer["error"])
+        return answer["scene"]
+
+    async def _ask(self, line: str) -> dict[str, str]:
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise SceneError("the process that makes views was closed")
+        try:
+            process.stdin.write(line.encode() + b"\n")
+            await process.stdin.drain()
+            said = await process.stdout.readline()
+        except OSError as exc:
+            raise SceneError(f"the process that makes views: {exc.strerror}") from exc
+        if not said:
+            raise SceneError("the process that makes views ended; look into the server's messages")
+        found: dict[str, str] = json.loads(said)
+        return found

@@ -1,0 +1,89 @@
+"""The binary form of a scene, version 1, all numbers little-endian.
+
+| bytes | what |
+|---|---|
+| 0 to 7 | ``PRINTVIW`` |
+| 8 to 11 | uint32, version of the form: 1 |
+| 12 to 15 | uint32, length of the header in bytes, a multiple of 16 |
+| 16 ... | header: JSON in UTF-8, filled up with spaces |
+| then | points, (n + 1, 8) uint16 |
+| then | command, (n,) uint32 |
+| then | time, (n,) float32, s |
+
+A point's numbers are x, y, z, layer, vessel, head, width and act, as `LiveScene.points` says; a
+place in mm is ``low_mm + step_mm * number``. The header holds:
+
+``moves``
+    n.
+``name``, ``notes``
+    The file's name, and sentences for the user. Text from outside: never to be taken as HTML.
+``low_mm``, ``step_mm``
+    Of each axis.
+``written_low_mm``, ``written_high_mm``
+    Box of what is written (the centre of the lines).
+``commands``
+    In the whole file, as the link counts them.
+``passes``, ``layers``, ``layer_group``
+    Whether the layers are passes; tip's height of each number in mm; how many share a number.
+``vessels``, ``heads``
+    How many there are.
+``duration_s``
+    From the feeds alone.
+``outlines``
+    Lines of what stands on the bed: lists of [x, y, z], mm.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Final
+
+import numpy as np
+
+from printctl.web.live.errors import SceneError
+from printctl.web.live.scene import LiveScene
+
+MAGIC: Final = b"PRINTVIW"
+VERSION: Final = 1
+_HEAD: Final = struct.Struct("<8sII")
+_ALIGN: Final = 16
+
+
+def pack_scene(scene: LiveScene) -> bytes:
+    """Put a scene into bytes."""
+    header = json.dumps(scene.about | {"moves": len(scene)}, allow_nan=False).encode()
+    header += b" " * (-len(header) % _ALIGN)
+    return b"".join(
+        [
+            _HEAD.pack(MAGIC, VERSION, len(header)),
+            header,
+            scene.points.astype("<u2").tobytes(),
+            scene.command.astype("<u4").tobytes(),
+            scene.time_s.astype("<f4").tobytes(),
+        ]
+    )
+
+
+def unpack_scene(data: bytes) -> LiveScene:
+    """Turn `pack_scene` back.
+
+    Raises
+    ------
+    SceneError
+        When the bytes are no scene of this version, or not all of one.
+    """
+    if len(data) < _HEAD.size or data[:8] != MAGIC:
+        raise SceneError("this file is no scene of a live view; delete it, it is made again")
+    _, version, size = _HEAD.unpack_from(data)
+    if version != VERSION:
+        raise SceneError(f"scene of version {version}, this program reads {VERSION}; delete it")
+    at = _HEAD.size + size
+    about = json.loads(data[_HEAD.size : at])
+    moves = int(about.pop("moves"))
+    if len(data) != at + 16 * (moves + 1) + 8 * moves:
+        raise SceneError(f"scene of {moves} moves holds {len(data)} bytes; delete it")
+    points = np.frombuffer(data, "<u2", 8 * (moves + 1), at).reshape(-1, 8)
+    at += points.nbytes
+    command = np.frombuffer(data, "<u4", moves, at)
+    return LiveScene(points, command, np.frombuffer(data, "<f4", moves, at + command.nbytes), about)
