@@ -139,6 +139,13 @@ def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     assert "layer_um: 75" in again
 
 
+def test_a_section_in_one_line_stays_in_one() -> None:
+    text = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 60}  # thin\n"
+    data = forms.put(FORM, read_text(text), ("toolpath", "layer_um"), 1)
+    wanted = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 1}  # thin\n"
+    assert rewritten(text, data) == wanted
+
+
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"
 
 

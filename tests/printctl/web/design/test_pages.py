@@ -57,7 +57,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     layer.fill("1")
     page.get_by_text("Input should be greater than or equal to 10 (is 1)", exact=True).wait_for()
     page.get_by_text("one: 1 to mend · saved").wait_for()
-    assert "layer_um: 1," in text.input_value()
+    assert "layer_um: 1, line_um: 400}" in text.input_value()
     assert _serious(page) == []
     layer.fill("150")
     page.get_by_text("one: ready to be made · saved").wait_for()
