@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from design.files import write_text
 from printctl.link.errors import LinkError, NoLink
@@ -101,9 +101,9 @@ class JobService:
         """One job."""
         return entry_of(self.core.workspace, job, self._facts)
 
-    def upload(self, name: str, parts: Iterable[bytes]) -> JobEntry:
+    def upload(self, name: str, parts: IO[bytes] | Iterable[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
-        limit = self.core.settings.upload_mb * 1e6
+        limit = int(self.core.settings.upload_mb * 1e6)
         return self.job(add_job(self.core.workspace, name, parts, limit))
 
     # --- before the print ----------------------------------------------------------------------
