@@ -31,7 +31,10 @@ def backlash(
     gcode: Gcode = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Lost motion of an axis: CSV with target_mm, approach (1 or -1) and measured_mm."""
+    """Lost motion of an axis: CSV with target_mm, approach (1 or -1) and measured_mm.
+
+    With --gcode it writes the G-code of the test, which comes to each place from both sides.
+    """
     if gcode is not None:
         machine, filled = load(Printer, printer), load(Syringe, syringe)
         path, places, sides = backlash_path(

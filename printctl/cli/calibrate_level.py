@@ -18,7 +18,10 @@ def level(
     ] = "20,20",
     as_json: JsonFlag = False,
 ) -> None:
-    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches."""
+    """Level of bed and bath: CSV with surface (bed or bath), x_mm, y_mm and z_mm of touches.
+
+    Three places of each at least, not in a row; more tell how sure the tilt is.
+    """
     data = given(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
     size = numbers_of(part, "--part")
     result = level_result(data, size[0], size[-1])

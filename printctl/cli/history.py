@@ -104,7 +104,7 @@ def rebuild(
 ) -> None:
     """Make the list again from the journals, which are the truth.
 
-    Example: `printctl history rebuild /mnt/old_computer/prints`
+    For a list that is damaged, or run folders that were moved. No journal is changed.
     """
     for folder in folders or ():
         if not folder.is_dir():

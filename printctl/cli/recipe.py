@@ -38,7 +38,10 @@ def migrate(
         ),
     ] = None,
 ) -> None:
-    """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it."""
+    """Bring a recipe to today's schema; comments and order stay, the old file is kept beside it.
+
+    Nothing is written unless the result is a recipe that can be used.
+    """
     data = read_mapping(file, "recipe", "`printctl init` writes a starter")
     steps = steps_from(data, str(file))
     if not steps:

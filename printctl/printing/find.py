@@ -96,7 +96,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     counts = order.port != SIMULATED or is_whole(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
     )
-    if order.once and counts and (done := _printed(order)) is not None:
+    if order.once and counts and (done := finished(order)) is not None:
         return done
     if order.port != SIMULATED:
         _refuse_interrupted(order)
@@ -131,7 +131,8 @@ def running(order: Order) -> PrintClient | None:
     return client
 
 
-def _printed(order: Order) -> PrintClient | None:
+def finished(order: Order) -> PrintClient | None:
+    """A client of the order's print, if it is done."""
     client = _attached(order.folder)
     if client is None or client.status.state is not LinkState.DONE:
         return None

@@ -96,12 +96,12 @@ def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None
         From pydantic's path of a key to the one that the user wrote; a recipe's by default.
     """
     path_of = user_path or _user_path
-    lines = [_sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
+    lines = [sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
     return "\n".join([f"{origin} can't be used:", *lines])
 
 
-def _sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
-    """One line: the key's path, what is wrong with which value, and the remedy."""
+def sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
+    """One line of a refusal: the key's path, what is wrong with which value, and the remedy."""
     place = ".".join(str(part) for part in path) or "recipe"
     if problem["type"] == "union_tag_invalid":
         tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]

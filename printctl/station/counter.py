@@ -24,6 +24,7 @@ from printctl.station.knowledge import Knowledge
 from printctl.station.limits import Bounds, reach
 from printctl.station.standby import Standby
 from printctl.station.status import Place, StationState, StationStatus
+from printctl.station.temperatures import parse_temperatures
 from printctl.station.wire import Socket
 
 QUEUE: Final = 20
@@ -92,7 +93,8 @@ class Counter:
             return replace(status, message=trouble or status.message)
         told = streamer.status
         message = f"{told.state.value}: {told.message}"
-        return replace(status, message=message, readings=told.readings)
+        warm = parse_temperatures((streamer.protocol.report,)) or status.temperatures
+        return replace(status, message=message, readings=told.readings, temperatures=warm)
 
     def kill(self) -> None:
         """Halt the firmware at once. Called in a thread of its own; nothing here waits for others.

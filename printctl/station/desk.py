@@ -6,6 +6,7 @@ import contextlib
 import signal
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from printctl.link.channel import Over
 from printctl.link.errors import BY_NAME, LinkError, PortLost
@@ -21,6 +22,9 @@ from printctl.station.orders import check_start, leaves_motors_on, read_wish
 from printctl.station.pushed import pushed_mm
 from printctl.station.status import Place, StationState
 from sim.executed import ExecutedMotion
+
+_REPORT: Final = b"M155 S2"
+_NO_REPORT: Final = "M155 S0"
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,8 @@ class Desk(Attending):
             if self._standby is not None:
                 self._standby.end()
             signal.signal(signal.SIGTERM, lambda *_: self.leave())
+            if self._reports:
+                streamer.command(_REPORT, lambda lines: None)
             self._tell(StationState.PRINTING, f"printing {here.job.name}")
             self._answer(wish, self._reply("print", {}))
 
@@ -106,6 +112,12 @@ class Desk(Attending):
             return Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__), begun
         finally:
             signal.signal(signal.SIGTERM, lambda *_: self.leave())
+
+    @property
+    def _reports(self) -> bool:
+        """Whether the firmware can tell its temperatures unasked, so that no line waits for it."""
+        standby = self._standby
+        return standby is not None and standby.firmware.capabilities.get("AUTOREPORT_TEMP", False)
 
     def leave(self) -> None:
         """Close, because the system shuts down; a print is stopped first."""
@@ -145,6 +157,8 @@ class Desk(Attending):
         homed = self.known.homed
         if not self.socket.simulated:
             self._stand_by(fresh=False)
+            if self._reports and self._standby is not None:
+                self._standby.do(_NO_REPORT)
             self._tell(StationState.READY, ended)
             return
         try:

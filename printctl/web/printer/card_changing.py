@@ -76,8 +76,8 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
                 button("It is in, the plunger touched: zero", put_in)
             with ui.step("Push the bubbles out"):
                 note(
-                    f"Until ink without bubbles comes: {c.PURGE_STEP_UL:g} µL at a time, at most "
-                    f"{c.PURGE_UL_S:g} µL/s, {c.PURGE_UL:g} µL in all."
+                    f"Until ink without bubbles comes: {c.PURGE_STEP_UL:g} µL at a time, slowly, "
+                    f"{c.PURGE_UL:g} µL in all."
                 )
                 pushed = live()
 
