@@ -18,6 +18,7 @@ from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.modal import parse_position
 from printctl.link.placing import RETRIES
+from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState
 from printctl.station.status import Place, Temperature
 from printctl.station.temperatures import parse_temperatures
@@ -94,20 +95,24 @@ class Standby(Checking):
         if self.wiring.printer.firmware in _HELD_BY_M84:
             self._command(b"M84 S0")  # else the motors lose their power, and the place its meaning
         self._sign_of_life()
-        self.look()
         self._poll()
 
     def end(self) -> None:
         """Take no further part: what another thread wishes of this one is over."""
         self._ended.set()
 
-    def let_go(self) -> None:
-        """Leave the printer to itself: its own switch-off time is taken back.
+    def let_go(self) -> list[str]:
+        """Leave the printer to itself, heaters off; give the names of those that stay on.
 
-        Its motors stay powered, so that nothing sinks.
+        The motors stay powered, so that nothing sinks. The firmware's own switch-off time is taken
+        back, but not where something stays on: then it must strike.
         """
-        if self._dialect.idle_timeout and self._dialect.zero_is_off:
-            self._command(self._dialect.idle_timeout.format(seconds="0").encode("ascii"))
+        self.do(*(command.decode("ascii") for command in heaters_off(self.wiring.printer)))
+        self._poll()
+        on = [one.name for one in self.temperatures if one.target_c]
+        if not on and self._dialect.idle_timeout and self._dialect.zero_is_off:
+            self.do(self._dialect.idle_timeout.format(seconds="0"))
+        return on
 
     def halt_motion(self) -> None:
         """End the move that goes on, soon; from any thread. The position stays known."""
@@ -138,6 +143,7 @@ class Standby(Checking):
         self._poll_due = now + POLL_S
         found = parse_temperatures(self._command(b"M105", journalled=False))
         self.temperatures = found or self.temperatures
+        self.look()  # somebody may turn the knob on the machine
         high = self._too_high(now)
         if high and high != self.trouble:
             self._alarm(high)
