@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from printctl.web.job.card_print import add_print, heard
 from printctl.web.job.card_start import add_start
 from printctl.web.job.parts import card, small, tried
 from printctl.web.job.service import JobService
+from printctl.web.live.element import LiveView, live_view
 from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
 
@@ -55,6 +57,27 @@ def first_job(service: JobService, asked: str) -> str:
     return next((one.id for one in service.jobs()), "")
 
 
+def _live_view(service: JobService, job: str) -> LiveView:
+    """What has been written, the needle, what comes next; all of a job that wasn't printed."""
+    current = service.current()
+    with card("Live view"), ui.element("div").classes("job-live"):
+        return live_view(job, live=current is not None and current.job == job)
+
+
+def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
+    """Tells the view of what was executed, unless it knows."""
+    known = 0, 0
+
+    def tell(told: dict[str, Any]) -> None:
+        nonlocal known
+        now = int(told["lines_executed"]), int(told["lines_done"])
+        if now != known:
+            known = now
+            view.tell({"lines_executed": now[0], "lines_done": now[1]})
+
+    return tell
+
+
 async def _cards(service: JobService, job: str) -> None:
     who = this_browser()
     first, problem = await tried(service.set_up, job)
@@ -67,6 +90,7 @@ async def _cards(service: JobService, job: str) -> None:
     with ui.element("div").classes("job-column"):
         ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
         show_print = add_print(service, who, job)
+        tell_view = _teller(_live_view(service, job))
         said = add_preflight(service, job, first, machine)
     with ui.element("div").classes("job-column"):
         show_start = add_start(service, who, job, record, said)
@@ -80,6 +104,10 @@ async def _cards(service: JobService, job: str) -> None:
         told = service.core.events.latest.get("print")
         if told is not None and told["job"] == job:
             show(told)
+            tell_view(told)
 
-    show(await heard(service, job))
+    first_told = await heard(service, job)
+    show(first_told)
+    if first_told is not None:
+        tell_view(first_told)
     ui.timer(REFRESH_S, refresh)

@@ -19,6 +19,7 @@ from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.live.routes import router as live_router
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
@@ -45,7 +46,10 @@ def router(service: JobService) -> APIRouter:
     _jobs(routes, service)
     _prints(routes, service)
     _after(routes, service)
-    return routes
+    whole = APIRouter()
+    whole.include_router(routes)
+    whole.include_router(live_router(service.scene, service.scenes))
+    return whole
 
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
