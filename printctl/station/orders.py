@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +20,7 @@ from printctl.printing.find import Order
 from printctl.station.status import Place
 from printctl.station.wire import Socket
 
+_HOMES: Final = re.compile(rb"G0*28(?![\d.])")
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 _SILENT: Final = frozenset({"marlin", "prusa"})
@@ -60,6 +62,22 @@ def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
         retreat=Retreat(**wish["retreat"]),
         care=Care.from_dict(wish["care"]),
     )
+
+
+def check_homing(job: Job, needle: str) -> None:
+    """Refuse a job that homes with a needle mounted.
+
+    Raises
+    ------
+    Refused
+    """
+    homing = next((k for k, line in enumerate(job.lines) if _HOMES.match(line)), None)
+    if homing is not None and needle:
+        raise Refused(
+            f"{job.name}, line {job.file_lines[homing]}, homes the machine with the needle "
+            f"{needle} mounted, which would be driven into what is below; take the line out, and "
+            "touch off instead"
+        )
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
