@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,6 @@ from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
 from printctl.link.recovering import declared_start
 from printctl.link.retreat import Retreat
-from printctl.printing.find import Order
 from printctl.station.status import Place
 from printctl.station.wire import Socket
 
@@ -26,19 +24,8 @@ ASIDE_MM: Final = 0.05
 _SILENT: Final = frozenset({"marlin", "prusa"})
 
 
-def to_wish(order: Order) -> dict[str, Any]:
-    """An order as a JSON object."""
-    return {
-        "job": str(order.job.resolve()),
-        "printer": order.printer,
-        "folder": str(order.folder.resolve()),
-        "retreat": asdict(order.retreat),
-        "care": order.care.to_dict(),
-    }
-
-
 def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
-    """Read `to_wish`.
+    """Read what `printctl.station.to_wish` made.
 
     Raises
     ------
