@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search docs gallery dist test-dist audit clean
+.PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -16,6 +16,10 @@ test: lint
 # Long runs of shipped examples, minutes each.
 test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m slow --numprocesses 2
+
+# Pages in Chromium, and the API against its description; skipped where there is no Chromium.
+test-browser: $(VENV)/.ready-test
+	$(BIN)/python -m pytest -m browser
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .
