@@ -30,7 +30,7 @@ WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != 
 def build(scratch: Path) -> Path:
     """Write sdist and, from it, the wheel; return the wheel."""
     shutil.rmtree(DIST, ignore_errors=True)
-    run(sys.executable, "-m", "build", "--outdir", DIST, tree(scratch))
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", DIST, tree(scratch))
     (wheel,) = DIST.glob("*.whl")
     return wheel
 
@@ -58,7 +58,16 @@ def contents(wheel: Path) -> dict[str, str]:
 
 def same_from_tree(wheel: Path, scratch: Path) -> None:
     """Refuse a wheel of the sdist that differs from one of the tree."""
-    run(sys.executable, "-m", "build", "--wheel", "--outdir", scratch / "wheel", tree(scratch))
+    run(
+        sys.executable,
+        "-m",
+        "build",
+        "--no-isolation",
+        "--wheel",
+        "--outdir",
+        scratch / "wheel",
+        tree(scratch),
+    )
     (other,) = (scratch / "wheel").glob("*.whl")
     one, two = contents(wheel), contents(other)
     if one != two:
@@ -90,7 +99,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
         ("init", "recipe.yaml"),
         ("recipe", "migrate", "recipe.yaml"),
         ("simulate", "smallest.gcode", "--start", START),
-        ("print", "smallest.gcode", "--port", "simulated", "--start", START, "--out", "run"),
+        ("print", "smallest.gcode", "--port", "simulated", "--start", START, "--folder", "run"),
         ("status", "run"),
     ):
         print("printctl", *words, flush=True)
