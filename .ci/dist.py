@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
 START = "10,10,10"
+SIMULATED = ("--printer", "generic_marlin", "--port", "simulated")
 WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 
@@ -83,7 +84,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
     venv.create(home, with_pip=True, system_site_packages=False)
     bin_folder = home / ("Scripts" if os.name == "nt" else "bin")
     pip = (bin_folder / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "install", "--constraint", ROOT / "constraints.txt", wheel)
+    run(*pip, "install", "--no-compile", "--constraint", ROOT / "constraints.txt", wheel)
     print(f"installed in {time.monotonic() - begun:.0f} s, downloads included")
     away = scratch / "away"
     away.mkdir()
@@ -98,8 +99,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
         ("doctor",),
         ("init", "recipe.yaml"),
         ("recipe", "migrate", "recipe.yaml"),
-        ("simulate", "smallest.gcode", "--start", START),
-        ("print", "smallest.gcode", "--port", "simulated", "--start", START, "--folder", "run"),
+        ("print", "smallest.gcode", *SIMULATED, "--start", START, "--folder", "run"),
         ("status", "run"),
     ):
         print("printctl", *words, flush=True)
