@@ -22,6 +22,7 @@ COMMANDS: dict[str, str] = {
     "slice": "slice:slice_mesh",
     "simulate": "simulate:simulate",
     "print": "print_job:print_job",
+    "station": "station:station",
     "status": "status:status",
     "pause": "pause:pause",
     "resume": "resume:resume",

@@ -13,6 +13,7 @@ from design.units import LengthUnit
 from printctl.ahead import import_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
+from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
@@ -89,6 +90,7 @@ def register(
             min=0.1,
         ),
     ] = 10.0,
+    progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -96,26 +98,32 @@ def register(
 
     Exit code 1 when the print doesn't pass.
     """
-    surface, path = _design(model, network, lumens, unit)
-    vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
-    options = RegistrationOptions(
-        lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
-    )
-    said = said_of_scan(
-        voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
-    )
-    import_ahead(REGISTERING)
-    measured = corrected_scan(scan, said, oct_calibration, air_above)
-    for note in measured.notes:
-        messages().print(f"note: {note}", markup=False)
-    found = register_scan(measured, surface, vessels, options)
-    # Imported only now: what draws and packs loads while kernels search the scan.
-    from printctl.pipeline.registering import Registered
+    steps = Steps(progress_file, out, ("reading", "registration", "writing"))
+    with steps.whole():
+        steps.begin("reading")
+        surface, path = _design(model, network, lumens, unit)
+        vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
+        options = RegistrationOptions(
+            lumens="bright" if filled else "dark",
+            walls=None if walls is None else read_walls(walls),
+        )
+        said = said_of_scan(
+            voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
+        )
+        import_ahead(REGISTERING)
+        measured = corrected_scan(scan, said, oct_calibration, air_above)
+        for note in measured.notes:
+            messages().print(f"note: {note}", markup=False)
+        steps.begin("registration")
+        found = register_scan(measured, surface, vessels, options)
+        # Imported only now: what draws and packs loads while kernels search the scan.
+        from printctl.pipeline.registering import Registered
 
-    made = Registered(scan, measured, model, surface, path, vessels, found, printed)
-    data = made.judged(tolerance_um, diameter_tolerance_percent)
-    for note in made.write(out, data, pdf):
-        messages().print(f"note: {note}", markup=False)
+        made = Registered(scan, measured, model, surface, path, vessels, found, printed)
+        data = made.judged(tolerance_um, diameter_tolerance_percent)
+        steps.begin("writing")
+        for note in made.write(out, data, pdf):
+            messages().print(f"note: {note}", markup=False)
     if as_json:
         print_json(data)
     else:

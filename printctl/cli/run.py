@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.failures import message_and_code
 from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
@@ -20,6 +19,7 @@ from printctl.cli.options import (
 )
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
+from printctl.cli.progress_option import ProgressFileOption, message_of
 from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.run import How, run_recipe
 from printctl.progress_file import ProgressFile
@@ -43,10 +43,6 @@ PrintedFlag = Annotated[
         "--printed", help="Take the print that is done in the run folder; nothing is printed."
     ),
 ]
-ProgressFileOption = Annotated[
-    Path | None,
-    typer.Option("--progress-file", help="Append progress to this file, a line of JSON a step."),
-]
 
 
 def run(
@@ -65,7 +61,7 @@ def run(
     fails.
     """
     told = None if progress_file is None else ProgressFile(progress_file)
-    with nullcontext() if told is None else told.whole(_message):
+    with nullcontext() if told is None else told.whole(message_of):
         loaded = load_recipe(recipe, tell)
         folder = out if out is not None else Path("runs") / loaded.name
         how = How(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
@@ -76,11 +72,6 @@ def run(
         print_lines(*_ended(data, folder, until, pdf))
     if until is None and not data["verdict"]["passed"]:
         raise typer.Exit(1)
-
-
-def _message(exc: Exception) -> str | None:
-    known = message_and_code(exc)
-    return None if known is None else known[0]
 
 
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:

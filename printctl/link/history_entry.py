@@ -121,21 +121,29 @@ def entry_of(journal: Path) -> PrintEntry | None:
         journal=journal,
         started=float(first.get("started", 0.0)),
         ended=float(end.get("at", 0.0)),
-        state=str(end.get("state", INTERRUPTED)),
-        message=str(end.get("message", states[-1].get("message", "") if states else "")),
-        error=str(end.get("error", "")),
+        state=plain_text(end.get("state", INTERRUPTED)),
+        message=plain_text(end.get("message", states[-1].get("message", "") if states else "")),
+        error=plain_text(end.get("error", "")),
         done=max(taken, default=0),
         total=int(first.get("lines", 0)),
         begun=len(jobs),
         alarms=tuple(
-            Alarm(float(r.get("at", 0.0)), str(r.get("text", "")))
+            Alarm(float(r.get("at", 0.0)), plain_text(r.get("text", "")))
             for r in records
             if r.get("t") == "alarm"
         ),
         operator=_operator(journal),
-        file=str(first.get("name", "")),
-        **{k: str(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile", "port")},
+        file=plain_text(first.get("name", "")),
+        **{
+            k: plain_text(first.get(k, ""))
+            for k in ("who", "host", "path", "sha256", "profile", "port")
+        },
     )
+
+
+def plain_text(value: object) -> str:
+    """A value as text that can be written anywhere; file names may hold other bytes than UTF-8."""
+    return str(value).encode("utf-8", "replace").decode("utf-8")
 
 
 def _operator(journal: Path) -> str:
@@ -145,7 +153,7 @@ def _operator(journal: Path) -> str:
         if journal.name != JOURNAL or path.stat().st_size > _LARGEST_NOTE:
             return ""
         values = json.loads(path.read_text(encoding="utf-8"))["values"]
-        return str(values.get("operator") or "")
+        return plain_text(values.get("operator") or "")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return ""
 

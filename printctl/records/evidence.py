@@ -106,7 +106,8 @@ def read_json(path: Path) -> Any:
     try:
         if path.stat().st_size > _LARGEST_JSON:
             return None
-        return json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=lambda _: None)  # no NaN: it's no JSON
     except (OSError, ValueError, RecursionError):
         return None
 

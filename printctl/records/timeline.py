@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from printctl.link.history_entry import plain_text
 from printctl.link.journal import Record, read_records
 
 MOST: Final = 2000
@@ -95,11 +96,14 @@ def time_line(journal: Path) -> TimeLine:
         after = max(0.0, at - (begun or at)) if at else (last[1] if last else 0.0)
         total += 1
         if len(events) < MOST:
-            events.append(Event(at, told[0], told[1], after))
+            events.append(Event(at, told[0], plain_text(told[1]), after))
         if told[0] in ("begun", "state", "end"):
             if last is not None and last[0]:
                 stretches.append(Stretch(last[0], last[1], after))
-            last = (str((record or {}).get("state", "")) if told[0] == "state" else "", after)
+            last = (
+                plain_text((record or {}).get("state", "")) if told[0] == "state" else "",
+                after,
+            )
     if last is not None and last[0]:
         stretches.append(Stretch(last[0], last[1], last[1]))
     return TimeLine(tuple(events), tuple(stretches), total - len(events))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
+
+Outcome = Literal["pass", "fail", "undecided", ""]
 
 
-def outcome(verdict: Mapping[str, Any] | None) -> str:
+def outcome(verdict: Mapping[str, Any] | None) -> Outcome:
     """``pass``, ``fail``, ``undecided`` (for want of sight alone), or empty for none."""
     if verdict is None or not isinstance(verdict.get("passed"), bool):
         return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, Final
 
 from printctl.link.channel import Over, Wiring
@@ -30,8 +31,8 @@ class Attending(Counter, ABC):
     def _close(self, wish: Wish | None) -> None:
         """Let go of the port."""
 
-    def connect(self) -> None:
-        """Open the port, find the printer and check it.
+    def connect(self, ready: str = "ready") -> None:
+        """Open the port, find the printer and check it; ``ready`` is said when that is done.
 
         Raises
         ------
@@ -51,7 +52,7 @@ class Attending(Counter, ABC):
         if self.socket.simulated:  # it stands where it was started, and counts so
             self.known.homed = (True, True, True)
         self.journal.add("state", state="ready", message="connected", port=self.socket.port)
-        self._tell(StationState.READY, "ready")
+        self._tell(StationState.READY, ready)
 
     def _stand_by(self, fresh: bool) -> None:
         """Speak through the open port."""
@@ -89,14 +90,19 @@ class Attending(Counter, ABC):
             else:
                 self._grant(wish)
         except (Over, PortLost) as exc:
-            wish.say(refusal(exc if isinstance(exc, LinkError) else LinkError(exc.message)))
+            self._answer(wish, refusal(exc if isinstance(exc, LinkError) else LinkError(str(exc))))
             raise
         except LinkError as exc:
-            wish.say(refusal(exc))
+            self._answer(wish, refusal(exc))
         except (KeyError, TypeError, ValueError, AttributeError) as exc:
-            wish.say(refusal(Refused(f"{wish.do} can't be read: {exc!r}")))
-        finally:
-            self._end_wish(wish)
+            self._answer(wish, refusal(Refused(f"{wish.do} can't be read: {exc!r}")))
+
+    def _answer(self, wish: Wish, answer: dict[str, Any]) -> None:
+        """Tell how a wish ended; whoever hears it may ask for the next one."""
+        with self._lock:
+            if wish.do in ALONE:
+                self._alone = False
+        wish.say(answer)
 
     def _grant(self, wish: Wish) -> None:
         """Do what is asked for, and answer."""
@@ -122,7 +128,7 @@ class Attending(Counter, ABC):
                 self._tell(StationState.READY, message or "ready")
             else:
                 self._tell_live()
-        wish.say(self._reply(wish.do, answer))
+        self._answer(wish, self._reply(wish.do, answer))
 
     def _mount(self, values: dict[str, Any]) -> dict[str, Any]:
         told = {key: value for key, value in values.items() if key not in ("do", "token")}
@@ -133,11 +139,6 @@ class Attending(Counter, ABC):
             )
         self.known.mount(told)
         return {}
-
-    def _end_wish(self, wish: Wish) -> None:
-        with self._lock:
-            if wish.do in ALONE:
-                self._alone = False
 
     def _next(self) -> Wish | None:
         with self._lock:
@@ -166,11 +167,12 @@ class Attending(Counter, ABC):
         self._streamer = None
         self.known.lose_position()
         self.journal.add("state", state=state.value, message=message)
-        remedy = "" if "reconnect" in message else "; see to the printer, then reconnect"
-        self._tell(state, message + remedy, error=error, position_mm=None, temperatures=())
-        with self._lock:
+        with self._lock:  # what is asked for from here on is of the next connection
             waiting, self._alone = list(self._wishes), False
             self._wishes.clear()
+            self._status = replace(self._status, state=state)
+        remedy = "" if "reconnect" in message else "; see to the printer, then reconnect"
+        self._tell(state, message + remedy, error=error, position_mm=None, temperatures=())
         for wish in waiting:
             wish.say(refusal(LinkError(message)))
 
@@ -185,13 +187,11 @@ class Attending(Counter, ABC):
             elif wish.do == "mount":
                 self._mount(wish.values)
                 self._tell_live()
-                wish.say(self._reply("mount", {}))
+                self._answer(wish, self._reply("mount", {}))
             else:
                 self._reconnect(wish)
         except LinkError as exc:
-            wish.say(refusal(exc))
-        finally:
-            self._end_wish(wish)
+            self._answer(wish, refusal(exc))
 
     def _reconnect(self, wish: Wish) -> None:
         self._unplug()
@@ -200,7 +200,7 @@ class Attending(Counter, ABC):
         except LinkError as exc:
             self.down(StationState.LOST, str(exc), type(exc).__name__)
             raise
-        wish.say(self._reply("reconnect", {}))
+        self._answer(wish, self._reply("reconnect", {}))
 
     def _unplug(self) -> None:
         if self._transport is not None:

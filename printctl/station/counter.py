@@ -24,6 +24,7 @@ from printctl.station.knowledge import Knowledge
 from printctl.station.limits import Bounds, reach
 from printctl.station.standby import Standby
 from printctl.station.status import Place, StationState, StationStatus
+from printctl.station.temperatures import parse_temperatures
 from printctl.station.wire import Socket
 
 QUEUE: Final = 20
@@ -92,7 +93,8 @@ class Counter:
             return replace(status, message=trouble or status.message)
         told = streamer.status
         message = f"{told.state.value}: {told.message}"
-        return replace(status, message=message, readings=told.readings)
+        warm = parse_temperatures((streamer.protocol.report,)) or status.temperatures
+        return replace(status, message=message, readings=told.readings, temperatures=warm)
 
     def kill(self) -> None:
         """Halt the firmware at once. Called in a thread of its own; nothing here waits for others.
@@ -120,28 +122,30 @@ class Counter:
         Refused
             When it can't be granted as the station stands.
         """
-        state = self._status.state
         if do == "stop_motion":
             self._stop_motion(say)
-            return
-        if state is StationState.PRINTING:
+        elif self._status.state is StationState.PRINTING:
             self._ask_print(do, values, say)
-            return
-        if state in DOWN and do not in _WHEN_DOWN:
+        else:
+            with self._lock:
+                self._queue(Wish(do, values, say))
+            self._bell.set()
+
+    def _queue(self, wish: Wish) -> None:
+        state = self._status.state
+        if state in DOWN and wish.do not in _WHEN_DOWN:
             raise Refused(f"the station is {state.value}: {self._status.message}")
         if state is StationState.CONNECTING:
             raise Refused("the printer is being connected; wait for it to be ready")
-        with self._lock:
-            if do in ALONE and self._alone:
-                raise Refused("something moves already; wait for its end, or end it (stop_motion)")
-            if len(self._wishes) >= QUEUE:
-                raise Refused(f"{QUEUE} wishes wait already; wait for them")
-            if do in ALONE:
-                self._alone = True
-                if self._standby is not None:
-                    self._standby.allow_motion()
-            self._wishes.append(Wish(do, values, say))
-        self._bell.set()
+        if wish.do in ALONE and self._alone:
+            raise Refused("something moves already; wait for its end, or end it (stop_motion)")
+        if len(self._wishes) >= QUEUE:
+            raise Refused(f"{QUEUE} wishes wait already; wait for them")
+        if wish.do in ALONE:
+            self._alone = True
+            if self._standby is not None:
+                self._standby.allow_motion()
+        self._wishes.append(wish)
 
     def _stop_motion(self, say: Say) -> None:
         """End the move that goes on, and forget those that wait."""

@@ -6,12 +6,12 @@ import contextlib
 import signal
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from printctl.link.channel import Over
 from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
 from printctl.link.process import Order, Wire, serve
-from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.printing.executed import record_for, write_note
@@ -21,6 +21,9 @@ from printctl.station.orders import check_start, leaves_motors_on, read_wish
 from printctl.station.pushed import pushed_mm
 from printctl.station.status import Place, StationState
 from sim.executed import ExecutedMotion
+
+_REPORT: Final = b"M155 S2"
+_NO_REPORT: Final = "M155 S0"
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class Desk(Attending):
             self._learn(here, status, at)
         else:
             kind = BY_NAME.get(status.error, LinkError)
-            wish.say(refusal(kind(status.message)))
+            self._answer(wish, refusal(kind(status.message)))
         self._after(here, status)
 
     def _serve(self, here: _Print, at: Place | None, wish: Wish) -> tuple[Status, bool]:
@@ -86,8 +89,10 @@ class Desk(Attending):
             if self._standby is not None:
                 self._standby.end()
             signal.signal(signal.SIGTERM, lambda *_: self.leave())
+            if self._reports:
+                streamer.command(_REPORT, lambda lines: None)
             self._tell(StationState.PRINTING, f"printing {here.job.name}")
-            wish.say(self._reply("print", {}))
+            self._answer(wish, self._reply("print", {}))
 
         try:
             transport = self._transport
@@ -106,6 +111,12 @@ class Desk(Attending):
             return Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__), begun
         finally:
             signal.signal(signal.SIGTERM, lambda *_: self.leave())
+
+    @property
+    def _reports(self) -> bool:
+        """Whether the firmware can tell its temperatures unasked, so that no line waits for it."""
+        standby = self._standby
+        return standby is not None and standby.firmware.capabilities.get("AUTOREPORT_TEMP", False)
 
     def leave(self) -> None:
         """Close, because the system shuts down; a print is stopped first."""
@@ -142,17 +153,20 @@ class Desk(Attending):
             self._again(ended)
 
     def _again(self, ended: str) -> None:
-        trusted = self.known.homed
-        if self.socket.simulated:
-            try:
-                self.connect()
-            except LinkError as exc:
-                self.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
-                return
-        else:
+        homed = self.known.homed
+        if not self.socket.simulated:
             self._stand_by(fresh=False)
-        self.known.homed = trusted
-        self._tell(StationState.READY, ended)
+            if self._reports and self._standby is not None:
+                self._standby.do(_NO_REPORT)
+            self._tell(StationState.READY, ended)
+            return
+        try:
+            self.connect(ended)
+        except LinkError as exc:
+            self.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
+        else:
+            self.known.homed = homed
+            self._tell_live()
 
     def _remember_executed(self, here: _Print, status: Status) -> None:
         """Where a simulated tip stands now; and that the record is whole, where it is."""
@@ -170,10 +184,8 @@ class Desk(Attending):
         message = "closed"
         if self._status.state not in DOWN and self._standby is not None:
             with contextlib.suppress(LinkError, Over):
-                for command in heaters_off(self.known.printer):
-                    self._standby.do(command.decode("ascii"))
-                self._standby.let_go()
-                message = "closed; heaters off but for those that the profile keeps on"
+                on = ", ".join(self._standby.let_go())
+                message = f"closed; {on} stays on (safe_state_on)" if on else "closed; heaters off"
         self.closing = True
         if self._standby is not None:
             self._standby.end()
@@ -182,4 +194,4 @@ class Desk(Attending):
         self.journal.add("state", state="closed", message=message)
         self._tell(StationState.CLOSED, message, position_mm=None)
         if wish is not None:
-            wish.say(self._reply("close", {}))
+            self._answer(wish, self._reply("close", {}))

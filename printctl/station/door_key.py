@@ -38,7 +38,7 @@ def open_connection(folder: Path) -> tuple[socket.socket, StationRecord] | None:
         time.sleep(0.02)
 
 
-def post(connection: socket.socket, record: StationRecord, do: str, **values: Any) -> None:
+def post(connection: socket.socket, record: StationRecord, do: str, /, **values: Any) -> None:
     """Send a wish."""
     message = {"do": do, "token": record.token, **values}
     connection.sendall(json.dumps(message).encode() + b"\n")
@@ -63,7 +63,7 @@ def messages(connection: socket.socket, timeout: float | None) -> Iterator[dict[
         yield from map(json.loads, lines)
 
 
-def ask(folder: Path, do: str, patience_s: float, **values: Any) -> dict[str, Any]:
+def ask(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str, Any]:
     """Ask, and wait for the answer.
 
     Raises

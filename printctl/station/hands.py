@@ -112,15 +112,20 @@ class Hands:
         if ul > 0 and self.standby.trouble:
             raise Refused(f"nothing is pushed while: {self.standby.trouble}; draw back instead")
         before, asked = self.standby.plunger, ul / per_mm
-        moved = 0.0
         try:
             moved = self.standby.push(asked, speed / per_mm) if asked else 0.0
         finally:
-            after, used = self.standby.plunger, self.known.plunger_mm or 0.0
-            told = after is not None and before is not None
-            self.known.plunger_mm = used + (after - before if told else moved)  # type: ignore[operator]
+            self._count_plunger(before)
         whole = abs(moved) >= abs(asked) - _TINY
         return {"message": "" if whole else "the plunger was stopped before its goal"}
+
+    def _count_plunger(self, before: float | None) -> None:
+        """Add what the printer says it has moved; where it doesn't say, nobody knows any more."""
+        after, used = self.standby.plunger, self.known.plunger_mm
+        if before is None or after is None or used is None:
+            self.known.plunger_mm = None
+        else:
+            self.known.plunger_mm = used + after - before
 
     def _push_limits(self) -> tuple[float, float, str]:
         """µL per mm, fastest flow in µL/s, and what limits that."""

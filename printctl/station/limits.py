@@ -7,7 +7,7 @@ Straight up is always free: the shaft stands above the tip already and meets not
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -72,11 +72,12 @@ class Bounds:
 
     @property
     def standing(self) -> Standing | None:
-        """The dish in its place, its wall as high as it must be kept clear of."""
-        if not self.trusted or self.dish is None or None in (self.centre_mm, self.floor_mm):
+        """The dish in its place, where that is known."""
+        if not self.trusted or self.dish is None:
             return None
-        tall = self.dish.model_copy(update={"wall_mm": self.dish.wall_mm + RIM_MARGIN_MM})
-        return Standing(tall, self.centre_mm or (0.0, 0.0), self.floor_mm or 0.0)
+        if self.centre_mm is None or self.floor_mm is None:
+            return None
+        return Standing(self.dish, self.centre_mm, self.floor_mm)
 
 
 def check_move(bounds: Bounds, start: Place, target: Place) -> None:
@@ -173,8 +174,10 @@ def _clear_of_wall(bounds: Bounds, start: Place, target: Place) -> None:
     if standing is None or needle is None:
         return
     tips, moves = np.array([[start, target]]), np.ones(1, np.bool_)
+    higher = standing.dish.model_copy(update={"wall_mm": standing.dish.wall_mm + RIM_MARGIN_MM})
+    kept_clear = replace(standing, dish=higher)
     gaps = {
-        "needle": float(wall_gap(tips, moves, standing, needle.outer_mm)[0]),
+        "needle": float(wall_gap(tips, moves, kept_clear, needle.outer_mm)[0]),
         "needle's hub": float(hub_gap(tips, moves, standing, needle)[0]),
     }
     for what, gap in gaps.items():
@@ -205,9 +208,9 @@ def speed_limit(bounds: Bounds, start: Place, target: Place) -> tuple[float, str
     length = math.dist(start, target)
     limits = []
     for axis, begin, end in zip(_AXES, start, target, strict=True):
-        if end != begin:
+        share = abs(end - begin) / length if length else 0.0
+        if share > _TINY_MM:
             fastest = getattr(bounds.printer.max_speed_mm_s, axis)
-            share = abs(end - begin) / length
             limits.append((fastest / share, f"max_speed_mm_s.{axis} of {bounds.printer.name}"))
     if bounds.needle_above_dish and min(start[2], target[2]) < (bounds.rim_mm or math.inf):
         limits.append((IN_DISH_MM_S, "a needle below the rim of the dish"))

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.link.errors import NoLink
+from printctl.link.history import data_folder
 from printctl.station.status import Mounted, StationState, StationStatus
 
 RECORD: Final = "station.json"
@@ -87,3 +88,8 @@ def load_station(folder: Path) -> StationRecord:
         ) from exc
     except (ValueError, TypeError, OSError) as exc:
         raise NoLink(f"{path} can't be read: {exc}") from exc
+
+
+def usual_folder() -> Path:
+    """Where a station is kept unless another folder is named: one printer, one bench."""
+    return data_folder() / "station"

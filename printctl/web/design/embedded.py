@@ -20,7 +20,10 @@ POLICY: Final = (
 """The page's own policy, which names its scripts by hash, holds as well."""
 
 
-def embedded(path: Path, theme: Theme = "system") -> HTMLResponse:
+_BARE: Final = "body > header, body > footer { display: none } body { padding: 8px }"
+
+
+def embedded(path: Path, theme: Theme = "system", bare: bool = False) -> HTMLResponse:
     """The page as an answer that may be framed by our pages alone.
 
     Parameters
@@ -28,8 +31,12 @@ def embedded(path: Path, theme: Theme = "system") -> HTMLResponse:
     path : Path
         An HTML file that the product wrote.
     theme : Theme
+    bare : bool
+        Without its own head and foot: what stands there stands around it.
     """
     text = path.read_text(encoding="utf-8")
+    if bare:
+        text = text.replace("</head>", f"<style>{_BARE}</style></head>", 1)
     if theme != "system":
         text = text.replace('<html lang="en">', f'<html lang="en" data-theme="{theme}">', 1)
     return HTMLResponse(

@@ -62,6 +62,6 @@ def run_routes(service: DesignService) -> APIRouter:
         response_class=HTMLResponse,
     )
     def page(name: str, page: str, theme: Theme = "system") -> HTMLResponse:
-        return embedded(service.page(name, page), theme)
+        return embedded(service.page(name, page), theme, bare=page != "report")
 
     return routes

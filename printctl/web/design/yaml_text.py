@@ -36,7 +36,7 @@ def read_text(text: str) -> dict[str, Any]:
 def _check_events(text: str) -> None:
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        line = event.start_mark.line + 1
+        line = event.start_mark.line + 1 if event.start_mark else 0
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise BadRequestError(f"line {line}: aliases (& and *) aren't taken; write it out")
         if getattr(event, "tag", None):
@@ -103,7 +103,7 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
         if old[name] == new[name] and isinstance(old[name], bool) == isinstance(new[name], bool):
             continue
         both = isinstance(old[name], dict) and isinstance(new[name], dict) and new[name]
-        if both and isinstance(value, yaml.MappingNode):
+        if both and isinstance(value, yaml.MappingNode) and not _in_line(value):
             return _change(text, value, old[name], new[name])
         return _replaced(text, key, value, new[name])
     added = next((name for name in new if name not in old), None)
@@ -116,12 +116,19 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
 
 def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
     plain = not isinstance(new, dict) and not any(isinstance(v, dict | list) for v in _each(new))
-    if plain and (isinstance(value, yaml.ScalarNode) or value.flow_style):
-        shown = yaml.safe_dump(new, default_flow_style=True, allow_unicode=True, width=10**6)
+    if _in_line(value) or (plain and isinstance(value, yaml.ScalarNode)):
+        shown = yaml.safe_dump(
+            new, default_flow_style=True, allow_unicode=True, width=10**6, sort_keys=False
+        )
         shown = shown.removesuffix("\n").removesuffix("\n...")
         return text[: value.start_mark.index] + shown + text[value.end_mark.index :]
     entry = _lines(str(key.value), new, key.start_mark.column)
     return _with_lines(text, key.start_mark.line, _last_line(value) + 1, entry)
+
+
+def _in_line(node: yaml.Node) -> bool:
+    """Whether a list or mapping is written with brackets."""
+    return bool(getattr(node, "flow_style", False))
 
 
 def _each(value: Any) -> list[Any]:
@@ -139,7 +146,7 @@ def _lines(key: str, value: Any, column: int) -> str:
 
 def _last_line(node: yaml.Node) -> int:
     """The line of a node's last sign; a block's own end mark lies behind its comments."""
-    if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
+    if isinstance(node, yaml.ScalarNode) or _in_line(node) or not node.value:
         return int(node.end_mark.line)
     last = node.value[-1]
     return _last_line(last[1] if isinstance(last, tuple) else last)

@@ -108,6 +108,11 @@ class PrintFollower:
         self._threads[0].join(5.0)
 
     @property
+    def over(self) -> bool:
+        """Whether it has heard of the print's end."""
+        return self._last is not None and self._last.ended
+
+    @property
     def alive(self) -> bool:
         """Whether it still follows."""
         return self._threads[0].is_alive()
@@ -151,10 +156,12 @@ class PrintFollower:
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
         now = time.time()
-        self.heard = Heard(
-            self.job, self.folder, status, self._journal, self._progress(status, now)
-        )
-        self._tell(self.heard)
+        heard = Heard(self.job, self.folder, status, self._journal, self._progress(status, now))
+        try:
+            self._tell(heard)
+        except Exception:  # a full disk: the print is followed all the same
+            log.exception("what the print of %s does can't be told", self.job)
+        self.heard = heard
 
     def _progress(self, status: Status, now: float) -> Progress | None:
         table, remaining = self._table, self._remaining

@@ -6,19 +6,21 @@ import json
 import threading
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from design.files import write_text
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.job import load_job
+from printctl.link.reach import alive, what_is_known
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import declared_start
 from printctl.preflight import Check
 from printctl.printing.find import running
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.errors import ConflictError
+from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import Heard, PrintFollower
@@ -34,12 +36,16 @@ from printctl.web.job.jobs import (
 from printctl.web.job.journalled import journalled
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
 from printctl.web.job.preflight import Preflight, Preflights, file_hash, load_table, refuse, row
+from printctl.web.job.progress import predicted_s, progress
 from printctl.web.job.record import PrintRecord, Records
+from printctl.web.job.remaining import Remaining
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
 from printctl.web.job.starting import order_of, refuse_unconfirmed
 from printctl.web.job.station_printing import StationPrinting
 from printctl.web.job.table import JobTable
 from printctl.web.job.viability import Viability, viability
+from printctl.web.live import JobSource
+from printctl.web.live.maker import SceneMaker
 
 SET_UP: Final = "set_up.json"
 _LONGEST_LINE: Final = 10_000
@@ -62,6 +68,8 @@ class JobService:
     records : Records
     hands : PrintHands
         Pause, resume, change of syringe, cancel.
+    scenes : SceneMaker
+        Of the live view.
     after : Aftercare
         Steps, notes, photos, warming, flushing.
     """
@@ -74,6 +82,7 @@ class JobService:
         self.records = Records(core.workspace.root / "records")
         self.hands = PrintHands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
+        self.scenes = SceneMaker()
         self._followers: dict[str, PrintFollower] = {}
         self._lock = threading.Lock()
         self._starting = threading.Lock()
@@ -97,10 +106,25 @@ class JobService:
         """One job."""
         return entry_of(self.core.workspace, job, self._facts)
 
-    def upload(self, name: str, parts: Iterable[bytes]) -> JobEntry:
+    def upload(self, name: str, parts: IO[bytes] | Iterable[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
-        limit = self.core.settings.upload_mb * 1e6
+        limit = int(self.core.settings.upload_mb * 1e6)
         return self.job(add_job(self.core.workspace, name, parts, limit))
+
+    def scene(self, job: str) -> JobSource:
+        """What the live view draws.
+
+        Raises
+        ------
+        KeyError
+            When there is no such job.
+        """
+        try:
+            file, said = self.core.workspace.job_file(job), self._own_set_up(job)
+        except WebError as exc:
+            raise KeyError(job) from exc
+        cache = self.core.workspace.private / "scenes"
+        return JobSource(file, cache, said.printer, said.syringe.partition(",")[0])
 
     # --- before the print ----------------------------------------------------------------------
 
@@ -196,11 +220,13 @@ class JobService:
         if follower is not None and follower.heard is not None:
             return follower.heard
         try:
-            load_record(folder)
+            going_on = not load_record(folder).status and alive(folder)
         except NoLink:
             return None
-        self._follow(job, folder)
-        return self._heard_soon(job)
+        if going_on:
+            self._follow(job, folder)
+            return self._heard_soon(job)
+        return self._ended(job, folder)
 
     def current(self) -> Heard | None:
         """The print that goes on; of several the one begun last."""
@@ -261,11 +287,34 @@ class JobService:
     def _follow(self, job: str, folder: Path) -> None:
         with self._lock:
             before = self._followers.get(job)
-            if before is not None and before.alive:
+            if before is not None and before.alive and not before.over:
                 return
             follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._tell)
             self._followers[job] = follower
             follower.begin()
+
+    def _ended(self, job: str, folder: Path) -> Heard:
+        """A print that is over, from what it left; it is told to nobody."""
+        status, journal = what_is_known(folder), journalled(folder / JOURNAL)
+        heard = Heard(job, folder, status, journal)
+        self._note_end(heard)
+        file = self.core.workspace.job_file(job)
+        if journal.sha256 != file_hash(file) or not (folder / SET_UP).is_file():
+            return heard
+        said = JobSetUp.model_validate_json((folder / SET_UP).read_text(encoding="utf-8"))
+        known = self._preflights.known(file, said)
+        if known is None:
+            return heard
+        table = load_table(known.table)
+        at = predicted_s(table, status.lines_executed)
+        done = progress(
+            table,
+            status.lines_executed,
+            journal.active_s,
+            time.time(),
+            Remaining(float(table.time_s[-1])).estimate(at),
+        )
+        return replace(heard, progress=done)
 
     def _heard_soon(self, job: str) -> Heard:
         limit = time.monotonic() + 10.0

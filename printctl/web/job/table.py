@@ -100,10 +100,9 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
     vessel, vessels = _none(line)
     if view is not None and view.vessel is not None:
         vessel, vessels = _parts(view.line, view.vessel, view.act, line)
-    ink: FloatArray = np.bincount(run.program.line, volume_ul, last + 1).astype(np.float64)
     return JobTable(
         time_s=_times(run, line, last),
-        ink_ul=np.cumsum(ink)[line],
+        ink_ul=_ink(run, volume_ul, last)[line],
         plunger_mm=_plunger(run, line, last),
         file_line=line,
         layer=layer,
@@ -128,6 +127,16 @@ def _times(run: DryRun, line: IntArray, last: int) -> FloatArray:
     times = np.minimum(np.maximum.accumulate(result)[line], run.duration_s)
     times[-1] = run.duration_s
     return np.asarray(times)
+
+
+def _ink(run: DryRun, volume_ul: FloatArray, last: int) -> FloatArray:
+    """What has been written after each line, µL: what a plunger takes back comes out again."""
+    result = np.zeros(last + 1)
+    for tool in np.unique(run.program.tool):
+        of = np.where(run.program.tool == tool, volume_ul, 0.0)
+        whole = np.cumsum(np.bincount(run.program.line, of, last + 1))
+        result += np.maximum.accumulate(np.maximum(whole, 0.0))
+    return result
 
 
 def _plunger(run: DryRun, line: IntArray, last: int) -> FloatArray:

@@ -27,9 +27,9 @@ _ON_KEY: Final = (
     "(e) => { if (%s.includes(e.key)) { e.preventDefault(); if (!e.repeat) emit(e.key); } }"
 )
 _PAD: Final = (
-    (None, ("y", 1, "Y +"), None, ("z", 1, "Z up")),
+    (None, ("y", 1, "Y +"), None, ("z", 1, "Z +")),
     (("x", -1, "X −"), None, ("x", 1, "X +"), None),
-    (None, ("y", -1, "Y −"), None, ("z", -1, "Z down")),
+    (None, ("y", -1, "Y −"), None, ("z", -1, "Z −")),
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from firmware_profiles import Ink, Syringe, load
+from firmware_profiles import Syringe, load
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.hands import fastest_ul_s
@@ -45,9 +45,11 @@ def add_plunger(service: PrinterService, who: Principal) -> Refresh:
         if rated != [status.mounted.syringe, status.mounted.ink]:
             rated[:] = [status.mounted.syringe, status.mounted.ink]
             most = fastest_ul_s(status)
-            fastest.set_text("" if most is None else f"At most {most:.3g} µL/s with this syringe.")
-            if status.mounted.ink:
-                rate.set_value(load(Ink, status.mounted.ink).plunger_ul_s)
+            fastest.set_text(
+                "" if most is None else f"At most {most:.3g} µL/s with what is mounted."
+            )
+            if most is not None:
+                rate.set_value(round(most, 3))
 
     return refresh
 

@@ -11,7 +11,7 @@ from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.desk import Desk
-from printctl.web.printer.hands import area_mm2
+from printctl.web.printer.hands import fastest_ul_s
 from printctl.web.printer.shelf import Shelf
 
 PURGE_STEP_UL: Final = 5.0
@@ -64,8 +64,8 @@ class Changing:
             self._purged_ul = 0.0
         return self._desk.heard(status)
 
-    def purge(self, who: Principal, ul: float, ul_s: float = PURGE_UL_S) -> StationStatus:
-        """Push bubbles out of the needle, a little at a time.
+    def purge(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
+        """Push bubbles out of the needle, a little at a time; as fast as a purge may be.
 
         Raises
         ------
@@ -76,17 +76,19 @@ class Changing:
         """
         if not 0 < ul <= PURGE_STEP_UL:
             raise BadRequestError(f"{ul:g} µL in one purge: above 0, at most {PURGE_STEP_UL:g} µL")
-        if not 0 < ul_s <= PURGE_UL_S:
-            raise BadRequestError(f"{ul_s:g} µL/s: a purge goes at most at {PURGE_UL_S:g} µL/s")
-        if area_mm2(self._desk.status) is None:
-            raise ConflictError("say which syringe is mounted first")
         with self._desk.moving(who) as station, self._lock:
+            fastest = fastest_ul_s(station.status)
+            if fastest is None:
+                raise ConflictError("say which syringe is mounted first")
+            most = min(PURGE_UL_S, fastest)
+            if ul_s is not None and not 0 < ul_s <= most:
+                raise BadRequestError(f"{ul_s:g} µL/s: a purge goes at most at {most:g} µL/s here")
             if self._purged_ul + ul > PURGE_UL + 1e-9:
                 raise ConflictError(
                     f"{self._purged_ul:g} µL are purged, at most {PURGE_UL:g} µL after a change: "
                     "if ink doesn't come yet, look for a clog or a plunger that isn't touched"
                 )
-            status = station.plunger(ul, ul_s)
+            status = station.plunger(ul, ul_s or most)
             self._purged_ul += ul
         return self._desk.heard(status)
 

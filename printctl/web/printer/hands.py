@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-from firmware_profiles import Dish, Printer, Syringe, load
+from firmware_profiles import Dish, Ink, Printer, Syringe, load
 from printctl.station import StationStatus
+from printctl.station.hands import UNNAMED_UL_S
 from printctl.web.controls import Principal
 from printctl.web.errors import ConflictError
 from printctl.web.printer.desk import Desk
@@ -108,11 +109,13 @@ def area_mm2(status: StationStatus) -> float | None:
 
 
 def fastest_ul_s(status: StationStatus) -> float | None:
-    """Fastest plunger, µL/s, with the syringe mounted."""
+    """Fastest plunger, µL/s, with the syringe and the ink mounted; None where no syringe is."""
     area = area_mm2(status)
     if area is None or not status.profile:
         return None
-    return area * load(Printer, status.profile).max_speed_mm_s.e
+    ink = status.mounted.ink
+    bears = load(Ink, ink).plunger_ul_s if ink else UNNAMED_UL_S
+    return min(area * load(Printer, status.profile).max_speed_mm_s.e, bears)
 
 
 def needs_touch_off(status: StationStatus) -> bool:

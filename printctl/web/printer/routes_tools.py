@@ -95,8 +95,7 @@ def _add_changes(routes: APIRouter, service: PrinterService, who: Who) -> None:
 
     @routes.post("/change/purge", summary="Push bubbles out, a little at a time")
     def purge(body: m.Push, request: Request) -> m.Status:
-        rate = {} if body.ul_s is None else {"ul_s": body.ul_s}
-        return _status(changing.purge(who(request), body.ul, **rate))
+        return _status(changing.purge(who(request), body.ul, body.ul_s))
 
     @routes.post("/change/needle", summary="Say that a needle was put in; touch off follows")
     def needle(body: m.NewNeedle, request: Request) -> m.Status:

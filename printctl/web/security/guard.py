@@ -8,6 +8,7 @@ a page gets a session without log-in, unless a password is set.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import secrets
 from dataclasses import dataclass, field
@@ -263,6 +264,9 @@ class Guard:
 
         try:
             await self.app(scope, watched, send)
+            if over.is_set():
+                with contextlib.suppress(RuntimeError):  # closed by the app, or gone by itself
+                    await send({"type": "websocket.close", "code": _FORBIDDEN})
         finally:
             gone.cancel()
             self._open.get(session, set()).discard(over)

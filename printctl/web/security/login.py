@@ -46,7 +46,7 @@ def router() -> APIRouter:
         return entered
 
     @routes.post("/logout")
-    def leave(request: Request) -> Response:
+    async def leave(request: Request) -> Response:  # in the loop: it wakes WebSockets up
         guard: Guard = request.state.guard
         if request.state.session is not None:
             guard.logged_out(request.state.session)

@@ -27,6 +27,7 @@ OVER: Final = frozenset({"killed", "halted", "failed", "stopped", "done", "posit
 """States after which nothing more comes of a stop."""
 _LOOK_S: Final = 0.5
 _SEND_S: Final = 1.0
+_SHORTLY_S: Final = 0.02
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,13 @@ class Wires:
 
     def outcome(self, folder: str, patience_s: float) -> dict[str, Any]:
         """What a print or station says of itself after a kill: ``state`` and ``message``."""
+        limit = self.clock() + patience_s
         said: dict[str, Any] = {}
-        for path in (p for p in self._records if str(p.parent) == folder):
-            said = self._hear(path, patience_s) or _last_word(path)
+        path = next((p for p in self._records if str(p.parent) == folder), None)
+        while path is not None and said.get("state") not in OVER and self.clock() < limit:
+            said = self._hear(path, limit - self.clock()) or _last_word(path) or said
+            if said.get("state") not in OVER:
+                time.sleep(_SHORTLY_S)  # its socket has closed, its last word isn't written yet
         return {"state": said.get("state", "unknown"), "message": said.get("message", "")}
 
     # --- within --------------------------------------------------------------------------

@@ -6,33 +6,26 @@ finds it by its folder's lock and progress.
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 import threading
-import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 from printctl.link.client import attach
 from printctl.link.errors import LinkError
 from printctl.link.states import ENDED
-from printctl.pipeline.lock import run_is_going_on
 from printctl.pipeline.manifest import MANIFEST
 from printctl.pipeline.sequences import TOOLPATH, until
-from printctl.web.design.making.progress import RunProgress, broken_off, read_progress
+from printctl.web.design.making.detached import Detached
+from printctl.web.design.making.progress import RunProgress
 from printctl.web.design.recipes import Recipes
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace
 
-PROGRESS, LOG, RECIPE = "progress.jsonl", "run.log", "recipe.yaml"
+RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH[-1].name
 """As far as a design goes before it is printed."""
-
-_STARTS_S: Final = 60.0
-"""A process that lives takes the folder's lock within this."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +57,7 @@ class Runs:
 
     def __init__(self, workspace: Workspace, recipes: Recipes) -> None:
         self._workspace, self._recipes = workspace, recipes
-        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self.processes = Detached()
         self._lock = threading.Lock()
 
     def rows(self) -> list[RunRow]:
@@ -93,14 +86,7 @@ class Runs:
 
     def progress(self, name: str) -> RunProgress:
         """How far a run is; ``never`` when it was never started."""
-        folder = self._workspace.run(name)
-        run = read_progress(name, folder / PROGRESS)
-        child = self._children.get(name)
-        if child is not None and child.poll() is None:
-            return replace(run, state="starting") if run.state == "never" else _leaving(run)
-        if not run.going_on:
-            return run if run.state != "never" or child is None else self._dead(run)
-        return run if self._lives(run, folder) else self._dead(run)
+        return self.processes.progress(name, self._workspace.run(name))
 
     def start(self, name: str, last: str = LAST_STAGE) -> RunProgress:
         """Make a recipe's design, as far as a stage before the print.
@@ -146,12 +132,8 @@ class Runs:
         ConflictError
             When it isn't going on.
         """
-        run = self.progress(name)
-        child = self._children.get(name)
-        pid = child.pid if child is not None and child.poll() is None else run.pid
-        if not run.going_on or not pid:
+        if not self.processes.cancel(name, self._workspace.run(name)):
             raise ConflictError(f"run {name!r} isn't going on")
-        self._end(pid, child)
         return self.progress(name)
 
     def print_state(self, name: str) -> str:
@@ -175,12 +157,13 @@ class Runs:
             self._refuse(name, folder)
             folder.mkdir(parents=True, exist_ok=True)
             (folder / RECIPE).write_text(text, encoding="utf-8")
-            (folder / PROGRESS).unlink(missing_ok=True)
-            self._children[name] = self._spawn(name, folder, more)
+            recipe = str(self._workspace.recipe(name).resolve())
+            command = ["run", recipe, "--out", str(folder.resolve()), *more]
+            self.processes.spawn(folder, command, self._workspace.root)
         return self.progress(name)
 
     def _refuse(self, name: str, folder: Path) -> None:
-        if self.progress(name).going_on or (folder.is_dir() and run_is_going_on(folder)):
+        if self.processes.going_on(name, folder):
             raise ConflictError(f"run {name!r} is going on; wait, or cancel it")
         state = self.print_state(name) if folder.is_dir() else ""
         if state and state not in ENDED:
@@ -189,64 +172,6 @@ class Runs:
                 "file: wait for its end, or duplicate the recipe"
             )
 
-    def _spawn(self, name: str, folder: Path, more: list[str]) -> subprocess.Popen[bytes]:
-        recipe = self._workspace.recipe(name).resolve()
-        command = [sys.executable, "-m", "printctl", "run", str(recipe), "--out"]
-        command += [str(folder.resolve()), "--progress-file", str((folder / PROGRESS).resolve())]
-        with (folder / LOG).open("wb") as log:
-            return subprocess.Popen(
-                command + more,
-                cwd=self._workspace.root,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    def _lives(self, run: RunProgress, folder: Path) -> bool:
-        if not run.pid or not _exists(run.pid):
-            return False
-        return run_is_going_on(folder) or time.time() - run.begun < _STARTS_S
-
-    def _dead(self, run: RunProgress) -> RunProgress:
-        log = self._workspace.run(run.name) / LOG
-        try:
-            last = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
-        except OSError:
-            last = []
-        said = f": {last[0]}" if last and not run.stages else ""
-        why = f"the run's process is gone{said}; start it again, finished stages are kept"
-        return replace(broken_off(run, why), state="interrupted", message=why)
-
-    def _end(self, pid: int, child: subprocess.Popen[bytes] | None) -> None:
-        for sign, wait_s in ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
-            try:
-                os.killpg(pid, sign)
-            except (ProcessLookupError, PermissionError):
-                return
-            deadline = time.monotonic() + wait_s
-            while time.monotonic() < deadline:
-                if (child.poll() is not None) if child is not None else not _exists(pid):
-                    return
-                time.sleep(0.05)
-
-
-def _leaving(run: RunProgress) -> RunProgress:
-    """A run whose process hasn't quite left yet is going on."""
-    return run if run.going_on else replace(run, state="running")
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
-
 
 def _has_pdf() -> bool:
-    from importlib.util import find_spec  # Asked for once a run.
-
     return find_spec("reportlab") is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nicegui import events, ui
 
 from printctl.web.design import form as forms
@@ -65,7 +67,6 @@ class RecipeTab:
         self._wrong.clear()
         with self._wrong:
             for problem in editor.problems:
-                line = ui.button(
-                    problem.message, on_click=lambda p=problem: self._form.show(p.path)
-                )
+                show = partial(self._form.show, problem.path)
+                line = ui.button(problem.message, on_click=show)
                 line.props("flat no-caps align=left icon=error_outline").classes("pc-problem")

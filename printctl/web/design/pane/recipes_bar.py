@@ -94,10 +94,8 @@ class RecipesBar:
                 await self._take(event.file.name, await event.file.read())
                 dialog.close()
 
-            upload = ui.upload(
-                label="Drop a file, or choose one", on_upload=taken, auto_upload=True
-            )
-            upload.props("flat bordered").classes("w-full")
+            upload = ui.upload(label="Drop a file, or choose one", on_upload=taken)
+            upload.props("flat bordered auto-upload").classes("w-full")
             ui.button("Close", on_click=dialog.close).props("flat")
         dialog.open()
 

@@ -120,8 +120,11 @@ class Node:
     @property
     def bounds(self) -> str:
         """Limits of a number in words; empty without any."""
-        low = "" if self.low is None else f"{'above' if self.open_low else 'from'} {self.low:g}"
-        high = "" if self.high is None else f"{'below' if self.open_high else 'to'} {self.high:g}"
+        low, high = "", ""
+        if self.low is not None:
+            low = f"{'above' if self.open_low else 'from'} {self.low:.12g}"
+        if self.high is not None:
+            high = f"{'below' if self.open_high else 'to'} {self.high:.12g}"
         return f"{low} {high}".strip()
 
     def as_json(self) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def section(model: type[BaseModel]) -> Node:
 
 def _field(name: str, info: FieldInfo) -> FormField:
     key = info.alias or name
-    said = [*info.metadata, *([Discriminator(info.discriminator)] if info.discriminator else [])]
+    said = [*info.metadata, *([_said_by(info.discriminator)] if info.discriminator else [])]
     node = _marked(_node(info.annotation, said), info)
     default = None if info.is_required() else _plain(info.get_default(call_default_factory=True))
     return FormField(
@@ -79,11 +79,15 @@ def _annotated(args: tuple[Any, ...], said: Sequence[Any]) -> Node:
     for info in infos:
         plain += info.metadata
         if info.discriminator:
-            plain.append(Discriminator(info.discriminator))
+            plain.append(_said_by(info.discriminator))
     node = _node(base, [*plain, *said])
     for info in infos:
         node = _marked(node, info)
     return node
+
+
+def _said_by(key: str | Discriminator) -> Discriminator:
+    return key if isinstance(key, Discriminator) else Discriminator(key)
 
 
 def _marked(node: Node, info: FieldInfo) -> Node:

@@ -213,8 +213,9 @@ export class FlatPainter {
       this.redraw();
       return;
     }
-    this.stroke("next", Math.max(next, state.written), ahead);
+    if (ahead === next && state.written === written) return;
     this.stroke("solid", written, state.written);
+    this.stroke("next", state.written, ahead);
     this.painted = { written: state.written, next: ahead };
   }
 

@@ -196,7 +196,6 @@ export class GlPainter {
     this.shared.uniforms.every.value = 1;
     this.onView(this);
     this.after(() => {
-      if (window.liveTrace) console.log("slice", performance.now() - begin, drawn, this.slice);
       this.pace(performance.now() - begin, drawn / this.every);
       if (left.length) this.paintSlice(left);
       else this.finish();
@@ -266,8 +265,10 @@ export class GlPainter {
       this.stage.draw();
       return;
     }
-    if (ahead > next) this.drawMoves(this.ribbons.next, Math.max(next, state.written), ahead);
+    if (ahead === next && state.written === written) return;
     if (state.written > written) this.drawMoves(this.kind.solid, written, state.written);
+    // All of it, since what was just written may lie over a part.
+    if (ahead > state.written) this.drawMoves(this.ribbons.next, state.written, ahead);
     this.painted = { written: state.written, next: ahead };
   }
 

@@ -10,7 +10,9 @@ import { Needle } from "./needle.js";
 import { Panel, element, listenToKeys } from "./panel.js";
 import { SceneProblem, loadScene, movesAhead, movesDone, placeOf } from "./scene.js";
 
-const LEAST_MS = 200; // between two pictures of a print that goes on
+// While a print goes on, between two places of the needle, two pictures and two sentences. A picture
+// costs a browser without a graphics card ten times what the needle does.
+const LEAST_MS = { needle: 200, picture: 500, words: 1000 };
 const AHEAD_S = 10; // what comes next
 const HELP = "Picture of the print. Arrow keys turn it, with Shift they move it, plus and minus zoom, "
   + "F fits it, 1, 2 and 3 look from the top, the front and the side.";
@@ -33,7 +35,7 @@ class LiveView {
     this.root.append(this.stage);
     host.replaceChildren(this.root);
     this.status = { executed: 0, acknowledged: 0, position: null };
-    this.drawn = -Infinity;
+    this.last = { needle: -Infinity, picture: -Infinity, words: -Infinity };
   }
 
   async load() {
@@ -83,7 +85,8 @@ class LiveView {
     this.message.remove();
     this.makeOperable();
     this.watchTheme();
-    this.apply();
+    if (this.live) this.follow();
+    this.speak();
     this.painter.show(this.state);
     this.painter.fit();
     if (this.options.source) {
@@ -136,21 +139,32 @@ class LiveView {
     }
     this.live = true;
     if (this.timer || !this.panel) return;
-    const wait = Math.max(this.drawn + LEAST_MS - performance.now(), 0);
+    const wait = Math.max(this.last.needle + LEAST_MS.needle - performance.now(), 0);
     this.timer = setTimeout(() => this.tick(), wait);
   }
 
   tick() {
     this.timer = 0;
-    this.drawn = performance.now();
     this.panel.rest.hidden = false;
-    this.apply();
-    this.painter.advance(this.state);
+    this.follow();
+    this.last.needle = performance.now();
     this.needle.draw(this.painter);
+    if (this.isDue("picture")) this.painter.advance(this.state);
+    if (this.isDue("words")) this.speak();
+    clearTimeout(this.late);
+    this.late = setTimeout(() => this.settle(), LEAST_MS.words);
   }
 
-  apply() {
-    if (this.live) this.follow();
+  isDue(what) {
+    const now = performance.now();
+    if (now - this.last[what] < LEAST_MS[what]) return false;
+    this.last[what] = now;
+    return true;
+  }
+
+  // The last news of all, when none come after it.
+  settle() {
+    this.painter.advance(this.state);
     this.speak();
   }
 
@@ -162,7 +176,6 @@ class LiveView {
     );
     const last = this.state.written ? placeOf(this.scene, this.state.written) : null;
     this.needle.moveTo(position ?? last);
-    this.root.dataset.written = this.state.written;
   }
 
   line(on) {
@@ -179,6 +192,7 @@ class LiveView {
       return;
     }
     const { executed } = this.status;
+    this.root.dataset.written = this.state.written;
     const layer = points[8 * this.state.written + 3] + 1;
     const noun = about.passes ? "pass" : "layer";
     this.panel.say(`${this.lost ?? ""}${noun} ${layer} of ${about.layers.length}, `
@@ -187,6 +201,7 @@ class LiveView {
 
   dispose() {
     clearTimeout(this.timer);
+    clearTimeout(this.late);
     this.feed?.close();
     this.themes?.disconnect();
     this.dark?.removeEventListener("change", this.again);

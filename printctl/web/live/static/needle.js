@@ -26,26 +26,26 @@ export class Needle {
     this.place = place;
   }
 
+  // The projection is parallel: as long as nobody turns the view, the needle keeps its shape and is
+  // only shifted, for which the browser paints nothing again.
   draw(painter) {
-    this.svg.style.display = this.place ? "" : "none";
+    const hidden = this.place ? "" : "none";
+    if (this.svg.style.display !== hidden) this.svg.style.display = hidden;
     if (!this.place) return;
     const [x, y] = painter.project(this.place);
     const [a, b] = painter.project([this.place[0], this.place[1], this.place[2] + SHAFT_MM]);
-    const key = [x, y, a, b].map((value) => value.toFixed(1)).join(" ");
-    if (key === this.drawn) return;
-    this.drawn = key;
-    // Only as large as it is, so that only so much of the page is painted again.
-    const [left, up] = [Math.min(x, a) - 8, Math.min(y, b) - 8];
-    this.svg.style.transform = `translate(${left.toFixed(1)}px, ${up.toFixed(1)}px)`;
-    this.svg.style.width = `${Math.abs(a - x) + 16}px`;
-    this.svg.style.height = `${Math.abs(b - y) + 16}px`;
+    this.shape(a - x, b - y);
+    const at = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    if (this.svg.style.transform !== at) this.svg.style.transform = at;
+  }
+
+  shape(across, down) {
+    const key = `${across.toFixed(1)} ${down.toFixed(1)}`;
+    if (key === this.shaped) return;
+    this.shaped = key;
     for (const line of [this.halo, this.shaft]) {
-      line.setAttribute("x1", x - left);
-      line.setAttribute("y1", y - up);
-      line.setAttribute("x2", a - left);
-      line.setAttribute("y2", b - up);
+      line.setAttribute("x2", across.toFixed(1));
+      line.setAttribute("y2", down.toFixed(1));
     }
-    this.tip.setAttribute("cx", x - left);
-    this.tip.setAttribute("cy", y - up);
   }
 }

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from printctl.link.errors import Refused
 from printctl.station import Station, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
@@ -42,9 +44,21 @@ def station(core: Core) -> Iterator[Station]:
     )
     opened.mount(syringe="hamilton_1ml", ink="collagen_fresh", needle="22g", bath="gelatin_support")
     yield opened
-    if opened.status.state == "printing":
-        opened.kill()
-    opened.close()
+    shut(opened)
+
+
+def shut(station: Station) -> None:
+    """Close it as soon as it has noticed its print's end."""
+    limit = time.monotonic() + 30
+    if station.status.state == "printing":
+        station.kill()
+    while True:
+        try:
+            return station.close()
+        except Refused:
+            if time.monotonic() > limit:
+                raise
+            time.sleep(0.05)
 
 
 def add(service: JobService, name: str = "zigzag.gcode", layers: int = 6, moves: int = 60) -> str:

@@ -64,7 +64,7 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
         found = until(again, job, LinkState.PRINTING)
         assert again.current() is not None
         assert not found.status.ended
-        assert again.hands.cancel(job).state in (LinkState.STOPPING, LinkState.STOPPED)
+        again.hands.cancel(job)
         stopped = until(again, job, LinkState.STOPPED)
         assert stopped.status.position_known
         assert core.events.latest["print"]["state"] == "stopped"
@@ -89,6 +89,6 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
     with pytest.raises(SafetyError, match="22g is mounted, and 30g was checked"):
         service.start(OPERATOR, job, other, WORDS)
     away = said.model_copy(update={"start_mm": (60.0, 50.0, 10.0)})
-    with pytest.raises(SafetyError, match="tip's distance from the start: 10 mm, limit 0.05"):
+    with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
     assert service.heard(job) is None
