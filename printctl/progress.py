@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -17,11 +17,28 @@ class Report(Protocol):
         """Say how much is done (0 to 1) and, in a few words, what."""
 
 
+class Listener(Protocol):
+    """Who else is told of progress (`printctl.progress_file`)."""
+
+    def begin(self, stages: Sequence[str], until: str) -> None:
+        """Which stages there will be, and the last one that is asked for."""
+
+    def stage(self, name: str, fraction: float, note: str = "") -> None:
+        """How far a stage is, 0 to 1."""
+
+    def done(self, name: str, note: str) -> None:
+        """A stage has ended well."""
+
+    def remark(self, name: str, text: str) -> None:
+        """Something that the user should know about a stage."""
+
+
 class StageBars:
     """A progress bar for each stage as it runs."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, listener: Listener | None = None) -> None:
         self._console = console
+        self._listener = listener
         self._bars = Progress(
             TextColumn("{task.description:<14}"),
             BarColumn(bar_width=28),
@@ -54,8 +71,12 @@ class StageBars:
     def stage(self, name: str) -> Iterator[Report]:
         """A bar for one stage; it fills up when the stage ends well."""
         task = self._bars.add_task(name, total=None, note="")
+        if self._listener is not None:
+            self._listener.stage(name, 0.0)
 
         def report(fraction: float, note: str = "") -> None:
+            if self._listener is not None:
+                self._listener.stage(name, fraction, note)
             self._bars.update(task, total=1.0, completed=fraction, note=note)
 
         yield report
@@ -63,6 +84,8 @@ class StageBars:
 
     def say(self, name: str, note: str) -> None:
         """Close a stage with a word about it."""
+        if self._listener is not None:
+            self._listener.done(name, note)
         for task in self._bars.tasks:
             if task.description == name:
                 self._bars.update(task.id, note=note)
@@ -71,4 +94,6 @@ class StageBars:
 
     def remark(self, name: str, text: str) -> None:
         """Something that the user should know about a stage; it stays on the screen."""
+        if self._listener is not None:
+            self._listener.remark(name, text)
         self._console.print(f"{name:<14} note: {text}", highlight=False, markup=False)

@@ -1,11 +1,16 @@
-"""Scan to report: read, segment, align, gauge."""
+"""Scan to report: read, segment, align, gauge.
 
-from registration.errors import RegistrationError
-from registration.options import RegistrationOptions
-from registration.readers import ScanOverrides, read_scan, write_scan_tiff
-from registration.register import register_scan
-from registration.result import RegistrationReport, report_dict
-from registration.scan import Scan
+`import registration` gives what scripts and notebooks use: the names of
+`registration.interface`, which
+docs/python.md shows. Each is loaded when it is first asked for: a command that needs one room
+shouldn't wait for all.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from registration.interface import *
 
 __all__ = [
     "RegistrationError",
@@ -16,5 +21,18 @@ __all__ = [
     "read_scan",
     "register_scan",
     "report_dict",
+    "vessel_rows",
+    "write_report",
     "write_scan_tiff",
+    "write_tables",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        return getattr(import_module("registration.interface"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

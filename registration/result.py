@@ -16,6 +16,9 @@ from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
 
+SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
+"""Of every deviation."""
+
 
 @dataclass(frozen=True)
 class RegistrationReport:
@@ -121,6 +124,13 @@ class RegistrationReport:
     perfusion: Perfusion | None
     walls: WallCalibration | None
     notes: tuple[str, ...]
+
+
+def scaled_vertices(report: RegistrationReport) -> FloatArray:
+    """Vertices of the scanned surface after the scaled fit, (n, 3), mm, as files hold them."""
+    again = report.scaled_scan_to_part @ np.linalg.inv(report.transform_scan_to_part)
+    vertices = report.vertices @ again[:3, :3].T + again[:3, 3]
+    return vertices.astype(np.float32).astype(np.float64)
 
 
 def report_dict(report: RegistrationReport) -> dict[str, Any]:

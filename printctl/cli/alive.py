@@ -7,7 +7,10 @@ from printctl.cli.run_folder import RunArg, running_print
 
 
 def alive(run: RunArg) -> None:
-    """Begin the dead-man's time of a print anew (`printctl print --deadman`)."""
+    """Begin the dead-man's time of a print anew (`printctl print --deadman`).
+
+    Whoever stands at the printer says so by it; without it the print pauses, or stops, in time.
+    """
     with running_print(run) as client:
         client.alive()
         left = client.status.deadman_left_s

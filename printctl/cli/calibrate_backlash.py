@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 
 from firmware_profiles import Printer, Syringe, load
-from printctl.calibration import backlash_path, fit_backlash
+from printctl.calibration import backlash_path
 from printctl.calibration.paths import Axis
+from printctl.calibration.results import backlash_result
 from printctl.cli.calibrate_files import Job, write_test
 from printctl.cli.calibrate_options import At, Csv, Gcode, given, numbers_of, tell
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
@@ -30,7 +31,10 @@ def backlash(
     gcode: Gcode = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Lost motion of an axis: CSV with target_mm, approach (1 or -1) and measured_mm."""
+    """Lost motion of an axis: CSV with target_mm, approach (1 or -1) and measured_mm.
+
+    With --gcode it writes the G-code of the test, which comes to each place from both sides.
+    """
     if gcode is not None:
         machine, filled = load(Printer, printer), load(Syringe, syringe)
         path, places, sides = backlash_path(
@@ -46,10 +50,8 @@ def backlash(
         write_test(job, ("target_mm", "approach", "measured_mm"), rows, {})
         return
     data = given(readings, ("target_mm", "approach", "measured_mm"))
-    target, approach, dial = (data.numbers[n] for n in ("target_mm", "approach", "measured_mm"))
-    found = fit_backlash(target, approach, dial, data.last_digit["measured_mm"])
-    lines = {"lost motion": found.lost_mm, "travelled over commanded": found.scale}
-    tell(lines, [f"one reading scatters by {found.scatter_mm:.3g} mm"], as_json)
+    result = backlash_result(data)
+    tell(result.lines, list(result.notes), as_json)
 
 
 def _axis(text: str) -> Axis:

@@ -1,98 +1,42 @@
-"""What `printctl calibrate` writes: a test's G-code with a CSV to fill in, and a mended profile."""
+"""What `printctl calibrate` writes, and tells of it: a test with its CSV, a mended profile."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from design.files import write_bytes, write_text
-from design.toolpath import Toolpath
-from design.toolpath.gcode import GcodeOptions, write_gcode
-from firmware_profiles import Facts, Printer, Syringe
+from firmware_profiles import Facts
 from printctl.calibration import Estimate
+from printctl.calibration.writing import Job, Measured, make_test, measured_key, save_measured
 from printctl.cli.options import messages, print_lines
-from printctl.errors import UsageError
-from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
-from sim.dryrun import dry_run
 
-
-@dataclass(frozen=True)
-class Job:
-    """A test: where it goes, what it does, on what, from where.
-
-    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for;
-    ``flow_factor`` is the ink's, where the test writes with it as a print does.
-    """
-
-    path: Path
-    toolpath: Toolpath
-    printer: Printer
-    syringe: Syringe
-    at_mm: tuple[float, float, float]
-    doses: bool = False
-    flow_factor: float = 1.0
+__all__ = ["Job", "Measured", "write_changed", "write_measured", "write_mended", "write_test"]
 
 
 def write_test(
     job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
 ) -> None:
-    """Write the G-code and the CSV file beside it, after the same checks as a print's.
+    """Write the G-code and the CSV file beside it, and say what to do with them; see `make_test`.
 
     Raises
     ------
-    SafetyError
-        When a check refuses it.
-    UsageError
-        When it needs a plunger, and there is none.
+    SafetyError, UsageError
     """
-    if job.printer.pneumatic and not job.doses and job.toolpath.volume_ul.any():
-        raise UsageError(
-            f"{job.printer.name} has a pneumatic head, and this test drives a plunger; weigh its "
-            "flow instead: printctl calibrate weigh"
-        )
-    # A pneumatic head's flow is what will be weighed; its doses are times, so any will do here.
-    flow = 1.0 if job.printer.pneumatic else None
-    options = GcodeOptions(
-        start_mm=job.at_mm,
-        relieve_ul=0.0,
-        flow_factor=job.flow_factor,
-        flow_ul_s=flow,
-        standing_doses=flow is not None,
-    )
-    gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
-    run = dry_run(gcode.data, job.printer, job.at_mm)
-    checks = [*gcode_checks(run, job.printer), *syringe_checks(run, job.printer, job.syringe)]
-    refuse_failed(checks)
-    for text in warnings(checks):
+    made = make_test(job, columns, rows, facts)
+    for text in made.notes:
         messages().print(f"note: {text}", markup=False)
-    write_bytes(job.path, gcode.data)
-    table = io.StringIO()
-    table.writelines(f"# {key}={value:g}\n" for key, value in facts.items())
-    csv.writer(table, lineterminator="\n").writerows([list(columns), *rows])
-    sheet = job.path.with_suffix(".csv")
-    write_text(sheet, table.getvalue())
     start = ",".join(f"{value:g}" for value in job.at_mm)
     print_lines(
-        f"{job.path}: {gcode.line_count} lines, {run.duration_s:.0f} s; put the tip to {start} "
+        f"{job.path}: {made.lines} lines, {made.duration_s:.0f} s; put the tip to {start} "
         f"and print it with --start {start}",
-        f"{sheet}: fill in the last column ({columns[-1]}), then give it to the same command",
+        f"{job.sheet}: fill in the last column ({columns[-1]}), then give it to the same command",
     )
 
 
 def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None:
     """Write a copy of a profile with one key measured; its source says so."""
-    name, _, part = key.partition(".")
-    value: Any = estimate.value
-    if part:
-        value = {**getattr(facts, name).model_dump(mode="json"), part: value}
-    write_changed(path, facts, key, value, estimate)
+    write_measured(path, facts, measured_key(facts, key, estimate))
 
 
 def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Estimate) -> None:
@@ -100,30 +44,6 @@ def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Esti
     write_measured(path, facts, {key: Measured(value, f"{estimate.text()}, 95 %")})
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What a key gets: its value, and what its source is to say of it."""
-
-    value: Any
-    said: str
-
-
 def write_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> None:
     """Write a copy of a profile with keys changed for what was measured; its source says so."""
-    data = facts.model_dump(mode="json", exclude_unset=True)
-    for key, one in found.items():
-        data[key.partition(".")[0]] = one.value
-    left = [other for other in facts.starting_values if other not in found]
-    if left:
-        data["starting_values"] = left
-    else:
-        data.pop("starting_values", None)
-    said = "; ".join(f"{key} {one.said}" for key, one in found.items())
-    numbers = said if len(found) > 1 else next(iter(found.values())).said
-    data["source"] = (
-        f"{facts.source} {', '.join(found)} measured by printctl calibrate, "
-        f"{date.today().isoformat()}: {numbers}."
-    )
-    type(facts).model_validate(data)
-    write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
-    messages().print(f"wrote {path}: {said}", markup=False)
+    messages().print(f"wrote {path}: {save_measured(path, facts, found)}", markup=False)

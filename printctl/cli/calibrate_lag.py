@@ -37,7 +37,11 @@ def lag(
     write: Write = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there."""
+    """Pressure lag (K, τ) and flow factor: CSV with x_mm along the line and width_mm there.
+
+    With --gcode it writes the G-code of the test: one line, slow and fast in turn, whose width
+    follows the pressure late.
+    """
     material = load(Ink, ink)
     said = {"slow_mm_s": slow, "fast_mm_s": fast, "length_mm": length, "width_mm": width}
     said |= {"layer_mm": layer, "round": float(round_bead)}

@@ -61,7 +61,10 @@ def oct_device(
     axes: Annotated[
         str | None, typer.Option("--axes", metavar="ZYX", help="Order of axes, slowest first.")
     ] = None,
-    scale: Annotated[Literal["linear", "db"] | None, typer.Option("--scale")] = None,
+    scale: Annotated[
+        Literal["linear", "db"] | None,
+        typer.Option("--scale", help="Of the intensity, where the files don't say."),
+    ] = None,
     write: Annotated[
         Path | None,
         typer.Option("--write", help="YAML file for `register --oct-calibration`."),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from firmware_profiles import Printer, load
 from printctl.calibration import Estimate, fit_offset
+from printctl.calibration.results import offset_result, touched_by_two
 from printctl.cli.calibrate_files import write_changed
 from printctl.cli.calibrate_options import Csv, Write, given, tell
 from printctl.cli.options import JsonFlag
@@ -36,29 +36,16 @@ def offset(
     if write is not None and printer is None:
         raise UsageError("--write needs the profile that is to be mended; give --printer")
     data = given(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
-    names = list(dict.fromkeys(data.words["needle"]))
-    if len(names) != 2:
-        raise UsageError(f"needles {', '.join(names)}: give touch-offs of exactly two")
-    places = []
-    for name in names:
-        rows = [word == name for word in data.words["needle"]]
-        columns = [data.numbers[axis][rows].tolist() for axis in ("x_mm", "y_mm", "z_mm")]
-        places.append([list(place) for place in zip(*columns, strict=True)])
-    first, second = (np.array(place) for place in places)
-    last_digit = max(data.last_digit.values())
     if printer is not None:
+        _, (first, second) = touched_by_two(data)
+        last_digit = max(data.last_digit.values())
         # The carriage stands so much less far as the tip stands out: the other way round.
         _of_head(
             load(Printer, printer), head, fit_offset(second, first, last_digit), write, as_json
         )
         return
-    found = fit_offset(first, second, last_digit)
-    lines = {f"{names[1]} less {names[0]}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
-    tell(
-        lines,
-        [f"add it to place_mm when {names[1]} prints what {names[0]} was set up for"],
-        as_json,
-    )
+    result = offset_result(data)
+    tell(result.lines, list(result.notes), as_json)
 
 
 def _of_head(

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
-from printctl.calibration import Estimate, Weighing, fit_weighing, weighing_path
+from printctl.calibration import weighing_path
+from printctl.calibration.results import weighing_of, weighing_result
 from printctl.cli.calibrate_air import Weighed, open_rows, weigh_flow
 from printctl.cli.calibrate_files import Job, write_mended, write_test
 from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, numbers_of, tell
@@ -67,37 +68,10 @@ def weigh(
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = given(readings, ("travel_mm", "mass_mg"))
-    found = fit_weighing(
-        data.numbers["travel_mm"],
-        data.numbers["mass_mg"],
-        density,
-        density_error,
-        data.last_digit["mass_mg"],
-    )
-    tell(_told(found, machine, filled), _notes(found, filled), as_json)
+    found = weighing_of(data, density, density_error)
+    result = weighing_result(found, machine, filled)
+    tell(result.lines, list(result.notes), as_json)
     if write is not None and mend == "bore":
         write_mended(write, filled, "inner_mm", found.bore_mm())
     elif write is not None:
         write_mended(write, machine, "steps_per_mm.e", found.steps_per_mm(machine, filled))
-
-
-def _told(found: Weighing, machine: Printer, filled: Syringe) -> dict[str, Estimate]:
-    lines = {
-        "volume per travel": found.ul_per_mm,
-        "steps per volume": found.steps_per_ul(machine),
-        "steps per travel, if the bore is right": found.steps_per_mm(machine, filled),
-        "bore, if the steps are right": found.bore_mm(),
-    }
-    if found.lost_ul is not None:
-        lines["missing from each dose"] = found.lost_ul
-    return lines
-
-
-def _notes(found: Weighing, filled: Syringe) -> list[str]:
-    nominal = math.pi / 4 * filled.inner_mm**2
-    agrees = found.ul_per_mm.holds(nominal)
-    return [
-        f"one dose scatters by {found.scatter_ul:.3g} µL",
-        f"the profiles say {nominal:.3f} µL/mm, which "
-        f"{'agrees' if agrees else 'does not agree: mend steps or bore'}",
-    ]

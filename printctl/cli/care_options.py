@@ -16,7 +16,7 @@ CheckpointOption = Annotated[
         "--checkpoint-every",
         metavar="SECONDS",
         min=0.0,
-        help="Verify the position where a layer or pass ends, at most so often; 0 for each end, "
+        help="Verify the position where a layer or pass ends, at most so often, s; 0 for each end, "
         "inf for none.",
     ),
 ]
@@ -26,7 +26,7 @@ DeadmanOption = Annotated[
         "--deadman",
         metavar="MINUTES",
         min=0.0,
-        help="Pause unless somebody confirms within this time (`printctl alive`).",
+        help="Pause unless somebody confirms within so many min (`printctl alive`).",
     ),
 ]
 DeadmanStopsFlag = Annotated[bool, typer.Option("--deadman-stops", help="Stop instead of pausing.")]

@@ -12,6 +12,8 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from printctl.cli.manual import with_manual
+
 COMMANDS: dict[str, str] = {
     "run": "run:run",
     "design": "design:design",
@@ -19,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "slice": "slice:slice_mesh",
     "simulate": "simulate:simulate",
     "print": "print_job:print_job",
+    "station": "station:station",
     "status": "status:status",
     "pause": "pause:pause",
     "resume": "resume:resume",
@@ -43,8 +46,10 @@ COMMANDS: dict[str, str] = {
     "profiles": "profiles:profiles",
     "history": "history:history",
     "calibrate": "calibrate:calibrate",
+    "serve": "serve:serve",
     "doctor": "doctor:doctor",
     "init": "init:init",
+    "recipe": "recipe:recipe",
 }
 """Name to module of `printctl.cli` and what stands in it: a function, or a group of commands."""
 
@@ -74,7 +79,7 @@ class LazyGroup(TyperGroup):
             alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(found)
             command = typer.main.get_command(alone)
         command.name = cmd_name
-        return command
+        return with_manual(command, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find what was typed; for a slip of the pen the base class looks at `commands`."""

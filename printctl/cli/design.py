@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
 from printctl.pipeline.run import design_recipe
 from printctl.recipe import load_recipe
 
@@ -17,8 +17,12 @@ def design(
     out: Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)],
     as_json: JsonFlag = False,
 ) -> None:
-    """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv."""
-    data = design_recipe(load_recipe(recipe), recipe.resolve().parent, out, messages())
+    """Design only: network.csv, network.vtp, lumen.stl, solid.stl, solid.3mf and flow.csv.
+
+    Nothing is sliced or printed. Files that are there are replaced, each by a whole new one.
+    """
+    loaded = load_recipe(recipe, tell)
+    data = design_recipe(loaded, recipe.resolve().parent, out, messages())
     if as_json:
         print_json(data)
         return

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import platform
-import shutil
-import sys
-from importlib import metadata
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from kernels import cache_dir
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.ports import list_ports
-
-OURS = ("kernels", "firmware_profiles", "design", "sim", "registration", "printctl")
+from printctl.doctor import Examined, examine
 
 
 def doctor(
@@ -26,42 +16,34 @@ def doctor(
     ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Show Python, packages and where they were loaded from, ports with permissions, disk."""
+    """Say whether this machine is fit: packages, extras, ports, disk, kernels, folders, clock.
+
+    What it finds comes last, each with its remedy. Nothing is changed but by --warm, and no port
+    is opened.
+    """
     if warm:
         from printctl.warm import warm_kernels  # Loads everything; only wanted here.
 
         messages().print("compiling kernels (once per version, a minute or two) ...")
         warm_kernels()
-    facts = examine()
+    found = examine()
     if as_json:
-        print_json(facts)
-        return
-    for section, entries in facts.items():
-        print_lines(section, *(f"  {key:<20} {value}" for key, value in entries.items()))
+        print_json(found.as_dict())
+    else:
+        _tell(found)
+    if found.blocked:
+        raise typer.Exit(1)
 
 
-def examine() -> dict[str, dict[str, Any]]:
-    """Collect what a helper would ask for first."""
-    return {
-        "machine": {
-            "python": f"{platform.python_version()} ({sys.executable})",
-            "system": platform.platform(),
-            "cores": os.cpu_count(),
-            "free disk here, GB": round(shutil.disk_usage(Path.cwd()).free / 1e9, 1),
-            "kernel cache": str(cache_dir()),
-        },
-        "our packages, loaded from": {
-            name: str(Path(importlib.import_module(name).__file__ or "?").parent) for name in OURS
-        },
-        "libraries": {
-            name: metadata.version(name)
-            for name in ("numpy", "scipy", "numba", "trimesh", "manifold3d", "pyserial", "pydantic")
-        },
-        "ports": {port.device: _permission(port.device) for port in list_ports()},
-    }
+def _tell(found: Examined) -> None:
+    for section, entries in found.facts.items():
+        lines = [f"  {key:<20} {value}" for key, value in entries.items()] or ["  none"]
+        print_lines(section, *lines)
+    print_lines("", *_verdict(found))
 
 
-def _permission(device: str) -> str:
-    if sys.platform == "win32" or os.access(device, os.R_OK | os.W_OK):
-        return "readable and writable"
-    return "no permission; add yourself to the group dialout (or uucp) and log in again"
+def _verdict(found: Examined) -> list[str]:
+    if not found.findings:
+        return ["nothing to complain of"]
+    order = sorted(found.findings, key=lambda one: not one.blocks)
+    return [f"{'BLOCKS' if one.blocks else 'note'}: {one.text}" for one in order]

@@ -2,51 +2,96 @@
 
 from __future__ import annotations
 
-import csv
 import sys
-import time
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from printctl.cli.history_options import (
+    LimitOption,
+    ProfileOption,
+    ReverseFlag,
+    SearchOption,
+    SinceOption,
+    SortOption,
+    StateOption,
+    UntilOption,
+    WhoOption,
+    query_of,
+)
+from printctl.cli.history_records import bundle, key, repeat, show, verify
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.link.history import PrintHistory
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
+from printctl.link.history_query import HistoryQuery, SortBy
 from printctl.link.reach import alive
 from printctl.link.record import JOURNAL
+from printctl.records.table import csv_lines, local_time
 
 history = typer.Typer(
-    help="Past prints: list, search, rebuild the list from the journals.",
+    help="Past prints: list and search, show one, file its record, print it again.",
     invoke_without_command=True,
+    rich_markup_mode="markdown",
 )
+history.command("show")(show)
+history.command("bundle")(bundle)
+history.command("verify")(verify)
+history.command("key")(key)
+history.command("repeat")(repeat)
 
 
 @history.callback()
-def show(
+def overview(
     context: typer.Context,
-    search: Annotated[
-        str,
-        typer.Option("--search", help="Words that must all occur: file, hash, profile, alarm ..."),
-    ] = "",
+    search: SearchOption = "",
     as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """List past prints, the latest first."""
-    if context.invoked_subcommand is not None:
-        return
-    entries = [_running(entry) for entry in PrintHistory().entries(search)]
-    if as_json:
-        print_json({"prints": [_plain(entry) for entry in entries]})
-    elif as_csv:
-        _write_csv(entries)
-    else:
-        for entry in entries:
-            print_lines(*_lines(entry))
-        if not entries:
-            messages().print("no print is known" + (" that has these words" if search else ""))
+    """List past prints, the latest first; `list --help` has more ways to narrow."""
+    if context.invoked_subcommand is None:
+        _show(query_of(search), as_csv, as_json)
+
+
+@history.command("list")
+def list_prints(
+    search: SearchOption = "",
+    state: StateOption = None,
+    profile: ProfileOption = "",
+    who: WhoOption = "",
+    since: SinceOption = "",
+    until: UntilOption = "",
+    sort: SortOption = SortBy.STARTED,
+    reverse: ReverseFlag = False,
+    limit: LimitOption = None,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Every column as CSV.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """List past prints that fit.
+
+    Example: `printctl history list --state killed --state failed --since 2026-11-01`
+    """
+    _show(
+        query_of(search, state, profile, who, since, until, sort, reverse, limit), as_csv, as_json
+    )
+
+
+@history.command("csv")
+def as_table(
+    search: SearchOption = "",
+    state: StateOption = None,
+    profile: ProfileOption = "",
+    who: WhoOption = "",
+    since: SinceOption = "",
+    until: UntilOption = "",
+) -> None:
+    """Write every column as CSV to stdout, safe to open in a spreadsheet.
+
+    Example: `printctl history csv --since 2026-11-01 > november.csv`
+    """
+    _show(query_of(search, state, profile, who, since, until), as_csv=True, as_json=False)
 
 
 @history.command("rebuild")
@@ -57,7 +102,10 @@ def rebuild(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Make the list again from the journals, which are the truth."""
+    """Make the list again from the journals, which are the truth.
+
+    For a list that is damaged, or run folders that were moved. No journal is changed.
+    """
     for folder in folders or ():
         if not folder.is_dir():
             raise UsageError(f"{folder} is no folder; give one that holds prints")
@@ -69,8 +117,19 @@ def rebuild(
     print_lines(f"{count} prints in {kept.path}")
 
 
-def _when(seconds: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds)) if seconds else ""
+def _show(query: HistoryQuery, as_csv: bool, as_json: bool) -> None:
+    found = PrintHistory().find(query)
+    entries = [_running(entry) for entry in found.entries]
+    if as_json:
+        print_json({"prints": [_plain(entry) for entry in entries], "total": found.total})
+    elif as_csv:
+        sys.stdout.writelines(csv_lines(entries))
+    else:
+        for entry in entries:
+            print_lines(*_lines(entry))
+        if not entries:
+            narrowed = query != HistoryQuery()
+            messages().print("no print is known" + (" that fits" if narrowed else ""))
 
 
 def _plain(entry: PrintEntry) -> dict[str, Any]:
@@ -87,16 +146,7 @@ def _running(entry: PrintEntry) -> PrintEntry:
 
 def _lines(entry: PrintEntry) -> list[str]:
     known = f"{entry.done} of {entry.total} lines"
-    head = f"{_when(entry.started)}  {entry.state:<16} {entry.file}  {known}  {entry.profile}"
+    when = local_time(entry.started)
+    head = f"{when}  {entry.state:<16} {entry.file}  {known}  {entry.profile}  {entry.by}"
     told = [f"    {entry.message}"] if entry.message and entry.state != "done" else []
-    return [f"{head}  {entry.who}", *told, *(f"    ! {alarm.text}" for alarm in entry.alarms)]
-
-
-def _write_csv(entries: list[PrintEntry]) -> None:
-    names = [field.name for field in fields(PrintEntry)]
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(names)
-    for entry in entries:
-        row = _plain(entry) | {"started": _when(entry.started), "ended": _when(entry.ended)}
-        row["alarms"] = "; ".join(alarm.text for alarm in entry.alarms)
-        writer.writerow([row[name] for name in names])
+    return [f"{head}  [{entry.id}]", *told, *(f"    ! {alarm.text}" for alarm in entry.alarms)]

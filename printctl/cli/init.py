@@ -17,7 +17,10 @@ STARTER = Path(__file__).resolve().parents[1] / "recipe" / "starter.yaml"
 def init(
     path: Annotated[Path, typer.Argument(help="Where to write the recipe.")] = Path("recipe.yaml"),
 ) -> None:
-    """Write a commented starter recipe that runs as it stands."""
+    """Write a commented starter recipe that runs as it stands.
+
+    It prints on the simulated printer. A file that is there isn't overwritten.
+    """
     if path.exists():
         raise UsageError(f"{path} exists and isn't overwritten; give another name")
     write_text(path, STARTER.read_text(encoding="utf-8"))

@@ -40,7 +40,12 @@ def measure(
         float | None,
         typer.Option("--printable-mm", help="Measure again for lumens at least as wide."),
     ] = None,
-    murray_exponent: Annotated[float, typer.Option("--murray-exponent", min=1, max=5)] = 3.0,
+    murray_exponent: Annotated[
+        float,
+        typer.Option(
+            "--murray-exponent", help="That radii at junctions are held against.", min=1, max=5
+        ),
+    ] = 3.0,
     samples: Annotated[
         int, typer.Option("--samples", min=100, max=50_000_000, help="Points in the tissue.")
     ] = 200_000,
@@ -49,7 +54,10 @@ def measure(
     viscosity_mpa_s: ViscosityOption = 1.0,
     as_json: JsonFlag = False,
 ) -> None:
-    """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow."""
+    """Measure any network in a tissue: distances, densities, oxygen, orders, Murray's law, flow.
+
+    A run folder brings its tissue and flow; beside a network's file name the tissue, too.
+    """
     source = load_source(network, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
     options = MeasureOptions(
         samples=samples,

@@ -41,6 +41,11 @@ def messages() -> Console:
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
+def tell(note: str) -> None:
+    """Say one line to people, whatever brackets stand in it."""
+    messages().print(note, markup=False)
+
+
 def print_json(value: Any) -> None:
     """Print one JSON object on stdout."""
     sys.stdout.write(json.dumps(value, indent=1, allow_nan=False, default=float) + "\n")

@@ -57,7 +57,9 @@ def oxygen(
     half_millimolar: Annotated[
         float, typer.Option("--half-millimolar", help="Where uptake is half of that.")
     ] = 1e-3,
-    tissue_diffusivity_mm2_s: Annotated[float, typer.Option("--tissue-diffusivity-mm2-s")] = 2e-3,
+    tissue_diffusivity_mm2_s: Annotated[
+        float, typer.Option("--tissue-diffusivity-mm2-s", help="Of oxygen in tissue at 37 °C.")
+    ] = 2e-3,
     threshold_millimolar: Annotated[
         float, typer.Option("--threshold-millimolar", help="Below it tissue is hypoxic.")
     ] = 0.01,
@@ -71,7 +73,11 @@ def oxygen(
     ] = 1_000_000,
     as_json: JsonFlag = False,
 ) -> None:
-    """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets."""
+    """Oxygen in vessels and tissue: what is hypoxic, what is left at the outlets.
+
+    What isn't given is assumed, and the assumptions stand in the result: cells and their uptake
+    decide it, so give your own.
+    """
     given = inlet_flow_ml_min is not None or viscosity_mpa_s is not None
     drive = Drive(inlet_flow_ml_min or 0.25, viscosity_mpa_s or 1.0)
     source = load_source(network, unit, drive)

@@ -51,7 +51,10 @@ def show(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """List the shipped profiles, or show one with its source."""
+    """List the shipped profiles, or show one with its source.
+
+    `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
+    """
     found = _all() if name is None else _one(name)
     if as_json:
         print_json(found)

@@ -13,6 +13,7 @@ from design.units import LengthUnit
 from printctl.ahead import import_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
+from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
@@ -73,10 +74,23 @@ def register(
             "--print", help="The print that was scanned: its folder or file; else the run's own."
         ),
     ] = None,
-    tolerance_um: Annotated[float, typer.Option("--tolerance-um", min=0.1)] = 100.0,
+    tolerance_um: Annotated[
+        float,
+        typer.Option(
+            "--tolerance-um",
+            help="RMS deviation of the scaled fit above which the print doesn't pass.",
+            min=0.1,
+        ),
+    ] = 100.0,
     diameter_tolerance_percent: Annotated[
-        float, typer.Option("--diameter-tolerance-percent", min=0.1)
+        float,
+        typer.Option(
+            "--diameter-tolerance-percent",
+            help="Error of a vessel's diameter above which it doesn't.",
+            min=0.1,
+        ),
     ] = 10.0,
+    progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
@@ -84,26 +98,32 @@ def register(
 
     Exit code 1 when the print doesn't pass.
     """
-    surface, path = _design(model, network, lumens, unit)
-    vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
-    options = RegistrationOptions(
-        lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
-    )
-    said = said_of_scan(
-        voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
-    )
-    import_ahead(REGISTERING)
-    measured = corrected_scan(scan, said, oct_calibration, air_above)
-    for note in measured.notes:
-        messages().print(f"note: {note}", markup=False)
-    found = register_scan(measured, surface, vessels, options)
-    # Imported only now: what draws and packs loads while kernels search the scan.
-    from printctl.pipeline.registering import Registered
+    steps = Steps(progress_file, out, ("reading", "registration", "writing"))
+    with steps.whole():
+        steps.begin("reading")
+        surface, path = _design(model, network, lumens, unit)
+        vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
+        options = RegistrationOptions(
+            lumens="bright" if filled else "dark",
+            walls=None if walls is None else read_walls(walls),
+        )
+        said = said_of_scan(
+            voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
+        )
+        import_ahead(REGISTERING)
+        measured = corrected_scan(scan, said, oct_calibration, air_above)
+        for note in measured.notes:
+            messages().print(f"note: {note}", markup=False)
+        steps.begin("registration")
+        found = register_scan(measured, surface, vessels, options)
+        # Imported only now: what draws and packs loads while kernels search the scan.
+        from printctl.pipeline.registering import Registered
 
-    made = Registered(scan, measured, model, surface, path, vessels, found, printed)
-    data = made.judged(tolerance_um, diameter_tolerance_percent)
-    for note in made.write(out, data, pdf):
-        messages().print(f"note: {note}", markup=False)
+        made = Registered(scan, measured, model, surface, path, vessels, found, printed)
+        data = made.judged(tolerance_um, diameter_tolerance_percent)
+        steps.begin("writing")
+        for note in made.write(out, data, pdf):
+            messages().print(f"note: {note}", markup=False)
     if as_json:
         print_json(data)
     else:

@@ -2,26 +2,55 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.options import JsonFlag, RecipeArg, YesFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    RecipeArg,
+    YesFlag,
+    messages,
+    print_json,
+    print_lines,
+    tell,
+)
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
+from printctl.cli.progress_option import ProgressFileOption, message_of
 from printctl.pipeline.artefacts import HTML, PDF
-from printctl.pipeline.run import run_recipe
+from printctl.pipeline.run import How, run_recipe
+from printctl.progress_file import ProgressFile
 from printctl.recipe import load_recipe
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Run folder; runs/NAME by default.", show_default=False)
+]
+UntilOption = Annotated[
+    str | None,
+    typer.Option(
+        "--until",
+        metavar="STAGE",
+        help="Last stage: tissue, vasculature, flow, fidelities, measures, oxygen, solid, "
+        "toolpath, dry-run, lumens, print, scan or registration. Nothing is printed before print.",
+    ),
+]
+PrintedFlag = Annotated[
+    bool,
+    typer.Option(
+        "--printed", help="Take the print that is done in the run folder; nothing is printed."
+    ),
 ]
 
 
 def run(
     recipe: RecipeArg,
     out: OutOption = None,
+    until: UntilOption = None,
+    printed: PrintedFlag = False,
+    progress_file: ProgressFileOption = None,
     yes: YesFlag = False,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
@@ -31,21 +60,32 @@ def run(
     Exit code 1 when the print doesn't pass, 3 when a safety check refuses it, 4 when the printer
     fails.
     """
-    loaded = load_recipe(recipe)
-    folder = out if out is not None else Path("runs") / loaded.name
-    data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), assume_yes=yes, pdf=pdf)
-    verdict = data["verdict"]
+    told = None if progress_file is None else ProgressFile(progress_file)
+    with nullcontext() if told is None else told.whole(message_of):
+        loaded = load_recipe(recipe, tell)
+        folder = out if out is not None else Path("runs") / loaded.name
+        how = How(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
+        data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:
         print_json(data)
     else:
-        print_lines(
-            *process_lines(data["dry_run"]),
-            ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
-            str(folder / HTML),
-            *(pdfs(data, folder) if pdf else []),
-        )
-    if not verdict["passed"]:
+        print_lines(*_ended(data, folder, until, pdf))
+    if until is None and not data["verdict"]["passed"]:
         raise typer.Exit(1)
+
+
+def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:
+    """What is said at the end."""
+    process = process_lines(data["dry_run"]) if "dry_run" in data else []
+    if until is not None:
+        return [*process, f"done as far as {until}", str(folder)]
+    verdict = data["verdict"]
+    return [
+        *process,
+        ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
+        str(folder / HTML),
+        *(pdfs(data, folder) if pdf else []),
+    ]
 
 
 def pdfs(data: dict[str, Any], folder: Path) -> list[str]:

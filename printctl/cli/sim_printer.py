@@ -24,7 +24,11 @@ def sim_printer(
         float, typer.Option("--speed", help="Times real time; 0 is as fast as it goes.", min=0)
     ] = 1.0,
 ) -> None:
-    """Run a simulated printer until interrupted; further options are those of `python -m sim`."""
+    """Run a simulated printer until interrupted; further options are those of `python -m sim`.
+
+    Any host program can print on it: it answers as the profile's firmware does, on a
+    pseudo-terminal or a TCP port.
+    """
     command = [sys.executable, "-m", "sim", "--printer", printer, "--speed", str(speed)]
     command += ["--link", str(link)] if link else []
     command += ["--tcp", str(tcp)] if tcp is not None else []

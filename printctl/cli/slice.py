@@ -43,11 +43,22 @@ def slice_mesh(
     needle: Annotated[
         str, typer.Option("--needle", help="Needle profile; what a pneumatic head lays needs it.")
     ] = "fresh_150um",
-    layer_um: Annotated[float, typer.Option("--layer-um", min=5, max=2000)] = 60.0,
-    line_um: Annotated[float, typer.Option("--line-um", min=10, max=5000)] = 150.0,
+    layer_um: Annotated[
+        float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)
+    ] = 60.0,
+    line_um: Annotated[
+        float, typer.Option("--line-um", help="Width of a line, µm.", min=10, max=5000)
+    ] = 150.0,
     walls: Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)] = 2,
-    infill: Annotated[Infill, typer.Option("--infill")] = "lines",
-    infill_percent: Annotated[float, typer.Option("--infill-percent", min=0, max=100)] = 100.0,
+    infill: Annotated[
+        Infill, typer.Option("--infill", help="What fills the inside of the walls.")
+    ] = "lines",
+    infill_percent: Annotated[
+        float,
+        typer.Option(
+            "--infill-percent", help="Share of the inside that is filled.", min=0, max=100
+        ),
+    ] = 100.0,
     speed: Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)] = 20.0,
     as_json: JsonFlag = False,
 ) -> None:

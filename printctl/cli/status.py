@@ -9,7 +9,10 @@ from printctl.link.states import Status
 
 
 def status(run: RunArg, as_json: JsonFlag = False) -> None:
-    """Say how a print stands, whether it goes on, is paused or has ended."""
+    """Say how a print stands, whether it goes on, is paused or has ended.
+
+    Only looks: the print isn't touched, and of one that has ended the journal tells.
+    """
     with attach(print_folder(run)) as client:
         found = client.status
     if as_json:

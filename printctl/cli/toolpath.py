@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from design.files import replacing
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
 from printctl.pipeline.plate.results import PICTURE, TABLE
@@ -30,7 +30,7 @@ def toolpath(
     """
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
-    loaded = load_recipe(recipe)
+    loaded = load_recipe(recipe, tell)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
         beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]

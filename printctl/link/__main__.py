@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 from printctl.link.care import Care
+from printctl.link.detaching import detach
 from printctl.link.errors import LinkError
 from printctl.link.process import Order, serve
 from printctl.link.record import LOG
@@ -31,7 +30,7 @@ def main() -> int:
     parser.add_argument("--detach", action="store_true", help="go on in the background")
     args = parser.parse_args()
     if args.detach:
-        detach(args.folder / LOG)
+        detach(args.folder / LOG, "printctl.link")
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
     )
@@ -50,29 +49,6 @@ def main() -> int:
     except LinkError as exc:
         logging.error("%s", exc)
         return 4
-
-
-def detach(log: Path) -> None:
-    """Go on as a process of its own session, which nobody waits for; print its number.
-
-    On Windows there is no fork; a copy of this command is started instead.
-    """
-    if not hasattr(os, "fork"):
-        command = [sys.executable, "-m", "printctl.link", *sys.argv[1:]]
-        command.remove("--detach")
-        with log.open("ab") as handle:
-            flags = 0x00000008 | 0x00000200  # DETACHED_PROCESS, CREATE_NEW_PROCESS_GROUP
-            copy = subprocess.Popen(command, stdout=handle, stderr=handle, creationflags=flags)
-        print(copy.pid, flush=True)
-        os._exit(0)
-    pid = os.fork()
-    if pid:
-        print(pid, flush=True)
-        os._exit(0)
-    os.setsid()
-    null, out = os.open(os.devnull, os.O_RDWR), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for source, target in ((null, 0), (out, 1), (out, 2)):
-        os.dup2(source, target)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ from typing import Final
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.channel import Wiring
+from printctl.link.checking import Checking
 from printctl.link.job import Job
-from printctl.link.measuring import Measuring
 from printctl.link.modal import Modal, relieved_mm
 from printctl.link.reloading import plan_reloads
 from printctl.link.retreat import count_from
@@ -23,8 +23,8 @@ CHANGE: Final = (
 )
 
 
-class Changing(Measuring):
-    """Has a syringe changed; see `Measuring` for what it is given.
+class Changing(Checking):
+    """Has a syringe changed; see `Checking` for what it is given.
 
     Parameters
     ----------

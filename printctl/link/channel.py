@@ -11,7 +11,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
@@ -133,6 +133,8 @@ class Channel(Logbook):
         self.protocol.submit(text, self.wiring.clock.now())
         while not self._replies:
             self._pump()
+        if text == b"M400":
+            self._made.waited(self.protocol.lines_done)
         return self._replies[0].lines
 
     def _agree(self, begin: Callable[[float], None]) -> int:
@@ -163,7 +165,7 @@ class Channel(Logbook):
 
     def _handle(self, events: Sequence[said.Event]) -> None:
         for event in events:
-            _ON_EVENT[type(event)](self, event)
+            getattr(self, _ON_EVENT[type(event)])(event)
 
     def _on_replied(self, event: said.Replied) -> None:
         if event.number == self._awaited:  # another's is of a command that was sent again
@@ -178,6 +180,7 @@ class Channel(Logbook):
     def _on_went_back(self, event: said.WentBack) -> None:
         self._alarm(f"lines {event.first} to {event.last} weren't taken after all; sent again")
         self._unverified = True
+        self._made.back(self.protocol.lines_done)
         if event.controls:  # the newest is what `_command` waits for
             self._awaited = event.first + len(event.controls) - 1
         if self._state in EARLY and not self._resumed:
@@ -274,18 +277,18 @@ class Channel(Logbook):
         return Over(LinkState.FAILED, str(exc), known, name)
 
 
-_ON_EVENT: Final[dict[type, Callable[[Channel, Any], None]]] = {
-    said.Replied: Channel._on_replied,
-    said.InStep: Channel._on_in_step,
-    said.Fault: Channel._on_fault,
-    said.Notice: Channel._on_notice,
-    said.WentBack: Channel._on_went_back,
-    said.Stray: Channel._on_stray,
-    said.Action: Channel._on_action,
-    said.Noisy: Channel._on_noisy,
-    said.Halted: Channel._on_halted,
-    said.Booted: Channel._on_booted,
-    said.WasReset: Channel._on_reset,
-    said.OutOfStep: Channel._on_out_of_step,
-    said.Silent: Channel._on_silent,
+_ON_EVENT: Final[dict[type, str]] = {
+    said.Replied: "_on_replied",
+    said.InStep: "_on_in_step",
+    said.Fault: "_on_fault",
+    said.Notice: "_on_notice",
+    said.WentBack: "_on_went_back",
+    said.Stray: "_on_stray",
+    said.Action: "_on_action",
+    said.Noisy: "_on_noisy",
+    said.Halted: "_on_halted",
+    said.Booted: "_on_booted",
+    said.WasReset: "_on_reset",
+    said.OutOfStep: "_on_out_of_step",
+    said.Silent: "_on_silent",
 }

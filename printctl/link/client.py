@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -16,11 +14,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-import printctl
 from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
 from printctl.link.channel import EARLY
-from printctl.link.connection import ANSWER_LIMIT_S, START_LIMIT_S, Connection
+from printctl.link.connection import ANSWER_LIMIT_S, Connection
+from printctl.link.detaching import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.finding import AUTO, locate
 from printctl.link.job import load_job
@@ -242,7 +240,17 @@ def start_print(
     command += ["--care", json.dumps((care or Care()).to_dict())]
     command += ["--baud", str(baud)] if baud else []
     command += ["--resume"] if resume else []
-    client = _await_link(_spawn(command), folder)
+    return begun(_await_link(spawn(command), folder))
+
+
+def begun(client: PrintClient) -> PrintClient:
+    """Wait until the first lines of a print go out.
+
+    Raises
+    ------
+    LinkError
+        When it fails before.
+    """
     for status in client.events():
         if status.state not in EARLY:
             break
@@ -292,24 +300,6 @@ def attach(folder: Path) -> PrintClient:
         When no print was ever started there.
     """
     return PrintClient(folder, load_record(folder))
-
-
-def _spawn(command: list[str]) -> int:
-    """Start a link process that no one waits for; give its process number."""
-    root = str(Path(printctl.__file__).resolve().parents[1])
-    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    started = subprocess.run(
-        command,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        timeout=START_LIMIT_S,
-        check=False,
-    )
-    if started.returncode != 0:
-        said = started.stderr.decode(errors="replace").strip()[-500:]
-        raise LinkError(f"the link process didn't start: {said}")
-    return int(started.stdout)
 
 
 def _await_link(pid: int, folder: Path) -> PrintClient:

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Self
 
+from printctl.link.detaching import START_LIMIT_S
 from printctl.link.errors import Refused
 from printctl.link.reach import alive, connect
 from printctl.link.record import LinkRecord, load_record
 from printctl.link.states import Status
 
-START_LIMIT_S: Final = 60.0
 ANSWER_LIMIT_S: Final = 5.0
 
 

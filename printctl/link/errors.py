@@ -13,6 +13,7 @@
     ├── JournalError            a journal that can't be written or isn't one
     ├── AlreadyPrinting         a link process already owns this folder
     ├── HistoryError            the index of past prints can't be used
+    │   └── NoSuchPrint         no print, or more than one, has that id
     ├── Refused                 a wish that can't be granted as the print stands; it goes on
     └── NoLink                  nothing to attach to, or the link process doesn't answer
 """
@@ -62,6 +63,10 @@ class AlreadyPrinting(LinkError):  # noqa: N818
 
 class HistoryError(LinkError):
     """The history of prints can't be used."""
+
+
+class NoSuchPrint(HistoryError):  # noqa: N818
+    """No print, or more than one, has that id."""
 
 
 class Refused(LinkError):  # noqa: N818

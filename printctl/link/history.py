@@ -11,30 +11,46 @@ of a print: `remember` never raises.
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
 import os
 import sqlite3
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Literal
 
-from printctl.link.errors import HistoryError
+from printctl.link.errors import HistoryError, NoSuchPrint
 from printctl.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
+from printctl.link.history_query import COLUMN_OF, OPERATOR, Found, HistoryQuery
 from printctl.link.record import JOURNAL
 
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
 _VERSION: Final = 1
 _PATIENCE_S: Final = 5.0
-_COLUMNS: Final = [field.name for field in fields(PrintEntry) if field.name != "alarms"]
+_COLUMNS: Final = [
+    field.name for field in fields(PrintEntry) if field.name not in ("alarms", "operator")
+]
 _TABLES: Final = f"""
 CREATE TABLE IF NOT EXISTS prints ({", ".join(_COLUMNS)}, PRIMARY KEY (id));
 CREATE TABLE IF NOT EXISTS alarms (id, n INTEGER, at REAL, text, PRIMARY KEY (id, n));
 PRAGMA user_version = {_VERSION};
 """
-_FOUND_IN: Final = ("who", "host", "file", "path", "sha256", "profile", "port", "state", "message")
+_HELPERS: Final = """
+CREATE TABLE IF NOT EXISTS operators (id, name, PRIMARY KEY (id));
+CREATE TABLE IF NOT EXISTS seen (journal, size INTEGER, changed INTEGER, PRIMARY KEY (journal));
+CREATE INDEX IF NOT EXISTS by_start ON prints (started);
+CREATE INDEX IF NOT EXISTS alarms_of ON alarms (id);
+"""
+"""Operators by the prints' records; how a journal was when it was last read, so that it isn't read
+again as long as it is so."""
+
+_SELECTED: Final = f"{', '.join(f'p.{name}' for name in _COLUMNS)}, coalesce({OPERATOR}, '')"
+
+_GONE: Final = (None, None)
+"""Stamp of a journal that isn't there."""
 
 log = logging.getLogger(__name__)
 
@@ -104,47 +120,85 @@ class PrintHistory:
                 return int(index.execute("SELECT count(*) FROM prints").fetchone()[0])
 
     def entries(self, search: str = "") -> list[PrintEntry]:
-        """Prints, the latest first, whose every word of ``search`` is found somewhere.
+        """Prints, the latest first, whose every word of ``search`` is found somewhere."""
+        return list(self.find(HistoryQuery(words=search)).entries)
 
-        What the index has without an end is read again from its journal first.
+    def find(self, query: HistoryQuery) -> Found:
+        """Prints that are asked for, a page of them.
+
+        What the index has without an end is read again first, if its journal has grown.
         """
         with self._told():
+            self._catch_up()
             with self._open() as index:
-                open_ones = index.execute(
-                    "SELECT journal FROM prints WHERE state = ?", (INTERRUPTED,)
+                where, values = query.condition()
+                count = f"SELECT count(*) FROM prints p WHERE {where}"
+                total = int(index.execute(count, values).fetchone()[0])
+                rows = index.execute(
+                    f"SELECT {_SELECTED} FROM prints p WHERE {where} {query.order()}",
+                    values,
                 ).fetchall()
-            self._take_in(j for (one,) in open_ones for j in _journals(Path(one).parent))
-            return self._found(search)
+                return Found(tuple(_entries(index, rows)), total)
+
+    def one(self, print_id: str) -> PrintEntry:
+        """One print, by its id or so much of it that no other begins so.
+
+        Raises
+        ------
+        HistoryError
+            When there is none, or more than one.
+        """
+        with self._told():
+            self._catch_up()
+            with self._open() as index:
+                rows = index.execute(
+                    f"SELECT {_SELECTED} FROM prints p "
+                    "WHERE substr(p.id, 1, length(?1)) = ?1 LIMIT 2",
+                    [print_id],
+                ).fetchall()
+                found = _entries(index, rows) if print_id else []
+        if len(found) != 1:
+            many = "more than one print begins with" if found else "no print has"
+            raise NoSuchPrint(
+                f"{many} the id {print_id[:40]!r}; `printctl history` lists the ids, "
+                "`printctl history rebuild FOLDER` finds prints that it doesn't know"
+            )
+        return found[0]
+
+    def known(self, column: Literal["profile", "who", "state"]) -> list[str]:
+        """What there is in a column, sorted."""
+        with self._told(), self._open() as index:
+            rows = index.execute(
+                f"SELECT DISTINCT {COLUMN_OF[column]} FROM prints p ORDER BY 1"
+            ).fetchall()
+            return [str(value) for (value,) in rows if value]
 
     # --- the index -------------------------------------------------------------------------
 
-    def _found(self, search: str) -> list[PrintEntry]:
-        places = [f"p.{name}" for name in _FOUND_IN]
-        places.append("(SELECT group_concat(a.text) FROM alarms a WHERE a.id = p.id)")
-        text = " || ' ' || ".join(f"coalesce({place}, '')" for place in places)
-        words = search.split()
-        wanted = " AND ".join([f"instr(lower({text}), lower(?)) > 0"] * len(words)) or "1"
-        query = f"SELECT {', '.join(_COLUMNS)} FROM prints p WHERE {wanted} ORDER BY started DESC"
+    def _catch_up(self) -> None:
+        """Read again the journals of prints without an end that have changed since."""
         with self._open() as index:
-            rows = index.execute(query, words).fetchall()
-            return [self._entry(index, row) for row in rows]
-
-    def _entry(self, index: sqlite3.Connection, row: tuple[object, ...]) -> PrintEntry:
-        values = dict(zip(_COLUMNS, row, strict=True))
-        alarms = index.execute(
-            "SELECT at, text FROM alarms WHERE id = ? ORDER BY n", (values["id"],)
-        ).fetchall()
-        values["journal"] = Path(str(values["journal"]))
-        return PrintEntry(**values, alarms=tuple(Alarm(*alarm) for alarm in alarms))  # type: ignore[arg-type]
+            rows = index.execute(
+                "SELECT p.journal, s.size, s.changed FROM prints p LEFT JOIN seen s "
+                "ON s.journal = p.journal WHERE p.state = ?",
+                (INTERRUPTED,),
+            ).fetchall()
+        stamps = [(Path(path), _stamp(Path(path)), tuple(seen)) for path, *seen in rows]
+        grown = [path for path, now, seen in stamps if now not in (_GONE, seen)]
+        if grown:
+            folders = dict.fromkeys(journal.parent for journal in grown)
+            self._take_in(j for folder in folders for j in _journals(folder))
 
     def _take_in(self, journals: Iterable[Path]) -> None:
         found = []
         for journal in journals:
             with contextlib.suppress(OSError):  # moved away since: the last known stays
-                found.append(entry_of(journal))
+                stamp = _stamp(journal)  # before it is read: what comes meanwhile is seen later
+                found.append((entry_of(journal), stamp))
         with self._open() as index:
-            for entry in filter(None, found):
-                _put(index, entry)
+            for entry, stamp in found:
+                if entry is not None:
+                    _put(index, entry, stamp)
 
     def _prepare(self) -> None:
         with self._open() as index:
@@ -154,6 +208,8 @@ class PrintHistory:
             tables = {row[0] for row in index.execute("SELECT name FROM sqlite_master")}
             if version not in (0, _VERSION) or not {"prints", "alarms"} <= tables:
                 raise sqlite3.DatabaseError(f"version {version} with tables {sorted(tables)}")
+            if not {"seen", "operators"} <= tables:
+                index.executescript(_HELPERS)
 
     @contextlib.contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -218,7 +274,34 @@ def _journals(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"{Path(JOURNAL).stem}*.log"))
 
 
-def _put(index: sqlite3.Connection, entry: PrintEntry) -> None:
+def _stamp(journal: Path) -> tuple[int | None, int | None]:
+    """Size and time of change; nothing for a journal that isn't there."""
+    try:
+        told = journal.stat()
+    except OSError:
+        return _GONE
+    return told.st_size, told.st_mtime_ns
+
+
+def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> list[PrintEntry]:
+    ids = json.dumps([row[_COLUMNS.index("id")] for row in rows])
+    alarms: dict[object, list[Alarm]] = {}
+    for print_id, at, text in index.execute(
+        "SELECT id, at, text FROM alarms WHERE id IN (SELECT value FROM json_each(?)) ORDER BY n",
+        (ids,),
+    ):
+        alarms.setdefault(print_id, []).append(Alarm(at, text))
+    found = []
+    for row in rows:
+        values: dict[str, Any] = dict(zip([*_COLUMNS, "operator"], row, strict=True))
+        values["journal"] = Path(str(values["journal"]))
+        found.append(PrintEntry(**values, alarms=tuple(alarms.get(values["id"], ()))))
+    return found
+
+
+def _put(
+    index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]
+) -> None:
     values = asdict(entry) | {"journal": str(entry.journal.resolve())}
     marks = ", ".join("?" * len(_COLUMNS))
     index.execute(
@@ -230,3 +313,6 @@ def _put(index: sqlite3.Connection, entry: PrintEntry) -> None:
         "INSERT INTO alarms VALUES (?, ?, ?, ?)",
         [(entry.id, n, alarm.at, alarm.text) for n, alarm in enumerate(entry.alarms)],
     )
+    if entry.operator:
+        index.execute("INSERT OR REPLACE INTO operators VALUES (?, ?)", (entry.id, entry.operator))
+    index.execute("INSERT OR REPLACE INTO seen VALUES (?, ?, ?)", (values["journal"], *stamp))

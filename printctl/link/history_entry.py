@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import getpass
+import json
 import platform
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from printctl.link.journal import Record, read_records
+from printctl.link.record import JOURNAL
 
+NOTED = "record.json"
+"""What the operator notes of a print, beside its journal."""
+
+_LARGEST_NOTE = 16 * 2**20
 INTERRUPTED = "interrupted"
 """State of a print whose journal has no end: its link process died, or it is going on."""
 
@@ -51,6 +57,8 @@ class PrintEntry:
     begun : int
         How often it was begun or gone on with.
     alarms : tuple of Alarm
+    operator : str
+        As the print's record names them (``record.json`` beside the journal); empty without one.
     """
 
     id: str
@@ -71,6 +79,12 @@ class PrintEntry:
     total: int = 0
     begun: int = 0
     alarms: tuple[Alarm, ...] = ()
+    operator: str = ""
+
+    @property
+    def by(self) -> str:
+        """Who printed: the operator, else the computer's user."""
+        return self.operator or self.who
 
 
 def this_user() -> dict[str, str]:
@@ -107,20 +121,41 @@ def entry_of(journal: Path) -> PrintEntry | None:
         journal=journal,
         started=float(first.get("started", 0.0)),
         ended=float(end.get("at", 0.0)),
-        state=str(end.get("state", INTERRUPTED)),
-        message=str(end.get("message", states[-1].get("message", "") if states else "")),
-        error=str(end.get("error", "")),
+        state=plain_text(end.get("state", INTERRUPTED)),
+        message=plain_text(end.get("message", states[-1].get("message", "") if states else "")),
+        error=plain_text(end.get("error", "")),
         done=max(taken, default=0),
         total=int(first.get("lines", 0)),
         begun=len(jobs),
         alarms=tuple(
-            Alarm(float(r.get("at", 0.0)), str(r.get("text", "")))
+            Alarm(float(r.get("at", 0.0)), plain_text(r.get("text", "")))
             for r in records
             if r.get("t") == "alarm"
         ),
-        file=str(first.get("name", "")),
-        **{k: str(first.get(k, "")) for k in ("who", "host", "path", "sha256", "profile", "port")},
+        operator=_operator(journal),
+        file=plain_text(first.get("name", "")),
+        **{
+            k: plain_text(first.get(k, ""))
+            for k in ("who", "host", "path", "sha256", "profile", "port")
+        },
     )
+
+
+def plain_text(value: object) -> str:
+    """A value as text that can be written anywhere; file names may hold other bytes than UTF-8."""
+    return str(value).encode("utf-8", "replace").decode("utf-8")
+
+
+def _operator(journal: Path) -> str:
+    """Who is named in the record beside the folder's present journal."""
+    path = journal.with_name(NOTED)
+    try:
+        if journal.name != JOURNAL or path.stat().st_size > _LARGEST_NOTE:
+            return ""
+        values = json.loads(path.read_text(encoding="utf-8"))["values"]
+        return plain_text(values.get("operator") or "")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return ""
 
 
 def _identity(job: Record) -> str:

@@ -11,6 +11,7 @@ from printctl.link.clock import Clock
 from printctl.link.errors import JournalError
 from printctl.link.job import Job
 from printctl.link.journal import Journal
+from printctl.link.made import Made
 from printctl.link.protocol import LinkProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
@@ -40,6 +41,8 @@ class Wiring:
     journal : Journal
     printer : Printer
     retreat : Retreat
+    fresh : bool
+        Whether the port has just been opened, so that the board may be starting.
     on_status : callable
         Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
     """
@@ -50,6 +53,7 @@ class Wiring:
     journal: Journal
     printer: Printer
     retreat: Retreat = field(default_factory=Retreat)
+    fresh: bool = True
     on_status: Callable[[Status], None] = lambda status: None
 
 
@@ -65,6 +69,7 @@ class Logbook:
     def __init__(self, wiring: Wiring, job: Job) -> None:
         self.wiring, self.job = wiring, job
         self.protocol = wiring.protocol
+        self._made = Made(job.lines, wiring.printer)
         self._state, self._message = LinkState.CONNECTING, ""
         self._next_note = 0.0
         self._noted = self._alarms = 0
@@ -81,6 +86,7 @@ class Logbook:
         return Status(
             state=self._state,
             lines_done=done,
+            lines_executed=self._made.after(done),
             lines_total=len(self.job),
             file_line=self.job.file_line(done),
             message=self._message,

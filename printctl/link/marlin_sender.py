@@ -50,6 +50,7 @@ class MarlinSender:
         self._out: list[bytes] = []
         self._said: list[bytes] = []
         self._complaint = ""
+        self.report = b""
         self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
         self._busy_since = math.nan
         self._taken_at = math.nan

@@ -11,7 +11,7 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -28,13 +28,14 @@ from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
-from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.origin import origin
+from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport import open_port
+from printctl.link.transport import Transport, open_port
 
 _LOCK_PATIENCE_S: Final = 0.3
 _HISTORY_PATIENCE_S: Final = 5.0
@@ -73,8 +74,35 @@ class Order:
     resume: bool = False
 
 
-def serve(order: Order) -> Status:
+@dataclass(frozen=True)
+class Wire:
+    """A port that is open already, and stays so after the print.
+
+    Attributes
+    ----------
+    transport : Transport
+    on_start : callable
+        Given the print's streamer once its clients can reach it.
+    on_status : callable
+        Told what the print's clients are told.
+    fresh : bool
+        Whether it has just been opened, so that the board may be starting.
+    """
+
+    transport: Transport
+    on_start: Callable[[Streamer], None]
+    on_status: Callable[[Status], None]
+    fresh: bool = False
+
+
+def serve(order: Order, wire: Wire | None = None) -> Status:
     """Run the link process in this process, to the end of the print.
+
+    Parameters
+    ----------
+    order : Order
+    wire : Wire, optional
+        An open port to print on; else the order's is opened, and closed at the end.
 
     Returns
     -------
@@ -82,7 +110,7 @@ def serve(order: Order) -> Status:
         The last one; it is in the folder's ``link.json``, too.
     """
     order.folder.mkdir(parents=True, exist_ok=True)
-    with _only_one(order.folder):
+    with only_one(order.folder):
         ignore_signals()
         record = LinkRecord(
             pid=os.getpid(),
@@ -98,7 +126,7 @@ def serve(order: Order) -> Status:
         )
         record.save(order.folder)
         try:
-            status = _print(order, record)
+            status = _print(order, record, wire)
         except (LinkError, ProfileError) as exc:
             log.error("%s", exc)
             status = Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__)
@@ -125,12 +153,12 @@ def _save(record: LinkRecord, folder: Path) -> None:
         log.exception("link.json can't be written")
 
 
-def _print(order: Order, record: LinkRecord) -> Status:
+def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     printer = load(Printer, order.profile)
     refuse_unsent(printer, str(order.job))
     job = load_job(order.job, printer.max_line_bytes)
     history = resumable(order.folder, job.sha256) if order.resume else None
-    transport = open_port(order.port, printer, order.baud)
+    transport = wire.transport if wire else open_port(order.port, printer, order.baud)
     journal = Journal(order.folder / JOURNAL if order.resume else _fresh(order.folder))
     try:
         listener, address, token = listen(order.folder)
@@ -142,7 +170,8 @@ def _print(order: Order, record: LinkRecord) -> Status:
                 journal=journal,
                 printer=printer,
                 retreat=order.retreat,
-                on_status=lambda status: server.publish(status),
+                fresh=wire.fresh if wire else True,
+                on_status=lambda status: _publish(status, server, wire),
             ),
             job,
             order.care,
@@ -160,11 +189,14 @@ def _print(order: Order, record: LinkRecord) -> Status:
             started=time.time(),
             **({"accepted": list(order.care.accepted)} if order.care.accepted else {}),
             **this_user(),
+            **origin(printer),
         )
         remember_meanwhile(order.folder)
         replace(record, address=address, token=token).save(order.folder)
         signal.signal(signal.SIGTERM, lambda *_: streamer.stop())  # a system that shuts down
         server.start()
+        if wire:
+            wire.on_start(streamer)
         try:
             return streamer.run(history)
         finally:
@@ -172,7 +204,14 @@ def _print(order: Order, record: LinkRecord) -> Status:
             forget(address)
     finally:
         journal.close()
-        transport.close()
+        if wire is None:
+            transport.close()
+
+
+def _publish(status: Status, server: Server, wire: Wire | None) -> None:
+    server.publish(status)
+    if wire:
+        wire.on_status(status)
 
 
 def _fresh(folder: Path) -> Path:
@@ -192,9 +231,9 @@ def ignore_signals() -> None:
 
 
 @contextmanager
-def _only_one(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock, which the system frees when the process dies."""
-    with (folder / "link.lock").open("a+b") as handle:
+def only_one(folder: Path, held: str = LOCK, what: str = "a print is running") -> Iterator[None]:
+    """Hold the folder's lock (the file ``held``), which the system frees when the process dies."""
+    with (folder / held).open("a+b") as handle:
         limit = time.monotonic() + _LOCK_PATIENCE_S
         while True:  # a client that looks whether anybody holds it does so for a moment
             try:
@@ -203,7 +242,7 @@ def _only_one(folder: Path) -> Iterator[None]:
             except OSError as exc:
                 if time.monotonic() > limit:
                     raise AlreadyPrinting(
-                        f"a print is running in {folder}; attach to it, or give another folder"
+                        f"{what} in {folder}; attach to it, or give another folder"
                     ) from exc
                 time.sleep(0.01)
         yield

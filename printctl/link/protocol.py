@@ -194,6 +194,8 @@ class LinkProtocol(Protocol):
         Whether the firmware says once a second that it is busy; set once that is known.
     kill_bytes : bytes
         What halts the firmware at once, out of band.
+    report : bytes
+        Temperatures or position that it told last without being asked; empty for none.
     """
 
     deadline: float
@@ -203,6 +205,7 @@ class LinkProtocol(Protocol):
     limit: int
     keepalive: bool
     kill_bytes: bytes
+    report: bytes
 
     @property
     def line_errors(self) -> int:

@@ -56,7 +56,7 @@ class AckProtocol(ABC):
         self._flight: bytes | None = None
         self._in_job = self._probing = self._over = False
         self._sent_at = 0.0
-        self._rest = b""
+        self._rest = self.report = b""
         self._out: list[bytes] = []
         self._said: list[bytes] = []
         self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)

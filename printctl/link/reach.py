@@ -11,7 +11,7 @@ from typing import Final
 from printctl.link.errors import JournalError
 from printctl.link.journal import History, read_journal
 from printctl.link.locking import lock
-from printctl.link.record import JOURNAL, LinkRecord, load_record
+from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 
 _ANSWER_LIMIT_S: Final = 5.0
@@ -51,20 +51,20 @@ def what_is_known(folder: Path) -> Status:
     )
 
 
-def stays_alive(folder: Path) -> bool:
+def stays_alive(folder: Path, held: str = LOCK) -> bool:
     """Whether a link process is at work; one that is just ending is given the time to."""
     limit = time.monotonic() + _ENDING_S
-    while alive(folder):
+    while alive(folder, held):
         if time.monotonic() > limit:
             return True
         time.sleep(0.02)
     return False
 
 
-def alive(folder: Path) -> bool:
-    """Whether a link process holds the folder's lock."""
+def alive(folder: Path, held: str = LOCK) -> bool:
+    """Whether a link process holds the folder's lock, which is the file ``held``."""
     try:
-        with (folder / "link.lock").open("a+b") as handle:
+        with (folder / held).open("a+b") as handle:
             lock(handle)
     except FileNotFoundError:  # no folder, so nobody works in it
         return False
@@ -75,8 +75,13 @@ def alive(folder: Path) -> bool:
 
 def connect(record: LinkRecord) -> socket.socket | None:
     """Connect to a link process; None when nobody listens there any more."""
-    kind, _, rest = record.address.partition(":")
-    if record.status or not kind:
+    return None if record.status else reach(record.address)
+
+
+def reach(address: str) -> socket.socket | None:
+    """Connect to an address as `printctl.link.door.listen` gives it; None when nobody is there."""
+    kind, _, rest = address.partition(":")
+    if not kind:
         return None
     if kind == "tcp":
         host, _, port = rest.rpartition(":")

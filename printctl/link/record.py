@@ -13,6 +13,7 @@ from printctl.link.errors import NoLink
 RECORD = "link.json"
 JOURNAL = "journal.log"
 LOG = "link.log"
+LOCK = "link.lock"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,6 +18,7 @@ from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.journal import History
+from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, modal_state, relieved_mm
 from printctl.link.reloading import plunger_travel
@@ -55,17 +55,6 @@ class Recovery:
     gcode: bytes
     steps: tuple[str, ...]
     start: tuple[float, float, float] | None
-
-
-def surely_moved(lines: Sequence[bytes], taken: int, queued: int) -> int:
-    """Lines whose motion had ended when ``taken`` were taken, at most ``queued`` moves ahead."""
-    left = queued
-    for index in range(taken - 1, -1, -1):
-        if _MOVE.match(lines[index]):
-            if left == 0:
-                return index + 1
-            left -= 1
-    return 0
 
 
 def plan_recovery(
@@ -105,7 +94,7 @@ def plan_recovery(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
-    start = _declared(job, begin)
+    start = declared_start(job, begin)
     gcode = _way_in(job, begin, at, printer, retreat, start) + _rest(job, data, begin)
     steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why, printer))
     return Recovery(begin, gcode, steps, start)
@@ -130,7 +119,7 @@ def _beginning(
     )
 
 
-def _declared(job: Job, begin: int) -> tuple[float, float, float] | None:
+def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
     """Where the job tells the firmware that the tip stands, before its first move."""
     places = [k for k, line in enumerate(job.lines[:begin]) if _PLACED.match(line)]
     moves = (k for k, line in enumerate(job.lines) if _MOVE.match(line))

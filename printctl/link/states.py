@@ -45,6 +45,9 @@ class Status:
     state : LinkState
     lines_done, lines_total : int
         Command lines acknowledged by the printer, and in the job.
+    lines_executed : int
+        Those of them whose motion has certainly been made; the last ones may still be ahead in the
+        firmware's planner. Equal to `lines_done` once the printer stands still.
     file_line : int
         One-based line of the job file that was acknowledged last; 0 before the first.
     message : str
@@ -79,6 +82,7 @@ class Status:
     waits_for: str = ""
     deadman_left_s: float | None = None
     readings: tuple[str, ...] = ()
+    lines_executed: int = 0
 
     @property
     def ended(self) -> bool:

@@ -4,46 +4,25 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv, write_network_csv
-from design.network_json import read_network_json, write_network_json
-from design.network_npz import read_network_npz, write_network_npz
+from design.network_files import ASKED, READ, SAID, WRITERS
 from design.network_simvascular import write_simvascular_paths
-from design.network_swc import read_network_swc, write_network_swc
-from design.network_vtp import write_network_vtp
-from design.network_vtp_read import read_network_vtp
 from design.network_xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 from printctl.errors import UsageError
 
-_ASKED: Final[dict[str, Callable[[Path, LengthUnit], VesselNetwork]]] = {
-    ".csv": read_network_csv,
-    ".vtp": read_network_vtp,
-}
-"""Formats that don't say their unit."""
-
-_SAID: Final[dict[str, tuple[LengthUnit, Callable[[Path], VesselNetwork]]]] = {
-    ".swc": ("um", read_network_swc),
-    ".json": ("mm", read_network_json),
-    ".npz": ("mm", read_network_npz),
-    ".txt": ("cm", lambda path: read_network_xcavate(path).network),
-}
-"""Formats that say it, or are always in it."""
-
-READ: Final = (*_ASKED, *_SAID)
-"""Suffixes of the formats that are read."""
-
-_WRITERS: Final[dict[str, Callable[[Path, VesselNetwork], None]]] = {
-    ".csv": write_network_csv,
-    ".vtp": lambda path, network: write_network_vtp(path, network, {}),
-    ".swc": write_network_swc,
-    ".json": write_network_json,
-    ".npz": write_network_npz,
-}
+__all__ = [
+    "LOSSES",
+    "READ",
+    "Noted",
+    "check_target",
+    "read_network",
+    "read_noted",
+    "write_network",
+]
 
 LOSSES: Final = {
     ".swc": "SWC keeps no numbers of trees and nodes; it is in µm",
@@ -97,21 +76,21 @@ def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:
     if suffix not in READ:
         known = ", ".join(READ)
         raise UsageError(f"{path}: {suffix or 'no suffix'} isn't a network's; {known} are read")
-    if suffix in _SAID:
+    if suffix in SAID:
         _check_said(path, unit)
-        return _SAID[suffix][1](path)
+        return SAID[suffix][1](path)
     _check_there(path)
     if unit is None:
         raise UsageError(
             f"{path} doesn't say the unit of its coordinates; give --unit, one of "
             f"{', '.join(MM_PER)}"
         )
-    return _ASKED[suffix](path, unit)
+    return ASKED[suffix](path, unit)
 
 
 def _check_said(path: Path, unit: LengthUnit | None) -> None:
     _check_there(path)
-    own = _SAID[path.suffix.lower()][0]
+    own = SAID[path.suffix.lower()][0]
     if unit not in (None, own):
         raise UsageError(f"{path} is in {own}, as its format says, not {unit}; drop --unit")
 
@@ -124,9 +103,9 @@ def _check_there(path: Path) -> None:
 def check_target(path: Path) -> None:
     """Raise `UsageError` when `write_network` couldn't write a file or folder of this name."""
     suffix = path.suffix.lower()
-    if suffix and suffix not in _WRITERS:
+    if suffix and suffix not in WRITERS:
         raise UsageError(
-            f"{path}: {suffix} can't be written; {', '.join(_WRITERS)} can, and a name without "
+            f"{path}: {suffix} can't be written; {', '.join(WRITERS)} can, and a name without "
             "suffix is a folder of SimVascular paths"
         )
     if suffix and path.is_dir():
@@ -150,7 +129,7 @@ def write_network(path: Path, network: VesselNetwork) -> None:
     check_target(path)
     suffix = path.suffix.lower()
     if suffix:
-        _WRITERS[suffix](path, network)
+        WRITERS[suffix](path, network)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))

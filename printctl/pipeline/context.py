@@ -57,6 +57,7 @@ class RunContext:
     Of a run over a plate ``stand`` is the well in which the part stands, ``ink_changes`` what is
     varied there of the ink's profile, ``title`` goes before the stages' names on the screen, and
     ``siblings`` are the runs of other wells, whose stages are taken over where nothing differs.
+    With ``printed`` nothing is printed: the print that is done in the folder is taken.
     """
 
     recipe: Recipe
@@ -70,6 +71,7 @@ class RunContext:
     ink_changes: Mapping[str, Any] = field(default_factory=dict)
     title: str = ""
     siblings: Sequence[RunContext] = ()
+    printed: bool = False
 
     def digests(self, names: Sequence[str]) -> dict[str, str]:
         """SHA-256 of each of the user's files, named relative to the recipe, that is there."""

@@ -22,9 +22,21 @@ def run_lock(folder: Path) -> Iterator[None]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(folder / ".lock", timeout=0):
+        # The page's server looks now and then whether the lock is held; that takes a moment.
+        with FileLock(folder / ".lock", timeout=0.5):
             yield
     except Timeout as exc:
         raise PrintctlError(
             f"another printctl runs in {folder}; wait for it, or give another --out"
         ) from exc
+
+
+def run_is_going_on(folder: Path) -> bool:
+    """Whether a live process runs in ``folder``."""
+    if not (folder / ".lock").is_file():
+        return False
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            return False
+    except Timeout:
+        return True

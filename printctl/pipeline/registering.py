@@ -13,14 +13,11 @@ from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.feedback import NO_ORIGIN, keep_origin
 from printctl.pipeline.artefacts import HTML, PDF
-from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.stages.registration import (
     DEVIATION,
     NUMBERS,
-    SIGN,
     design_facts,
-    scaled_vertices,
     scan_facts,
     write_deviation,
     write_exports,
@@ -28,7 +25,9 @@ from printctl.pipeline.stages.registration import (
 from printctl.pipeline.verdict import verdict
 from registration import RegistrationReport, Scan, report_dict
 from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
+from registration.result import SIGN, scaled_vertices
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,21 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE
+from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, until
 from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import report
-from printctl.progress import StageBars
+from printctl.pipeline.stages.report import collect
+from printctl.progress import Listener, StageBars
 from printctl.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class How:
+    """How a recipe is run.
+
+    Attributes
+    ----------
+    assume_yes : bool
+        Don't ask before a print on a real printer.
+    pdf : bool
+        Write the report as a PDF too.
+    until : str or None
+        The last stage, by its name; all of them and the report without.
+    printed : bool
+        Take the print that is done in the run's folder; nothing is printed.
+    listener : Listener or None
+        Told of progress.
+    """
+
+    assume_yes: bool = False
+    pdf: bool = False
+    until: str | None = None
+    printed: bool = False
+    listener: Listener | None = None
 
 
 def run_recipe(
@@ -25,64 +53,75 @@ def run_recipe(
     recipe_folder: Path,
     folder: Path,
     console: Console,
-    *,
-    assume_yes: bool = False,
-    pdf: bool = False,
+    how: How = How(),
 ) -> dict[str, Any]:
-    """Run all stages in ``folder`` and write the report; return report.json's content.
+    """Run the stages in ``folder`` and write the report; return report.json's content.
 
-    Before a print on a real printer starts, the user is asked, unless ``assume_yes``. With
-    ``pdf`` the report is written as a PDF too.
+    Before a print on a real printer starts, the user is asked, unless ``how.assume_yes``. With
+    ``how.until`` the summaries of the stages up to that one are returned.
 
     Raises
     ------
+    UsageError
+        For a stage that isn't known.
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
+    stages = WHOLE if how.until is None else until(how.until)
     with run_lock(folder):
+        context = _context(recipe, recipe_folder, folder, console, how)
+        if how.listener is not None:
+            names = [stage.name for stage in stages if stage.asked(context)]
+            how.listener.begin(names, stages[-1].name)
         if recipe.plate is not None:
-            return run_plate(_context(recipe, recipe_folder, folder, console, assume_yes), pdf)
-        context = _run(recipe, recipe_folder, folder, console, WHOLE, assume_yes)
-        return report.write_report(context, pdf)
+            return _plate(context, how, stages)
+        _run(context, stages)
+        return report.write_report(context, how.pdf) if how.until is None else collect(context)
+
+
+def _plate(context: RunContext, how: How, stages: Sequence[Stage]) -> dict[str, Any]:
+    if how.printed:
+        raise UsageError("--printed takes the print of one part; leave it out with a plate")
+    if how.until is None:
+        return run_plate(context, how.pdf)
+    for last, work in ((TOOLPATH[-1], toolpath_plate), (DESIGN[-1], design_plate)):
+        if stages[-1] is last:
+            return work(context)
+    raise UsageError(
+        f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "
+        f"and then as far as {TOOLPATH[-1].name}; give one of these"
+    )
 
 
 def design_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the design stages; return their summaries."""
-    with run_lock(folder):
-        if recipe.plate is not None:
-            return design_plate(_context(recipe, recipe_folder, folder, console))
-        return report.collect(_run(recipe, recipe_folder, folder, console, DESIGN))
+    return run_recipe(recipe, recipe_folder, folder, console, How(until=DESIGN[-1].name))
 
 
 def toolpath_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the stages up to the dry run; return their summaries."""
-    with run_lock(folder):
-        if recipe.plate is not None:
-            return toolpath_plate(_context(recipe, recipe_folder, folder, console))
-        return report.collect(_run(recipe, recipe_folder, folder, console, TOOLPATH))
+    return run_recipe(recipe, recipe_folder, folder, console, How(until=TOOLPATH[-1].name))
 
 
-def _run(
-    recipe: Recipe,
-    recipe_folder: Path,
-    folder: Path,
-    console: Console,
-    stages: Sequence[Stage],
-    assume_yes: bool = False,
-) -> RunContext:
-    context = _context(recipe, recipe_folder, folder, console, assume_yes)
+def _run(context: RunContext, stages: Sequence[Stage]) -> None:
     context.manifest.facts = run_facts(context)
     context.manifest.save()
     run_stages(context, stages, context.bars)
-    return context
 
 
 def _context(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, assume_yes: bool = False
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
 ) -> RunContext:
-    manifest = Manifest.load(folder)
-    return RunContext(recipe, recipe_folder, folder, manifest, StageBars(console), assume_yes)
+    return RunContext(
+        recipe,
+        recipe_folder,
+        folder,
+        Manifest.load(folder),
+        StageBars(console, how.listener),
+        how.assume_yes,
+        printed=how.printed,
+    )

@@ -5,17 +5,15 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from design.files import replacing
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import StageRecord, digest_bytes, digest_file, digest_json
+from printctl.pipeline.manifest import StageRecord, digest_file, digest_json
 from printctl.pipeline.meter import Meter
 from printctl.progress import Report, StageBars
-
-_ROOT = Path(__file__).resolve().parents[2]
+from printctl.sources import source_digest
 
 
 @dataclass(frozen=True)
@@ -50,19 +48,6 @@ class Stage:
         names = self.reads(context) if callable(self.reads) else self.reads
         files = {name: digest_file(context.folder / name) for name in names}
         return digest_json([self.name, self.depends(context), files, source_digest(self.code)])
-
-
-@cache
-def source_digest(packages: tuple[str, ...]) -> str:
-    """Hash of the sources (code and data) of some of our packages."""
-    return digest_bytes(
-        b"".join(
-            str(path.relative_to(_ROOT)).encode() + path.read_bytes()
-            for package in sorted(packages)
-            for path in sorted((_ROOT / package).rglob("*"))
-            if path.suffix in {".py", ".yaml", ".html", ".css", ".js"}
-        )
-    )
 
 
 def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) -> None:

@@ -1,6 +1,6 @@
 """A print as the command line sees it: start or find it, follow it, be asked when interrupted."""
 
-from printctl.printing.find import Order, find_or_start, running
+from printctl.printing.find import Order, find_or_start, finished, running
 from printctl.printing.simulated import SIMULATED, simulated_printer
 from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads, with_reloads_of
 from printctl.printing.watch import confirm, follow, retreat_for
@@ -11,6 +11,7 @@ __all__ = [
     "capacity_mm",
     "confirm",
     "find_or_start",
+    "finished",
     "follow",
     "retreat_for",
     "running",

@@ -18,6 +18,7 @@ from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
+from printctl.printing.executed import is_whole, record_for
 from printctl.printing.simulated import SIMULATED
 
 
@@ -44,7 +45,8 @@ class Order:
     resume : bool
         Whether to go on with an interrupted print of the same file.
     once : bool
-        Whether a print of the same file that is done in the folder counts as this one.
+        Whether a print of the same file that is done in the folder counts as this one; of a
+        simulated printer only where the record of its motion is whole.
     """
 
     job: Path
@@ -67,7 +69,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     """Attach to the order's print if it is going on or done; else go on with it, or start it.
 
     What was interrupted on a real machine is neither repeated nor resumed unasked. A simulated
-    printer is simply started anew.
+    printer is simply started anew, but for a print that a station has done (`order.once`).
 
     Parameters
     ----------
@@ -91,9 +93,12 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     refuse_unsent(load(Printer, order.printer), str(order.job))
     if order.resume:
         return resume_print(order.folder, open_port())
+    counts = order.port != SIMULATED or is_whole(
+        record_for(order.folder), order.sha256, load(Printer, order.printer)
+    )
+    if order.once and counts and (done := finished(order)) is not None:
+        return done
     if order.port != SIMULATED:
-        if order.once and (done := _printed(order)) is not None:
-            return done
         _refuse_interrupted(order)
     return start_print(
         order.job,
@@ -126,7 +131,8 @@ def running(order: Order) -> PrintClient | None:
     return client
 
 
-def _printed(order: Order) -> PrintClient | None:
+def finished(order: Order) -> PrintClient | None:
+    """A client of the order's print, if it is done."""
     client = _attached(order.folder)
     if client is None or client.status.state is not LinkState.DONE:
         return None

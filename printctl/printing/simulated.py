@@ -18,11 +18,17 @@ _COMES_UP_S: Final = 120.0
 
 
 def simulated_printer(
-    profile: str, start_mm: tuple[float, float, float], job: Path, record: Path, folder: Path
+    profile: str,
+    start_mm: tuple[float, float, float],
+    job: Path | None,
+    record: Path | None,
+    folder: Path,
+    *,
+    speed: float = 0.0,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
-    It runs in virtual time, records what its motors did into ``record``, and ends when its host
+    It records what its motors did into ``record``, and ends when its host
     hangs up, so that it outlives a command line that detaches from the print but not the print.
 
     Parameters
@@ -31,12 +37,15 @@ def simulated_printer(
         Printer profile.
     start_mm : (3,) mm
         Where the tip stands at power-up, printer's frame.
-    job : Path
-        The G-code that will be sent, by whose commands the record names what was done.
-    record : Path
+    job : Path or None
+        The G-code that will be sent, by whose commands the record names what was done; None where
+        it is moved by hand.
+    record : Path or None
         ``.npz`` of the executed motion.
     folder : Path
         For its log and its address.
+    speed : float
+        Times real time; 0 for virtual time, as fast as it can.
 
     Raises
     ------
@@ -44,10 +53,11 @@ def simulated_printer(
         When it doesn't come up.
     """
     address, errors = folder / "sim.address", folder / "sim.log"
-    command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", "0"]
+    command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", f"{speed:g}"]
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
-    command += ["--job", str(job.resolve())]
-    command += ["--record", str(record.resolve()), "--exit-on-hangup"]
+    command += ["--job", str(job.resolve())] if job else []
+    command += ["--record", str(record.resolve())] if record else []
+    command += ["--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:
         process = subprocess.Popen(

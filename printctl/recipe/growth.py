@@ -9,9 +9,13 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
 from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.marks import FILE
 from printctl.recipe.parts import NetworkSection, Part, Point, given
 
-FileName = Annotated[str, Field(min_length=1, description="Path, relative to the recipe.")]
+FileName = Annotated[
+    str,
+    Field(min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE),
+]
 Terminals = Annotated[int, Field(ge=1, le=20_000_000)]
 Clearance = Annotated[float, Field(ge=0, le=10)]
 Degrees = Annotated[float, Field(ge=0, le=180)]

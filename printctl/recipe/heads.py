@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from printctl.recipe.marks import InkName, NeedleName, SyringeName
 from printctl.recipe.parts import Part
 
 Kind = Literal["artery", "vein", "lymph", "connection", "channel"]
@@ -14,9 +15,9 @@ Kind = Literal["artery", "vein", "lymph", "connection", "channel"]
 class HeadPart(Part):
     """One head, in the order of the printer's profile."""
 
-    syringe: str = "hamilton_1ml"
-    ink: str = "collagen_fresh"
-    needle: str | None = Field(default=None, description="toolpath.needle where not given.")
+    syringe: SyringeName = "hamilton_1ml"
+    ink: InkName = "collagen_fresh"
+    needle: NeedleName | None = Field(default=None, description="toolpath.needle where not given.")
     kinds: tuple[Kind, ...] = Field(
         default=(), description="Vessels that it writes into a bath, by kind."
     )

@@ -10,6 +10,7 @@ import yaml
 from pydantic import ValidationError
 
 from printctl.errors import RecipeError
+from printctl.recipe.migrate import SCHEMA, migrated, steps_from
 from printctl.recipe.model import Recipe
 
 UserPath = Callable[[tuple[int | str, ...]], Sequence[int | str]]
@@ -21,15 +22,28 @@ _REMEDIES = {
 }
 
 
-def load_recipe(path: Path) -> Recipe:
-    """Read and validate a YAML recipe.
+def load_recipe(path: Path, tell: Callable[[str], object] | None = None) -> Recipe:
+    """Read and validate a YAML recipe, one of an older schema too.
+
+    Parameters
+    ----------
+    path : Path
+    tell : function, optional
+        Told that the recipe is of an older schema, and how to bring the file to today's.
 
     Raises
     ------
     RecipeError
-        With the path of every wrong key, its value, the limit and the remedy.
+        With the path of every wrong key, its value, the limit and the remedy; or when the recipe
+        is of a newer schema than this printctl knows.
     """
-    return parse_recipe(read_mapping(path, "recipe", "`printctl init` writes a starter"), str(path))
+    data = read_mapping(path, "recipe", "`printctl init` writes a starter")
+    if tell is not None and steps_from(data, str(path)):
+        tell(
+            f"note: {path} is of schema {data['schema']}, read as {SCHEMA}; "
+            f"`printctl recipe migrate {path}` brings the file to it"
+        )
+    return parse_recipe(data, str(path))
 
 
 def read_mapping(path: Path, kind: str, start: str) -> dict[str, Any]:
@@ -62,7 +76,8 @@ def read_mapping(path: Path, kind: str, start: str) -> dict[str, Any]:
 
 
 def parse_recipe(data: dict[str, Any], origin: str) -> Recipe:
-    """Validate recipe ``data``; ``origin`` names the file in messages."""
+    """Validate recipe ``data``, of an older schema too; ``origin`` names the file in messages."""
+    data = migrated(data, steps_from(data, origin))
     try:
         return Recipe.model_validate(data)
     except ValidationError as exc:
@@ -81,12 +96,12 @@ def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None
         From pydantic's path of a key to the one that the user wrote; a recipe's by default.
     """
     path_of = user_path or _user_path
-    lines = [_sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
+    lines = [sentence(dict(problem), path_of(problem["loc"])) for problem in exc.errors()]
     return "\n".join([f"{origin} can't be used:", *lines])
 
 
-def _sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
-    """One line: the key's path, what is wrong with which value, and the remedy."""
+def sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
+    """One line of a refusal: the key's path, what is wrong with which value, and the remedy."""
     place = ".".join(str(part) for part in path) or "recipe"
     if problem["type"] == "union_tag_invalid":
         tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]

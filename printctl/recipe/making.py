@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+    model_validator,
+)
 
 from printctl.recipe.care import CarePart
 from printctl.recipe.defects import DefectPart
 from printctl.recipe.heads import HeadPart, check_heads
+from printctl.recipe.marks import (
+    FILE,
+    BathName,
+    DishName,
+    InkName,
+    NeedleName,
+    PrinterName,
+    SyringeName,
+)
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -19,7 +35,11 @@ Speed = Annotated[float, Field(gt=0, le=1000)]
 
 CompensationName = Annotated[
     str | None,
-    Field(min_length=1, description="File of `printctl compensate`, relative to the recipe."),
+    Field(
+        min_length=1,
+        description="File of `printctl compensate`, relative to the recipe.",
+        json_schema_extra=FILE,
+    ),
 ]
 
 
@@ -38,7 +58,7 @@ class Fresh(FillingPart):
     """Layers of the solid, lumens left open, in a support bath."""
 
     method: Literal["fresh"]
-    needle: str = "fresh_150um"
+    needle: NeedleName = "fresh_150um"
     layer_um: Annotated[float, Field(ge=10, le=2000)] = 60.0
     line_um: Annotated[float, Field(ge=20, le=5000)] = 150.0
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
@@ -72,7 +92,7 @@ class Embedded(Part):
     """Vessels written along their centrelines into a cell matrix."""
 
     method: Literal["embedded"]
-    needle: str = "30g"
+    needle: NeedleName = "30g"
     write_speed_mm_s: Speed = 5.0
     travel_speed_mm_s: Speed = 20.0
     overlap_radii: Annotated[float, Field(ge=0, le=5)] = Field(
@@ -109,14 +129,14 @@ ToolpathPart = Annotated[Fresh | Embedded, Field(discriminator="method")]
 class PrinterPart(Part):
     """Which machine, with what in it."""
 
-    profile: str = Field(default="generic_marlin", description="Shipped name or path of a .yaml.")
+    profile: PrinterName = "generic_marlin"
     port: str = Field(
         default="simulated", min_length=1, description="A serial port, tcp:HOST:PORT or simulated."
     )
-    syringe: str = "hamilton_1ml"
-    ink: str = "collagen_fresh"
-    bath: str = "gelatin_support"
-    dish: str | None = Field(
+    syringe: SyringeName = "hamilton_1ml"
+    ink: InkName = "collagen_fresh"
+    bath: BathName = "gelatin_support"
+    dish: DishName | None = Field(
         default=None, description="Its walls are looked at before printing, if given."
     )
     dish_centre_mm: (
@@ -148,6 +168,15 @@ class PrinterPart(Part):
                 "in heads alone"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _said_in_heads_alone(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What is dumped can be read again: no syringe and ink beside those of the heads."""
+        said: dict[str, Any] = whole(self)
+        if self.heads:
+            said.pop("syringe", None)
+            said.pop("ink", None)
+        return said
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:
@@ -188,7 +217,9 @@ class SimulatedScan(Part):
 class FileScan(Part):
     """A scan from a file."""
 
-    file: str = Field(min_length=1, description="Path, relative to the recipe.")
+    file: str = Field(
+        min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE
+    )
     voxel_um: tuple[float, float, float] | None = Field(
         default=None, description="x, y, z; where the file doesn't say."
     )
@@ -211,10 +242,14 @@ class FileScan(Part):
         default=False, description="Lumens are brighter than the gel: filled with contrast agent."
     )
     oct_calibration: str | None = Field(
-        default=None, description="File of `printctl calibrate oct`, relative to the recipe."
+        default=None,
+        description="File of `printctl calibrate oct`, relative to the recipe.",
+        json_schema_extra=FILE,
     )
     walls: str | None = Field(
-        default=None, description="File of `printctl calibrate walls`, relative to the recipe."
+        default=None,
+        description="File of `printctl calibrate walls`, relative to the recipe.",
+        json_schema_extra=FILE,
     )
     air_above: bool = Field(
         default=False, description="Air lies above the sample: undo refraction at its surface."

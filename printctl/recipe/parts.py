@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from printctl.recipe.fluids import FluidPart, LossPart
+from printctl.recipe.marks import FILE
 from printctl.recipe.pulse import PulseOutlet, PulsePart
 from printctl.recipe.space import ComparePart, ThreeDPart
 from printctl.recipe.waves import OneDPart
@@ -59,6 +60,7 @@ class FlowPart(Part):
     )
     outlets: str | None = Field(
         default=None,
+        json_schema_extra=FILE,
         description="CSV with a row for each outlet: node or vessel, and pressure_mmhg or "
         "resistance_mmhg_min_ml (and proximal_mmhg_min_ml, compliance_ml_mmhg).",
     )

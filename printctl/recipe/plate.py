@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from printctl.recipe.making import Embedded, PrinterPart, ToolpathPart
+from printctl.recipe.marks import PlateName
 from printctl.recipe.parts import Part
 
 Millimetres = Annotated[float, Field(allow_inf_nan=False)]
@@ -27,7 +28,7 @@ _ALONE = ("dish", "dish_centre_mm", "bath_depth_mm", "place_mm")
 class PlatePart(Part):
     """A part in each of several wells, in one job."""
 
-    profile: str = Field(description="Shipped name or path of a .yaml.")
+    profile: PlateName
     wells: WellNames = Field(
         default=None,
         description="Names and blocks (A1, B1..B3, A1..D2); by default as many as are asked for, "

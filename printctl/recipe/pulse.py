@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from printctl.recipe.marks import FILE
+
 Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 
 
@@ -46,6 +48,7 @@ class PulsePart(BaseModel):
     )
     table: str | None = Field(
         default=None,
+        json_schema_extra=FILE,
         description="CSV with time_s and flow_ml_min or, where the inlet's pressure is given, "
         "pressure_mmhg over one cycle, of the inlet's mean.",
     )

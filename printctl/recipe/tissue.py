@@ -11,9 +11,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
+from printctl.recipe.marks import FILE
 from printctl.recipe.parts import Length, Part, Point, given
 
-FileName = Annotated[str, Field(min_length=1, description="Path, relative to the recipe.")]
+FileName = Annotated[
+    str,
+    Field(min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE),
+]
 Voxel = Annotated[
     tuple[Length, Length, Length],
     Field(description="Size of a voxel along x, y, z, for images that don't say it."),

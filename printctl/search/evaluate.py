@@ -36,7 +36,6 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
 from printctl.pipeline.manifest import Manifest, digest_json
 from printctl.pipeline.printability import printability
-from printctl.pipeline.stage import source_digest
 from printctl.pipeline.stages import measures, vasculature
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.progress import StageBars
@@ -44,6 +43,7 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.override import recipe_data
 from printctl.recipe.tissue import TissuePart
 from printctl.search.quantities import QUANTITIES, Grown, numbers_of
+from printctl.sources import source_digest
 
 CODE = ("design", "firmware_profiles", "kernels")
 """Packages whose sources a candidate's numbers rest on."""

@@ -1,11 +1,12 @@
 """What other programs read: tables (CSV), surfaces and axes (VTP), volumes (NRRD)."""
 
 from registration.exports.nrrd import nrrd_header, write_scan_nrrd
-from registration.exports.tables import write_tables
+from registration.exports.tables import vessel_rows, write_tables
 from registration.exports.vtp import write_axes_vtp, write_surface_vtp
 
 __all__ = [
     "nrrd_header",
+    "vessel_rows",
     "write_axes_vtp",
     "write_scan_nrrd",
     "write_surface_vtp",

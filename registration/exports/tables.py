@@ -35,15 +35,28 @@ def write_tables(folder: Path, report: RegistrationReport) -> tuple[str, ...]:
         When a file can't be written.
     """
     found = report_dict(report)
-    vessels = found["vessels"]
-    flow = found["perfusion"]["vessels"] if found["perfusion"] else [{}] * len(vessels)
-    rows = [_scalars(vessel) | driven for vessel, driven in zip(vessels, flow, strict=True)]
-    write_text(folder / VESSELS, as_csv(rows))
+    write_text(folder / VESSELS, as_csv(_rows(found)))
     write_text(
-        folder / SECTIONS, as_csv(_sections(vessels), ("vessel", *_SECTION_COLUMNS.values()))
+        folder / SECTIONS,
+        as_csv(_sections(found["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
     )
     write_text(folder / DEFECTS, as_csv([_defect(d) for d in found["defects"]], _DEFECT_COLUMNS))
     return VESSELS, SECTIONS, DEFECTS
+
+
+def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
+    """Every vessel's deviation, a row each, as `vessels.csv` holds it; None where not known.
+
+    Among the columns are ``designed_um``, ``measured_um``, ``error_percent``, ``rms_um`` and
+    ``open`` (`VesselGauge` says what each is), and resistance and flow as designed and as printed.
+    """
+    return _rows(report_dict(report))
+
+
+def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
+    vessels = found["vessels"]
+    flow = found["perfusion"]["vessels"] if found["perfusion"] else [{}] * len(vessels)
+    return [_scalars(vessel) | driven for vessel, driven in zip(vessels, flow, strict=True)]
 
 
 _DEFECT_COLUMNS = (

@@ -6,10 +6,12 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.system.cli import ROOT, printctl
 
 
+@pytest.mark.slow
 def test_ring_is_designed_with_balanced_loops(tmp_path: Path) -> None:
     recipe = ROOT / "examples" / "ring_closed_loop.yaml"
     done = printctl("design", recipe, "--out", "ring", "--json", cwd=tmp_path)

@@ -18,6 +18,9 @@ from printctl.recipe import load_recipe
 from tests.design.toolpath.gcode_reader import Machine
 from tests.system.cli import printctl, recipe_file
 
+pytestmark = pytest.mark.slow
+"""One run of a minute; shorter ones elsewhere scale, prime and register each for itself."""
+
 PRIME = {"line_mm": 6, "gap_mm": 4, "purge_ul": 5, "cup_mm": [20, 20, 70], "wipe_mm": [30, 20, 70]}
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from design.files import replacing
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care
@@ -20,6 +22,7 @@ from printctl.printing import (
     Order,
     confirm,
     find_or_start,
+    finished,
     follow,
     retreat_for,
     simulated_printer,
@@ -101,6 +104,8 @@ def retreat_of(context: RunContext, lift_mm: float) -> Retreat:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Start the print (or find the one that is going on here) and follow it to its end."""
+    if context.printed:
+        return taken(context)
     if not context.printer.streamed:
         return loaded_by_hand(context), []
     part = context.recipe.printer
@@ -130,6 +135,37 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     }
     if part.port != SIMULATED:
         return summary, []
+    return {**summary, **executed_facts(context)}, [EXECUTED]
+
+
+def taken(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:
+    """Take the print that is done in the run's folder, with the simulated printer's record.
+
+    Raises
+    ------
+    PrinterFailedError
+        When no print of this very G-code is done there, or its record is missing.
+    """
+    part, folder = context.recipe.printer, context.folder / JOURNAL_FOLDER
+    gcode = context.folder / GCODE
+    client = finished(Order(gcode, part.profile, part.port, folder, retreat_of(context, 0.0)))
+    if client is None:
+        raise PrinterFailedError(
+            f"no finished print of {gcode.name} as it is now lies in {folder}; print it first, or "
+            "leave --printed out"
+        )
+    summary: dict[str, Any] = {
+        "printer": context.printer.name,
+        "port": part.port,
+        "state": client.status.state.value,
+        "lines": client.status.lines_done,
+    }
+    if not isinstance(context.scan_part, SimulatedScan):
+        return summary, []
+    own = folder / EXECUTED
+    if own.is_file():
+        with replacing(context.folder / EXECUTED) as draft:
+            shutil.copyfile(own, draft)
     return {**summary, **executed_facts(context)}, [EXECUTED]
 
 

@@ -38,6 +38,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.result import SIGN, scaled_vertices
 from registration.walls_file import read_walls
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
@@ -45,8 +46,6 @@ SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_par
 
 _MOST_VOXELS = 8_000_000
 """Of the scan as it is written for 3D Slicer."""
-
-SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
 
 
 def depends(context: RunContext) -> Any:
@@ -152,13 +151,6 @@ def write_deviation(path: Path, found: RegistrationReport) -> None:
     """The scanned surface after the scaled fit, in the part's frame, with its signed deviation."""
     surface = Solid(scaled_vertices(found), found.faces)
     write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
-
-
-def scaled_vertices(found: RegistrationReport) -> NDArray[np.float64]:
-    """Vertices of the scanned surface after the scaled fit, (n, 3), mm, as files hold them."""
-    again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
-    vertices = found.vertices @ again[:3, :3].T + again[:3, 3]
-    return vertices.astype(np.float32).astype(np.float64)
 
 
 def load_deviation(

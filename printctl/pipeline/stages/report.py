@@ -17,7 +17,6 @@ from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.artefacts import HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.deviation_surfaces import split_surfaces
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
@@ -26,6 +25,7 @@ from printctl.pipeline.stages.toolpath import GCODE
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report.deviation_surfaces import split_surfaces
 from registration.report.flow_figures import wave_figure
 from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section

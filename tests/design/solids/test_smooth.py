@@ -150,7 +150,7 @@ def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
     assert np.abs(found).max() < 2.5e-3
 
 
-@pytest.mark.parametrize("ratio", [0.0, 0.5])
+@pytest.mark.parametrize("ratio", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_loops_keep_their_genus(ratio: float) -> None:
     for network in (ladder(), lattice(3, 2.0, 0.3), lattice(3, 2.0, 0.3, TURN)):
         solid = lumen_solid(network, fillet_ratio=ratio)

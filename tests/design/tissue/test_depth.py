@@ -55,7 +55,10 @@ def test_capsules_are_judged_exactly_where_a_slit_is_thinner_than_a_cell(slit):
     np.testing.assert_array_equal(slit.grid.capsule_inside(start, end, radius), expected)
 
 
-@pytest.mark.parametrize("name", ["biventricle_svv.stl", "gyrus_patch_fsaverage5.stl"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("biventricle_svv.stl", marks=pytest.mark.slow), "gyrus_patch_fsaverage5.stl"],
+)
 def test_capsules_are_judged_exactly_in_real_tissue(name):
     if not (SHARED / name).is_file():
         pytest.skip("no shared data beside the repository")

@@ -119,7 +119,7 @@ def test_printable_tree_fits_the_real_gyrus():
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 2))])
-@pytest.mark.parametrize("smallest", [None, 0.01])
+@pytest.mark.parametrize("smallest", [pytest.param(None, marks=pytest.mark.slow), 0.01])
 def test_trees_stay_out_of_a_slit_thinner_than_a_cell(slit, seed, smallest):
     options = GrowthOptions(
         terminals=8000,
@@ -131,6 +131,7 @@ def test_trees_stay_out_of_a_slit_thinner_than_a_cell(slit, seed, smallest):
     assert outside_exactly(grow_tree(slit, options), slit) == 0
 
 
+@pytest.mark.slow
 def test_large_tree_stays_in_the_real_heart():
     path = SHARED / "biventricle_svv.stl"
     if not path.is_file():
@@ -241,6 +242,7 @@ def test_tissue_too_thin_for_a_vessel_is_refused():
         grow_tree(tissue, GrowthOptions(terminals=20, smallest_radius_mm=0.15))
 
 
+@pytest.mark.slow
 def test_more_terminals_than_fit_are_refused_with_how_many_did(tissues):
     options = GrowthOptions(
         terminals=500, smallest_radius_mm=0.2, clearance_mm=0.2, terminal_spread=1.7

@@ -141,7 +141,7 @@ def test_no_connection_is_thinner_than_asked(tissue):
     assert radius.min() >= 0.03
 
 
-@pytest.mark.parametrize("seed", [4, 7])
+@pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.slow), 7])
 def test_short_connections_dont_overlap_within_their_joints(seed):
     ring = tissue_of(annulus(28.0, 12.0, 10.0))
     options = GrowthOptions(terminals=9, seed=seed, smallest_radius_mm=0.2, clearance_mm=0.2)

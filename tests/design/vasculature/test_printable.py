@@ -35,6 +35,7 @@ def test_grows_what_is_asked_for_where_it_fits(slab):
     check(done.tree, slab, options)
 
 
+@pytest.mark.slow
 def test_says_how_far_it_grew(brick):
     options = GrowthOptions(
         terminals=30,

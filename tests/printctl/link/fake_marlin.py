@@ -198,7 +198,7 @@ class PtyPrinter:
     """
 
     def __init__(self, printer: FakeMarlin, unplug_at: int | None, hold_at: int | None) -> None:
-        self.printer, self._unplug_at, self._hold_at = printer, unplug_at, hold_at
+        self.printer, self.unplug_at, self.hold_at = printer, unplug_at, hold_at
         self._master, self._slave = os.openpty()
         self.name = os.ttyname(self._slave)
         self._over = threading.Event()
@@ -216,12 +216,12 @@ class PtyPrinter:
             except OSError:
                 return
             said = self.printer.receive(data)
-            if self._unplug_at is not None and self.printer.last >= self._unplug_at:
+            if self.unplug_at is not None and self.printer.last >= self.unplug_at:
                 os.close(self._slave)
                 os.close(self._master)
                 self._master = self._slave = -1
                 return
-            if self._hold_at is not None and self.printer.last >= self._hold_at:
+            if self.hold_at is not None and self.printer.last >= self.hold_at:
                 self.held.set()
                 self.gate.wait(10.0)
             os.write(self._master, said)

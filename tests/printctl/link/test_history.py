@@ -12,13 +12,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from printctl.cli.main import app
 from printctl.link import LinkState, start_print
-from printctl.link.errors import HistoryError
+from printctl.link.errors import HistoryError, NoSuchPrint
 from printctl.link.history import PrintHistory, data_folder, remember
 from printctl.link.history_entry import INTERRUPTED, entry_of
+from printctl.link.history_query import HistoryQuery, SortBy
 from printctl.link.journal import Journal
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
@@ -216,3 +219,87 @@ def test_command_rebuilds_from_a_folder(data, tmp_path):
     printed(tmp_path / "shelf" / "one")
     result = CliRunner().invoke(app, ["history", "rebuild", str(tmp_path / "shelf"), "--json"])
     assert json.loads(result.stdout)["prints"] == 1
+
+
+# --- asked for a part of it
+
+
+def test_query_narrows_by_state_profile_operator_and_day(data, tmp_path):
+    history = PrintHistory()
+    (tmp_path / "one").mkdir()
+    note = {"values": {"operator": "Grace Hopper"}}
+    (tmp_path / "one" / "record.json").write_text(json.dumps(note))
+    history.note(printed(tmp_path / "one", "heart.gcode"))
+    history.note(printed(tmp_path / "two", "liver.gcode", 2e9, end="killed"))
+
+    def found(**asked) -> list[str]:
+        return [entry.file for entry in history.find(HistoryQuery(**asked)).entries]
+
+    assert found(states=("killed", "failed")) == ["liver.gcode"]
+    assert found(who="Grace Hopper") == found(words="hopper") == ["heart.gcode"]
+    assert found(who="ada") == ["liver.gcode"]
+    assert found(since=1.5e9) == found(profile="duet", since=2e9, until=2e9 + 1) == ["liver.gcode"]
+    assert found(profile="other") == found(until=1e9) == []
+    assert history.known("who") == ["Grace Hopper", "ada"]
+    assert history.entries("hopper")[0].by == "Grace Hopper"
+
+
+@pytest.mark.parametrize("sort", list(SortBy))
+def test_pages_hold_every_print_once_in_order(data, tmp_path, sort):
+    history = PrintHistory()
+    for k in range(23):
+        history.note(printed(tmp_path / str(k), f"{k % 3}.gcode", 1e9 + k // 2))
+    pages = [history.find(HistoryQuery(sort=sort, limit=5, offset=k)) for k in range(0, 30, 5)]
+    ids = [entry.id for page in pages for entry in page.entries]
+    assert len(set(ids)) == len(ids) == 23
+    assert {page.total for page in pages} == {23}
+    values = [str(getattr(entry, sort.value)) for page in pages for entry in page.entries]
+    assert values == sorted(values, reverse=True)
+
+
+@given(
+    words=st.text(max_size=30),
+    who=st.text(max_size=10),
+    states=st.lists(st.text(max_size=5), max_size=3),
+    offset=st.integers(-5, 2**62),
+)
+@settings(suppress_health_check=list(HealthCheck), deadline=None, max_examples=60)
+def test_no_question_breaks_the_index(data, tmp_path, words, who, states, offset):
+    asked = HistoryQuery(words, tuple(states), who=who, offset=offset, limit=10)
+    assert PrintHistory().find(asked).total == 0
+
+
+def test_one_print_is_found_by_so_much_of_its_id_as_is_its_own(data, tmp_path):
+    history = PrintHistory()
+    history.note(printed(tmp_path / "one"))
+    history.note(printed(tmp_path / "two", started=1e9 + 1))
+    first = history.entries()[0]
+    assert history.one(first.id) == history.one(first.id[:12]) == first
+    for unclear in ("100000000", "", "%", "9"):
+        with pytest.raises(NoSuchPrint, match="history"):
+            history.one(unclear)
+
+
+def test_journal_without_an_end_is_read_again_only_when_it_has_grown(data, tmp_path, monkeypatch):
+    history = PrintHistory()
+    folder = printed(tmp_path / "one", end="")
+    history.note(folder)
+    reads = []
+    monkeypatch.setattr(
+        "printctl.link.history.entry_of", lambda path: reads.append(path) or entry_of(path)
+    )
+    history.entries()
+    assert reads == []
+    with (folder / "journal.log").open("ab") as handle:
+        handle.write(b"more\n")
+    history.entries()
+    assert reads == [(folder / "journal.log").resolve()]
+
+
+def test_index_of_an_older_version_is_gone_on_with(data, tmp_path):
+    PrintHistory().note(printed(tmp_path / "one"))
+    with sqlite3.connect(PrintHistory().path) as index:
+        index.executescript("DROP TABLE seen; DROP TABLE operators; DROP INDEX by_start;")
+    index.close()
+    assert [e.file for e in PrintHistory().entries()] == ["a.gcode"]
+    assert not list(data.glob("history.damaged-*"))

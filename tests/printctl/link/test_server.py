@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import socket
 import threading
+from types import SimpleNamespace
 
 import pytest
 
+from firmware_profiles import Printer, load
 from printctl.link.care import NewSyringe
 from printctl.link.errors import LinkError
 from printctl.link.marks import MarkKind
@@ -21,6 +23,7 @@ class Spy:
     def __init__(self) -> None:
         self.wishes: list[str] = []
         self.killed = threading.Event()
+        self.wiring = SimpleNamespace(printer=load(Printer, "generic_marlin"))
         self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
 
     def stop(self) -> None:
@@ -109,7 +112,11 @@ def test_wish_that_asks_for_an_answer_is_heard_or_refused(door):
     say(guest, do="pause", after="layer", answer=True, token=token)
     assert hear(guest) == {"event": "heard", "do": "pause"}
     say(guest, do="pause", after="vessel", answer=True, token=token)
-    assert hear(guest) == {"event": "refused", "message": "no end of a vessel is marked"}
+    assert hear(guest) == {
+        "event": "refused",
+        "message": "no end of a vessel is marked",
+        "error": "LinkError",
+    }
     say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
     assert hear(guest)["event"] == "heard"
     say(guest, do="pause", after="lunch", answer=True, token=token)

@@ -161,6 +161,7 @@ def _carried(report: DyeReport, fps: float = 6.0, seconds: float = 20.0) -> Floa
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_a_tilted_camera_sees_dye_arrive_at_the_same_time(tmp_path: Path) -> None:
     straight, tilted = _filmed(tmp_path / "a", PLANAR_CAMERA), _filmed(tmp_path / "b", TILTED)
     assert tilted.view.perspective

@@ -82,6 +82,7 @@ def test_same_run_same_bytes_whatever_the_clock() -> None:
     assert report_pdf(again, planar_network(), {}) != first
 
 
+@pytest.mark.slow
 def test_a_thousand_vessels_have_their_head_on_every_page() -> None:
     data = whole_sample()
     rows = data["registration"]["vessels"]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.network import VesselNetwork
-from registration.report import ReportSurface
+from registration.report.surface import ReportSurface
 
 FloatArray = NDArray[np.float64]
 

@@ -1,0 +1,100 @@
+"""What scripts and notebooks use of the design side: `import design` hands it on.
+
+It stays as it is from one minor version to the next; what isn't named here may move. docs/python.md
+shows it at work.
+"""
+
+from design.display import LAB, Units
+from design.errors import DesignError
+from design.hemodynamics import FlowConditions, FlowSolution, flow_summary, solve_flow
+from design.hemodynamics.zero_d.table import write_flow_csv
+from design.network import VesselKind, VesselNetwork
+from design.network_files import read_network, write_network
+from design.solids import (
+    Solid,
+    block_solid,
+    construct_solid,
+    lumen_solid,
+    read_solid,
+    solid_from_surface,
+    write_3mf,
+    write_stl,
+)
+from design.tissue import (
+    Tissue,
+    annulus,
+    biventricle,
+    block,
+    cylinder,
+    folded_cortex,
+    load_tissue,
+    tissue_from_surface,
+)
+from design.toolpath import MoveKind, Toolpath
+from design.toolpath.embedded import EmbeddedOptions, plan_embedded
+from design.toolpath.fresh import FreshOptions, plan_fresh
+from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
+from design.vasculature import (
+    GrowthOptions,
+    LoopOptions,
+    RootSpec,
+    VesselTree,
+    check_network,
+    close_loops,
+    forest_to_network,
+    grow_forest,
+    grow_tree,
+    planar_four_vessel,
+    tree_to_network,
+)
+
+__all__ = [
+    "LAB",
+    "DesignError",
+    "EmbeddedOptions",
+    "FlowConditions",
+    "FlowSolution",
+    "FreshOptions",
+    "Gcode",
+    "GcodeOptions",
+    "GrowthOptions",
+    "LoopOptions",
+    "MoveKind",
+    "RootSpec",
+    "Solid",
+    "Tissue",
+    "Toolpath",
+    "Units",
+    "VesselKind",
+    "VesselNetwork",
+    "VesselTree",
+    "annulus",
+    "biventricle",
+    "block",
+    "block_solid",
+    "check_network",
+    "close_loops",
+    "construct_solid",
+    "cylinder",
+    "flow_summary",
+    "folded_cortex",
+    "forest_to_network",
+    "grow_forest",
+    "grow_tree",
+    "load_tissue",
+    "lumen_solid",
+    "plan_embedded",
+    "plan_fresh",
+    "planar_four_vessel",
+    "read_network",
+    "read_solid",
+    "solid_from_surface",
+    "solve_flow",
+    "tissue_from_surface",
+    "tree_to_network",
+    "write_3mf",
+    "write_flow_csv",
+    "write_gcode",
+    "write_network",
+    "write_stl",
+]

@@ -1,0 +1,1 @@
+"""What makes pages of the user guide: not part of the product."""

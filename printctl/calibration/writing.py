@@ -1,0 +1,144 @@
+"""What a calibration writes: a test's G-code with a CSV to fill in, and a mended profile."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from design.files import write_bytes, write_text
+from design.toolpath import Toolpath
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Facts, Printer, Syringe
+from printctl.calibration.estimate import Estimate
+from printctl.errors import UsageError
+from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
+from sim.dryrun import dry_run
+
+
+@dataclass(frozen=True)
+class Job:
+    """A test: where it goes, what it does, on what, from where.
+
+    ``doses`` says that it weighs doses, the one test that a pneumatic head's valve opens for;
+    ``flow_factor`` is the ink's, where the test writes with it as a print does.
+    """
+
+    path: Path
+    toolpath: Toolpath
+    printer: Printer
+    syringe: Syringe
+    at_mm: tuple[float, float, float]
+    doses: bool = False
+    flow_factor: float = 1.0
+
+    @property
+    def sheet(self) -> Path:
+        """The CSV file to fill in."""
+        return self.path.with_suffix(".csv")
+
+
+@dataclass(frozen=True)
+class Made:
+    """What was written of a test.
+
+    Attributes
+    ----------
+    lines : int
+        Of G-code.
+    duration_s : float
+    notes : tuple of str
+        What the checks warn of.
+    """
+
+    lines: int
+    duration_s: float
+    notes: tuple[str, ...]
+
+
+def make_test(
+    job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
+) -> Made:
+    """Write the G-code and the CSV file beside it, after the same checks as a print's.
+
+    Raises
+    ------
+    SafetyError
+        When a check refuses it.
+    UsageError
+        When it needs a plunger, and there is none.
+    """
+    if job.printer.pneumatic and not job.doses and job.toolpath.volume_ul.any():
+        raise UsageError(
+            f"{job.printer.name} has a pneumatic head, and this test drives a plunger; weigh its "
+            "flow instead: printctl calibrate weigh"
+        )
+    # A pneumatic head's flow is what will be weighed; its doses are times, so any will do here.
+    flow = 1.0 if job.printer.pneumatic else None
+    options = GcodeOptions(
+        start_mm=job.at_mm,
+        relieve_ul=0.0,
+        flow_factor=job.flow_factor,
+        flow_ul_s=flow,
+        standing_doses=flow is not None,
+    )
+    gcode = write_gcode(job.toolpath, job.printer, job.syringe, job.at_mm, options)
+    run = dry_run(gcode.data, job.printer, job.at_mm)
+    checks = [*gcode_checks(run, job.printer), *syringe_checks(run, job.printer, job.syringe)]
+    refuse_failed(checks)
+    write_bytes(job.path, gcode.data)
+    table = io.StringIO()
+    table.writelines(f"# {key}={value:g}\n" for key, value in facts.items())
+    csv.writer(table, lineterminator="\n").writerows([list(columns), *rows])
+    write_text(job.sheet, table.getvalue())
+    return Made(gcode.line_count, run.duration_s, tuple(warnings(checks)))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a key gets: its value, and what its source is to say of it."""
+
+    value: Any
+    said: str
+
+
+def measured_key(facts: Facts, key: str, estimate: Estimate) -> dict[str, Measured]:
+    """One key with its estimate; a part of a group (``steps_per_mm.e``) keeps the others."""
+    name, _, part = key.partition(".")
+    value: Any = estimate.value
+    if part:
+        value = {**getattr(facts, name).model_dump(mode="json"), part: value}
+    return {key: Measured(value, f"{estimate.text()}, 95 %")}
+
+
+def save_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> str:
+    """Write a copy of a profile with keys changed for what was measured; its source says so.
+
+    Returns
+    -------
+    str
+        What was changed.
+    """
+    data = facts.model_dump(mode="json", exclude_unset=True)
+    for key, one in found.items():
+        data[key.partition(".")[0]] = one.value
+    left = [other for other in facts.starting_values if other not in found]
+    if left:
+        data["starting_values"] = left
+    else:
+        data.pop("starting_values", None)
+    said = "; ".join(f"{key} {one.said}" for key, one in found.items())
+    numbers = said if len(found) > 1 else next(iter(found.values())).said
+    data["source"] = (
+        f"{facts.source} {', '.join(found)} measured by printctl calibrate, "
+        f"{date.today().isoformat()}: {numbers}."
+    )
+    type(facts).model_validate(data)
+    write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
+    return said

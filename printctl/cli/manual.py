@@ -1,0 +1,192 @@
+"""What the help of every command ends with: examples, and what its exit codes mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+ALWAYS: Final[Mapping[int, str]] = {0: "done", 1: "failed", 2: "wrong use"}
+REFUSED: Final[Mapping[int, str]] = {3: "a safety check refused it"}
+PRINTS: Final[Mapping[int, str]] = {**REFUSED, 4: "the printer failed, or was stopped"}
+REACHES: Final[Mapping[int, str]] = {4: "the link to the printer failed"}
+PASSES: Final[Mapping[int, str]] = {1: "failed, or the print doesn't pass"}
+
+
+@dataclass(frozen=True)
+class Manual:
+    """Of one command: lines as they would be typed, and exit codes beside `ALWAYS`."""
+
+    examples: tuple[str, ...]
+    codes: Mapping[int, str] = field(default_factory=dict)
+
+    def epilog(self) -> str:
+        """The end of the command's help, as Markdown."""
+        codes = "; ".join(f"{code} {said}" for code, said in self.exit_codes().items())
+        lines = "\n".join(self.examples)
+        return f"Examples\n\n```text\n{lines}\n```\n\nExit codes: {codes}."
+
+    def exit_codes(self) -> dict[int, str]:
+        """All of them, in order."""
+        return dict(sorted({**ALWAYS, **self.codes}.items()))
+
+
+MANUAL: Final[Mapping[str, Manual]] = {
+    "run": Manual(
+        ("printctl run recipe.yaml", "printctl run recipe.yaml --out runs/second --pdf"),
+        {**PRINTS, **PASSES},
+    ),
+    "design": Manual(("printctl design recipe.yaml --out design",)),
+    "toolpath": Manual(("printctl toolpath recipe.yaml --out part.gcode",), REFUSED),
+    "slice": Manual(("printctl slice part.stl --unit mm --out part.gcode --layer-um 60",)),
+    "simulate": Manual(
+        (
+            "printctl simulate part.gcode --printer generic_marlin",
+            "printctl simulate part.gcode --ink collagen_fresh --needle fresh_150um --out seen",
+        ),
+        REFUSED,
+    ),
+    "print": Manual(
+        (
+            "printctl print part.gcode --printer generic_marlin --port simulated",
+            "printctl print part.gcode --printer mine.yaml --port auto --deadman 20",
+        ),
+        PRINTS,
+    ),
+    "status": Manual(("printctl status runs/my_run",)),
+    "pause": Manual(("printctl pause runs/my_run --after layer",), REACHES),
+    "resume": Manual(("printctl resume runs/my_run",), REACHES),
+    "reload": Manual(("printctl reload runs/my_run",), REACHES),
+    "alive": Manual(("printctl alive runs/my_run",), REACHES),
+    "recover": Manual(("printctl recover runs/my_run",), REACHES),
+    "sim-printer": Manual(("printctl sim-printer --link /tmp/printer",)),
+    "register": Manual(
+        (
+            "printctl register scan.tif --model runs/my_run --out report",
+            "printctl register scan.tif --model part.stl --network network.csv --out report "
+            "--voxel-um 15,15,12",
+        ),
+        PASSES,
+    ),
+    "dye": Manual(
+        (
+            "printctl dye dye.mp4 --model runs/my_run --marks marks.yaml --out dye "
+            "--flow-ml-min 0.25",
+            "printctl dye --predict --model runs/my_run --out dye --frames-per-s 25",
+        ),
+        {1: "failed, or the part doesn't pass"},
+    ),
+    "overlay": Manual(("printctl overlay scan.tif --model runs/my_run --out overlay",)),
+    "compare": Manual(("printctl compare runs/a runs/b runs/c --out several",)),
+    "compensate": Manual(("printctl compensate runs/first runs/second --out made.yaml",)),
+    "view": Manual(
+        (
+            "printctl view runs/my_run",
+            "printctl view runs/my_run --png figure.png --colour pressure",
+            "printctl view part.gcode --png layer.png --layer 26",
+        )
+    ),
+    "convert": Manual(("printctl convert network.csv tree.swc --unit mm",)),
+    "solid": Manual(("printctl solid network.csv --unit mm --out lumen.stl",)),
+    "measure": Manual(("printctl measure tree.csv --unit mm --tissue t.stl --tissue-unit mm",)),
+    "search": Manual(
+        ("printctl search search.yaml --out found",),
+        {1: "failed, a candidate broke, or none keeps the limits"},
+    ),
+    "flow": Manual(
+        (
+            "printctl flow tree.csv --unit mm --out flow",
+            "printctl flow tree.csv --unit mm --amplitude-ml-min 0.1 --period-s 1 "
+            "--wall-young-kpa 10 --one-d",
+            "printctl flow runs/my_run --as-printed",
+        )
+    ),
+    "oxygen": Manual(("printctl oxygen runs/my_run --cells-per-ml 2e7 --out oxygen",)),
+    "lumens": Manual(
+        (
+            "printctl lumens part.gcode --network runs/my_run --syringe hamilton_1ml",
+            "printctl lumens part.gcode --model part.stl --unit mm --filament-mm 1.75",
+        ),
+        {3: "a lumen is closed or leaks"},
+    ),
+    "ports": Manual(("printctl ports", "printctl ports --find"), REACHES),
+    "profiles": Manual(("printctl profiles", "printctl profiles check mine.yaml")),
+    "profiles show": Manual(("printctl profiles show", "printctl profiles show generic_marlin")),
+    "profiles check": Manual(
+        ("printctl profiles check mine.yaml",), {1: "it mustn't be used as it is"}
+    ),
+    "profiles probe": Manual(
+        ("printctl profiles probe --port /dev/ttyACM0 --profile mine.yaml",),
+        {1: "failed, or something differs", **REACHES},
+    ),
+    "history": Manual(("printctl history", "printctl history --search heart --csv")),
+    "history show": Manual(("printctl history show 1795267901",)),
+    "history bundle": Manual(("printctl history bundle 1795267901 --out heart_3.zip",)),
+    "history verify": Manual(("printctl history verify heart_3.zip --key lab.pem",)),
+    "history key": Manual(("printctl history key --out lab.pem",)),
+    "history repeat": Manual(("printctl history repeat 1795267901 --to work/jobs",)),
+    "history list": Manual(("printctl history list --state killed --since 2026-11-01",)),
+    "history csv": Manual(("printctl history csv --since 2026-11-01",)),
+    "history rebuild": Manual(("printctl history rebuild",)),
+    "calibrate": Manual(("printctl calibrate weigh weigh.csv --write mine.yaml",)),
+    "calibrate weigh": Manual(
+        (
+            "printctl calibrate weigh --gcode weigh.gcode",
+            "printctl calibrate weigh weigh.csv --write mine.yaml",
+        )
+    ),
+    "calibrate offset": Manual(
+        (
+            "printctl calibrate offset touched.csv",
+            "printctl calibrate offset touched.csv --printer two_syringe_marlin --head 1 "
+            "--write mine.yaml",
+        )
+    ),
+    "calibrate level": Manual(("printctl calibrate level touched.csv",)),
+    "calibrate backlash": Manual(("printctl calibrate backlash x.csv",)),
+    "calibrate lag": Manual(("printctl calibrate lag widths.csv",)),
+    "calibrate pattern": Manual(
+        (
+            "printctl calibrate pattern lines --profile mine.yaml --ink collagen_fresh "
+            "--needle 25g --bath gelatin_support -o lines.gcode",
+        )
+    ),
+    "calibrate widths": Manual(
+        ("printctl calibrate widths seen.png --pattern lines.json --write my_ink.yaml",)
+    ),
+    "calibrate oct": Manual(
+        ("printctl calibrate oct --grid low.oct --grid high.oct --pitch-um 500",)
+    ),
+    "calibrate walls": Manual(("printctl calibrate walls p1 p2 p3 --write walls.yaml",)),
+    "doctor": Manual(
+        ("printctl doctor", "printctl doctor --json", "printctl doctor --warm"),
+        {1: "something keeps printctl from working here"},
+    ),
+    "serve": Manual(
+        (
+            "printctl serve",
+            "printctl serve work --port 8081",
+            "printctl serve work --host 0.0.0.0 --password",
+        )
+    ),
+    "init": Manual(("printctl init my_print.yaml",)),
+    "recipe": Manual(("printctl recipe migrate old.yaml",)),
+    "recipe schema": Manual(("printctl recipe schema",)),
+    "recipe migrate": Manual(
+        (
+            "printctl recipe migrate old.yaml",
+            "printctl recipe migrate old.yaml --out new.yaml",
+        )
+    ),
+}
+"""By the words that follow `printctl`."""
+
+
+def with_manual(command: Any, name: str) -> Any:
+    """Give a command, and those in it, the end of its help; what has no manual stays as it is."""
+    if name in MANUAL:
+        command.epilog = MANUAL[name].epilog()
+        command.rich_markup_mode = "markdown"
+    for word, inner in getattr(command, "commands", {}).items():
+        with_manual(inner, f"{name} {word}")
+    return command

@@ -1,0 +1,135 @@
+"""`printctl serve`: the operator's page."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from printctl.cli.options import messages
+from printctl.errors import UsageError
+
+NEEDED = ("nicegui", "uvicorn", "fastapi")
+_AT_MOST_PORT = 65535
+
+
+def serve(
+    workspace: Annotated[
+        Path, typer.Argument(help="Folder of recipes, runs, jobs, scans and prints.")
+    ] = Path("workspace"),
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 for every one of this machine.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=_AT_MOST_PORT, help="Port; 0 for any that is free.")
+    ] = 8080,
+    password: Annotated[
+        bool, typer.Option("--password", help="Ask now for a password that the page asks for.")
+    ] = False,
+    password_file: Annotated[
+        Path | None, typer.Option(help="Read that password from a file's first line.")
+    ] = None,
+    token: Annotated[
+        bool, typer.Option("--token", help="Let browsers in by a link with a token, shown here.")
+    ] = False,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Certificate (PEM): serve by HTTPS.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="The certificate's key (PEM).")] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(help="A further name of this machine that browsers may use; repeatable."),
+    ] = None,
+    open_page: Annotated[
+        bool | None,
+        typer.Option("--open/--no-open", help="Open the page in a browser; else where one is."),
+    ] = None,
+    sim_speed: Annotated[
+        float,
+        typer.Option(min=0.0, help="Simulated printer's speed, times real time; 0: all it can."),
+    ] = 1.0,
+    upload_mb: Annotated[float, typer.Option(min=1.0, help="Largest upload, MB.")] = 4000.0,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Write down each request.")] = False,
+) -> None:
+    """Serve the operator's page: printer, job, design, scan and history in a browser.
+
+    Only this machine can reach it, unless ``--host`` says otherwise; then a password or a token
+    is needed. Ctrl-C ends the server, never a print.
+    """
+    _want_extra()
+    from printctl.web.serve import log_to_terminal  # Wants the extra `web`.
+    from printctl.web.serve import serve as run
+    from printctl.web.settings import ServeSettings
+
+    settings = ServeSettings(
+        workspace=workspace,
+        host=host,
+        port=port,
+        password=_password(password, password_file),
+        token_link=token,
+        upload_mb=upload_mb,
+        sim_speed=sim_speed,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        names=tuple(name or ()),
+    )
+    log_to_terminal(verbose)
+
+    def started(running: Any) -> None:
+        _tell(settings, running)
+        if open_page or (open_page is None and _has_screen()):
+            webbrowser.open(_link(settings, running))
+
+    run(settings, started)
+    messages().print("the page is closed; a print that runs goes on (`printctl status`)")
+
+
+def _want_extra() -> None:
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise UsageError(
+            f"the page needs {', '.join(missing)}, which isn't installed; "
+            'pip install "printctl[web]"'
+        )
+
+
+def _password(ask: bool, file: Path | None) -> str | None:
+    if ask and file is not None:
+        raise UsageError("give --password or --password-file, not both")
+    if file is not None:
+        lines = file.read_text(encoding="utf-8").splitlines()
+        if not lines or not lines[0]:
+            raise UsageError(f"{file} is empty; its first line is the password")
+        return lines[0]
+    if ask:
+        return str(typer.prompt("password", hide_input=True, confirmation_prompt=True, err=True))
+    return None
+
+
+def _tell(settings: Any, running: Any) -> None:
+    say = messages().print
+    say(f"the page: {_link(settings, running)}")
+    say(f"workspace: {settings.workspace.resolve()}; Ctrl-C ends the server, not a print")
+    if not settings.loopback:
+        say(f"other machines reach it at port {running.url.rsplit(':', 1)[1]} of this one")
+        if not settings.tls:
+            say(
+                "[yellow]no TLS: whoever can listen on the network reads the password and can act "
+                "in your name; use --tls-cert and --tls-key, or an SSH tunnel[/]"
+            )
+
+
+def _link(settings: Any, running: Any) -> str:
+    return f"{running.url}/?token={running.token}" if settings.token_link else str(running.url)
+
+
+def _has_screen() -> bool:
+    if not sys.stderr.isatty() or "SSH_CONNECTION" in os.environ:
+        return False
+    linux = sys.platform.startswith("linux")
+    return not linux or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,13 @@
+"""`printctl station disconnect`: let go of the port."""
+
+from __future__ import annotations
+
+from printctl.cli.options import print_lines
+from printctl.cli.station_options import FolderOption, the_station
+
+
+def disconnect(folder: FolderOption = None) -> None:
+    """Switch the heaters off and let go of the port; refused while something moves or prints."""
+    station = the_station(folder)
+    station.close()
+    print_lines(station.status.message)

@@ -1,0 +1,22 @@
+"""`printctl station home`: home axes."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import JsonFlag
+from printctl.cli.station_options import FolderOption, tell, the_station
+
+
+def home(
+    axes: Annotated[str, typer.Argument(help="Which, such as xy.")] = "xyz",
+    needle_off: Annotated[
+        bool, typer.Option("--needle-off", help="The needle is off the machine.")
+    ] = False,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Home axes; refused as long as a needle is mounted: it would be driven into what is below."""
+    tell(the_station(folder).home(list(axes), needle_off=needle_off), as_json)

@@ -1,0 +1,12 @@
+"""`printctl station kill`: halt the printer."""
+
+from __future__ import annotations
+
+from printctl.cli.options import print_lines
+from printctl.cli.station_options import FolderOption, the_station
+
+
+def kill(folder: FolderOption = None) -> None:
+    """Halt the firmware at once (M112), whatever it does; its position is lost."""
+    the_station(folder).kill()
+    print_lines("M112 is sent; `printctl station status` tells whether the printer has halted")

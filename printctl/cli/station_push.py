@@ -1,0 +1,22 @@
+"""`printctl station push`: move the plunger by hand."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import JsonFlag
+from printctl.cli.station_options import FolderOption, tell, the_station
+
+
+def push(
+    ul: Annotated[float, typer.Option("--ul", help="So much, µL; below 0 draws back.")],
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="In µL/s; the ink's own without.")
+    ] = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Push ink, or draw the plunger back, within what the syringe mounted has left."""
+    tell(the_station(folder).plunger(ul, speed), as_json)

@@ -1,0 +1,11 @@
+"""`printctl station stop`: end a move by hand."""
+
+from __future__ import annotations
+
+from printctl.cli.options import JsonFlag
+from printctl.cli.station_options import FolderOption, tell, the_station
+
+
+def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
+    """End the move that goes on, after at most half a second of it; the position stays known."""
+    tell(the_station(folder).stop_motion(), as_json)

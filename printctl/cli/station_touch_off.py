@@ -1,0 +1,21 @@
+"""`printctl station touch-off`: the tip stands on the dish's floor."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import JsonFlag
+from printctl.cli.station_options import FolderOption, tell, the_station
+
+
+def touch_off(
+    foil: Annotated[
+        float, typer.Option("--foil", help="Thickness of the foil between tip and floor, mm.")
+    ] = 0.0,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Take the tip's height for the dish's floor, below which it isn't let from now on."""
+    tell(the_station(folder).touch_off(foil_mm=foil), as_json)

@@ -1,0 +1,23 @@
+"""`printctl station where`: tell the printer where its tip is."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import JsonFlag
+from printctl.cli.station_options import FolderOption, tell, the_station
+
+PlaceOption = Annotated[float | None, typer.Option(help="In mm, printer's frame.")]
+
+
+def where(
+    x: PlaceOption = None,
+    y: PlaceOption = None,
+    z: PlaceOption = None,
+    folder: FolderOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Tell the printer where its tip stands; nothing moves. Nobody can check it for you."""
+    tell(the_station(folder).set_position(x, y, z), as_json)

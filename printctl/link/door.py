@@ -1,0 +1,280 @@
+"""A local door that nothing can block: JSON lines over a socket that its owner alone may open.
+
+A client sends objects with ``do`` (and ``token`` where the socket is TCP). ``status`` and
+``subscribe`` are answered by ``{"event": "status", ...}``, what can't be done by
+``{"event": "refused", "message": ..., "error": ...}``, a wish with ``answer`` set that can, by
+``heard``. ``kill`` and ``detach`` every door knows; further wishes are a kind's own.
+
+One thread serves all clients and never waits for any: sockets are non-blocking, and a client that
+doesn't read what it is sent is dropped. ``kill`` is handed to a thread that was started in
+advance and does nothing else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import selectors
+import socket
+import tempfile
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.link.errors import LinkError
+
+_BACKLOG_LIMIT: Final = 1_000_000
+_LINE_LIMIT: Final = 10_000
+_UNIX_PATH_LIMIT: Final = 100
+_TEMPORARY: Final = "printctl-link-"
+
+
+def listen(folder: Path, name: str = "link.sock") -> tuple[socket.socket, str, str]:
+    """Open the socket: Unix in ``folder`` where there are such, else TCP on the loopback.
+
+    Returns
+    -------
+    listener : socket
+    address : str
+        ``unix:PATH`` or ``tcp:HOST:PORT``.
+    token : str
+        What clients must show; empty for a Unix socket, which only its owner may open.
+    """
+    if not hasattr(socket, "AF_UNIX"):
+        listener = socket.create_server(("127.0.0.1", 0))
+        address = f"tcp:127.0.0.1:{listener.getsockname()[1]}"
+        return listener, address, secrets.token_hex(16)
+    path = folder.resolve() / name
+    if len(os.fsencode(path)) > _UNIX_PATH_LIMIT:
+        path = Path(tempfile.mkdtemp(prefix=_TEMPORARY)) / name
+    path.unlink(missing_ok=True)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(str(path))
+    path.chmod(0o600)
+    listener.listen()
+    return listener, f"unix:{path}", ""
+
+
+def forget(address: str) -> None:
+    """Remove what `listen` left on the disk."""
+    if address.startswith("unix:"):
+        path = Path(address.removeprefix("unix:"))
+        path.unlink(missing_ok=True)
+        if path.parent.name.startswith(_TEMPORARY):
+            path.parent.rmdir()
+
+
+@dataclass
+class Guest:
+    """One client's connection."""
+
+    socket: socket.socket
+    heard: bytes = b""
+    unsent: bytes = b""
+    subscribed: bool = False
+
+
+@dataclass
+class Door(ABC):
+    """Serves clients in a thread of its own, from `start` to `finish`.
+
+    A kind of door says what may be wished (`wishes`), what a client is told (`told`) and what
+    `kill` is.
+
+    Attributes
+    ----------
+    listener : socket
+    token : str
+    """
+
+    listener: socket.socket
+    token: str
+    _guests: dict[socket.socket, Guest] = field(init=False, default_factory=dict)
+    _mail: deque[tuple[Guest | None, dict[str, Any]]] = field(init=False, default_factory=deque)
+    _kill: threading.Event = field(init=False, default_factory=threading.Event)
+    _over: threading.Event = field(init=False, default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self._granted = {
+            "status": self._status,
+            "subscribe": self._subscribe,
+            "kill": self._do_kill,
+            "detach": self._do_detach,
+            **self.wishes(),
+        }
+        self._selector = selectors.DefaultSelector()
+        self._waker, self._woken = socket.socketpair()
+        for end in (self.listener, self._waker, self._woken):
+            end.setblocking(False)
+        self._selector.register(self.listener, selectors.EVENT_READ)
+        self._selector.register(self._woken, selectors.EVENT_READ)
+        self._threads = [
+            threading.Thread(target=self._serve, name="server", daemon=True),
+            threading.Thread(target=self._kill_path, name="kill", daemon=True),
+        ]
+
+    def start(self) -> None:
+        """Begin to serve."""
+        for thread in self._threads:
+            thread.start()
+
+    # --- a kind's own ------------------------------------------------------------------------
+
+    @abstractmethod
+    def kill(self) -> None:
+        """Halt the printer; called in a thread that does nothing else."""
+
+    @abstractmethod
+    def told(self) -> dict[str, Any]:
+        """Status as a JSON object."""
+
+    @abstractmethod
+    def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
+        """What grants each wish; raises `LinkError` for one that can't be granted."""
+
+    # --- for any thread ------------------------------------------------------------------------
+
+    def tell_all(self, status: dict[str, Any]) -> None:
+        """Tell all subscribers, never waiting."""
+        self.post(None, {"event": "status", **status})
+
+    def post(self, guest: Guest | None, message: dict[str, Any]) -> None:
+        """Send to one client, or to all subscribers, never waiting."""
+        self._mail.append((guest, message))
+        self._wake()
+
+    def finish(self, patience_s: float = 1.0) -> None:
+        """Send what is left, at most for ``patience_s``, and close."""
+        self._over.set()
+        self._kill.set()
+        self._wake()
+        for thread in self._threads:
+            thread.join(patience_s)
+        if not self._threads[0].is_alive():
+            self._selector.close()
+            self._waker.close()
+            self._woken.close()
+
+    # --- threads ---------------------------------------------------------------------------
+
+    def _kill_path(self) -> None:
+        while self._kill.wait() and not self._over.is_set():
+            self._kill.clear()
+            self.kill()
+
+    def _serve(self) -> None:
+        while not self._over.is_set():
+            for key, mask in self._selector.select():
+                if key.fileobj is self.listener:
+                    self._welcome()
+                elif key.fileobj is self._woken:
+                    self._drain_waker()
+                else:
+                    self._attend(self._guests[key.fileobj], mask)  # type: ignore[index]
+            self._deliver()
+        self._deliver()
+        for guest in list(self._guests.values()):
+            guest.socket.settimeout(0.5)
+            with contextlib.suppress(OSError):
+                guest.socket.sendall(guest.unsent)
+            self._dismiss(guest)
+        self.listener.close()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):  # full: it is awake anyway; closed: it is over
+            self._waker.send(b"!")
+
+    def _drain_waker(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._woken.recv(4096)
+
+    # --- clients ---------------------------------------------------------------------------
+
+    def _welcome(self) -> None:
+        with contextlib.suppress(OSError):
+            connection, _ = self.listener.accept()
+            connection.setblocking(False)
+            self._guests[connection] = Guest(connection)
+            self._selector.register(connection, selectors.EVENT_READ)
+
+    def _dismiss(self, guest: Guest) -> None:
+        with contextlib.suppress(KeyError, ValueError):
+            self._selector.unregister(guest.socket)
+        self._guests.pop(guest.socket, None)
+        guest.socket.close()
+
+    def _attend(self, guest: Guest, mask: int) -> None:
+        if mask & selectors.EVENT_WRITE:
+            self._flush(guest)
+        if not mask & selectors.EVENT_READ:
+            return
+        try:
+            data = guest.socket.recv(4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data or len(guest.heard) > _LINE_LIMIT:
+            self._dismiss(guest)
+            return
+        *lines, guest.heard = (guest.heard + data).split(b"\n")
+        for line in lines:
+            self._answer(guest, line)
+
+    def _answer(self, guest: Guest, line: bytes) -> None:
+        try:
+            wish = json.loads(line)
+            if not secrets.compare_digest(str(wish.get("token", "")), self.token):
+                self.post(guest, {"event": "refused", "message": "wrong token"})
+                return
+            self._granted[wish["do"]](guest, wish)
+            if wish.get("answer"):
+                self.post(guest, {"event": "heard", "do": wish["do"]})
+        except LinkError as exc:
+            error = type(exc).__name__
+            self.post(guest, {"event": "refused", "message": str(exc), "error": error})
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            self.post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
+
+    def _subscribe(self, guest: Guest, wish: dict[str, Any]) -> None:
+        guest.subscribed = True
+        self.post(guest, {"event": "status", **self.told()})
+
+    def _status(self, guest: Guest, wish: dict[str, Any]) -> None:
+        self.post(guest, {"event": "status", "asked": True, **self.told()})
+
+    def _do_kill(self, guest: Guest, wish: dict[str, Any]) -> None:
+        self._kill.set()
+
+    def _do_detach(self, guest: Guest, wish: dict[str, Any]) -> None:
+        guest.subscribed = False
+
+    def _deliver(self) -> None:
+        while self._mail:
+            guest, message = self._mail.popleft()
+            data = json.dumps(message).encode() + b"\n"
+            guests = [guest] if guest else [g for g in self._guests.values() if g.subscribed]
+            for one in guests:
+                if one.socket in self._guests:
+                    one.unsent += data
+                    self._flush(one)
+
+    def _flush(self, guest: Guest) -> None:
+        try:
+            guest.unsent = guest.unsent[guest.socket.send(guest.unsent) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._dismiss(guest)
+            return
+        if len(guest.unsent) > _BACKLOG_LIMIT:
+            self._dismiss(guest)
+            return
+        write = selectors.EVENT_WRITE if guest.unsent else 0
+        self._selector.modify(guest.socket, selectors.EVENT_READ | write)

@@ -1,0 +1,79 @@
+"""Which of a job's lines have certainly been carried out, not only taken.
+
+A firmware says ok when it has put a move into its planner. So the last moves taken, as many as
+planner and command queue hold, may still be ahead; once it has answered M400, none is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_profiles import Printer
+
+_MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
+
+
+def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int = 0) -> int:
+    """Lines whose motion had ended when ``taken`` were taken.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        The job's.
+    taken : int
+    queued : float
+        Most moves that may be ahead; infinite where nobody knows.
+    least : int
+        So many are known to have been made.
+    """
+    if math.isinf(queued):
+        return min(least, taken)
+    left = queued
+    for index in range(taken - 1, least - 1, -1):
+        if _MOVE.match(lines[index]):
+            if left == 0:
+                return index + 1
+            left -= 1
+    return min(least, taken)
+
+
+def moves_ahead(printer: Printer) -> float:
+    """Most moves that a printer may have taken and not made.
+
+    Infinite for Klipper, which plans by time: short moves are ahead by the hundred.
+    """
+    if printer.firmware == "klipper":
+        return math.inf
+    return printer.planner_blocks + printer.command_queue
+
+
+class Made:
+    """Counts them as a job goes on; never more than is true.
+
+    Parameters
+    ----------
+    lines : sequence of bytes
+        The job's.
+    printer : Printer
+    """
+
+    def __init__(self, lines: Sequence[bytes], printer: Printer) -> None:
+        self._lines, self._ahead = lines, moves_ahead(printer)
+        self._sure = 0
+
+    def waited(self, taken: int) -> None:
+        """Take notice that the printer stands still after ``taken`` lines."""
+        self._sure = taken
+
+    def back(self, taken: int) -> None:
+        """Take notice that lines after these weren't taken after all."""
+        self._sure = min(self._sure, taken)
+
+    def after(self, taken: int) -> int:
+        """Lines made when ``taken`` were taken; any thread may ask."""
+        made = surely_moved(self._lines, taken, self._ahead, self._sure)
+        self._sure = max(self._sure, made)
+        return made

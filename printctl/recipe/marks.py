@@ -1,0 +1,28 @@
+"""What a text in a recipe names: a profile, or a file of the user's. For forms and checks."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field
+
+ProfileSort = Literal["printers", "needles", "syringes", "inks", "baths", "dishes", "plates"]
+
+FILE: Final[dict[str, Any]] = {"file": True}
+"""For ``json_schema_extra`` of a path that is relative to the recipe."""
+
+PrinterName = Annotated[
+    str,
+    Field(
+        description="Shipped name or path of a .yaml.", json_schema_extra={"profile": "printers"}
+    ),
+]
+PlateName = Annotated[
+    str,
+    Field(description="Shipped name or path of a .yaml.", json_schema_extra={"profile": "plates"}),
+]
+NeedleName = Annotated[str, Field(json_schema_extra={"profile": "needles"})]
+SyringeName = Annotated[str, Field(json_schema_extra={"profile": "syringes"})]
+InkName = Annotated[str, Field(json_schema_extra={"profile": "inks"})]
+BathName = Annotated[str, Field(json_schema_extra={"profile": "baths"})]
+DishName = Annotated[str, Field(json_schema_extra={"profile": "dishes"})]

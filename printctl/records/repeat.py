@@ -1,0 +1,226 @@
+"""Print the same bytes again: whether everything is as it was, and what differs if not.
+
+A job is made ready; nothing is ever started here.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from design.files import replacing, write_text
+from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
+from firmware_profiles.facts import Facts
+from printctl.link.history_entry import PrintEntry
+from printctl.link.origin import digest_of, profile_digest, version
+from printctl.link.ports import list_ports
+from printctl.pipeline.manifest import digest_file
+from printctl.records.errors import RecordsError
+from printctl.records.evidence import Evidence, evidence
+from printctl.records.plain_zip import blocks_of, read_members
+from printctl.records.verify import verify_bundle
+
+MAP: Final = ".map.npz"
+_SORTS: Final[dict[str, type[Facts]]] = {
+    "printer": Printer,
+    "needle": Needle,
+    "syringe": Syringe,
+    "ink": Ink,
+    "bath": Bath,
+}
+_SERIAL: Final = ("/dev/tty", "/dev/cu.", "COM")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What isn't as it was.
+
+    Attributes
+    ----------
+    what, then, now : str
+    """
+
+    what: str
+    then: str
+    now: str
+
+    def line(self) -> str:
+        """For people."""
+        return f"{self.what}: was {self.then}, is {self.now}"
+
+
+@dataclass(frozen=True)
+class RepeatPlan:
+    """A print that can be done again.
+
+    Attributes
+    ----------
+    entry : PrintEntry
+    gcode : Path
+        File of the same bytes; where `bundle` is set, the bundle that holds them.
+    bundle : bool
+    differences : tuple of Difference
+    unknown : tuple of str
+        What the journal doesn't say, so that nobody can tell whether it differs.
+    set_up : dict
+        Names of profiles as the run's recipe has them: profile, needle, syringe, ink, bath ...
+    """
+
+    entry: PrintEntry
+    gcode: Path
+    bundle: bool
+    differences: tuple[Difference, ...]
+    unknown: tuple[str, ...]
+    set_up: dict[str, Any]
+
+
+def plan_repeat(entry: PrintEntry, bundle: Path | None = None) -> RepeatPlan:
+    """Find the same bytes, and hold today against then.
+
+    Parameters
+    ----------
+    entry : PrintEntry
+    bundle : Path, optional
+        Where to take the G-code from when its file is gone.
+
+    Raises
+    ------
+    RecordsError
+        When the bytes that were printed aren't there any more.
+    """
+    found = evidence(entry)
+    gcode = found.gcode or _in_bundle(entry, bundle)
+    if gcode is None:
+        raise RecordsError(
+            f"print {entry.id} can't be repeated exactly: {found.missing[0]}; give its bundle "
+            "(--bundle FILE.zip), or make the job anew from its recipe"
+        )
+    differences, unknown = list(_differences(found)), list(_unknown(found))
+    return RepeatPlan(
+        entry, gcode, found.gcode is None, tuple(differences), tuple(unknown), _set_up(found)
+    )
+
+
+def make_job(plan: RepeatPlan, folder: Path) -> Path:
+    """Lay the job into a folder of jobs under a name of its own; give its file.
+
+    What differs stands beside it in ``NAME.gcode.repeat.json``.
+
+    Raises
+    ------
+    RecordsError
+        When what was copied isn't what was printed.
+    """
+    path = _free(folder, plan.entry)
+    with replacing(path) as draft:
+        _copy(plan, draft)
+        if digest_file(draft) != plan.entry.sha256:
+            raise RecordsError(f"{plan.gcode} has changed meanwhile; nothing was made of it")
+    beside = plan.gcode.with_suffix(MAP)
+    if not plan.bundle and beside.is_file():
+        shutil.copyfile(beside, path.with_suffix(MAP))
+    told = {
+        "repeats": plan.entry.id,
+        "sha256": plan.entry.sha256,
+        "differences": [asdict(one) for one in plan.differences],
+        "unknown": list(plan.unknown),
+        "set_up": plan.set_up,
+    }
+    write_text(path.with_name(f"{path.name}.repeat.json"), json.dumps(told, indent=1) + "\n")
+    return path
+
+
+def _in_bundle(entry: PrintEntry, bundle: Path | None) -> Path | None:
+    if bundle is None:
+        return None
+    verified = verify_bundle(bundle, ())
+    if not verified.whole or verified.manifest is None:
+        raise RecordsError(f"{bundle} isn't whole: {'; '.join(verified.changed)}")
+    if verified.manifest.print.sha256 != entry.sha256:
+        raise RecordsError(f"{bundle} is of another G-code than print {entry.id}")
+    return bundle if any(f.path == "job.gcode" for f in verified.manifest.files) else None
+
+
+def entry_of_bundle(bundle: Path) -> PrintEntry:
+    """The print that a whole bundle is of, for one that this machine doesn't know.
+
+    Raises
+    ------
+    RecordsError
+        When the bundle isn't whole.
+    """
+    verified = verify_bundle(bundle, ())
+    if not verified.whole or verified.manifest is None:
+        raise RecordsError(f"{bundle} isn't whole: {'; '.join(verified.changed)}")
+    told = verified.manifest.print.model_dump(exclude={"alarms"})
+    return PrintEntry(journal=bundle.parent / "journal.log", **told)
+
+
+def _copy(plan: RepeatPlan, to: Path) -> None:
+    if not plan.bundle:
+        shutil.copyfile(plan.gcode, to)
+        return
+    with plan.gcode.open("rb") as stream, to.open("wb") as out:
+        (member,) = [one for one in read_members(stream) if one.name == "job.gcode"]
+        for block in blocks_of(stream, member):
+            out.write(block)
+
+
+def _free(folder: Path, entry: PrintEntry) -> Path:
+    stem = Path(entry.file).stem or "job"
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "_" for c in stem)
+    kept = kept.lstrip("_-")[:40] or "job"
+    for k in range(1, 10_000):
+        path = folder / f"{kept}_again_{k}.gcode"
+        if not path.exists():
+            return path
+    raise RecordsError(f"{folder} has ten thousand repeats of {kept}; tidy it up")
+
+
+def _differences(found: Evidence) -> Iterator[Difference]:
+    then = found.job
+    if then.get("printctl") and then["printctl"] != version():
+        yield Difference("printctl", str(then["printctl"]), version())
+    names = {**_set_up(found), "printer": found.entry.profile}
+    for sort, model in _SORTS.items():
+        values = found.profiles.get(sort)
+        if values and names.get(sort):
+            yield from _changed(f"{sort}'s profile", str(names[sort]), model, values)
+    port = found.entry.port
+    if port.startswith(_SERIAL) and port not in [one.device for one in list_ports()]:
+        yield Difference("port", port, "not there")
+
+
+def _changed(
+    what: str, name: str, model: type[Facts], then: dict[str, Any]
+) -> Iterator[Difference]:
+    try:
+        now = load(model, name)
+    except (ProfileError, OSError) as exc:
+        yield Difference(what, name, f"not to be read ({exc})")
+        return
+    if profile_digest(now) == digest_of(then):
+        return
+    new = now.model_dump(mode="json")
+    for key in sorted({*then, *new}):
+        if then.get(key) != new.get(key):
+            yield Difference(f"{what} {name}, {key}", str(then.get(key)), str(new.get(key)))
+
+
+def _unknown(found: Evidence) -> Iterator[str]:
+    if "printer" not in found.profiles:
+        yield "which values the printer's profile had (the journal is of an older version)"
+    if not found.profiles.keys() & {"needle", "syringe", "ink", "bath"}:
+        yield "which needle, syringe, ink and bath were used (the job wasn't made by a run here)"
+
+
+def _set_up(found: Evidence) -> dict[str, Any]:
+    recipe = found.facts.get("recipe", {})
+    part = recipe.get("printer", {})
+    names = {k: part.get(k) for k in ("syringe", "ink", "bath", "dish", "bath_depth_mm", "heads")}
+    names["needle"] = recipe.get("toolpath", {}).get("needle")
+    return {"profile": found.entry.profile, **{k: v for k, v in names.items() if v}}

@@ -1,0 +1,52 @@
+"""The history as CSV that a spreadsheet may open: no cell of it can be taken for a formula."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from dataclasses import fields
+from datetime import datetime
+from typing import Any, Final
+
+from printctl.link.history_entry import PrintEntry
+
+COLUMNS: Final = [field.name for field in fields(PrintEntry)]
+_TIMES: Final = ("started", "ended")
+_DANGEROUS: Final = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+"""What makes a spreadsheet calculate a cell (OWASP, CSV injection), full-width forms as well."""
+
+
+def csv_lines(entries: Iterable[PrintEntry]) -> Iterator[str]:
+    """The head and a line a print, each with its end."""
+    yield _line(COLUMNS)
+    for entry in entries:
+        yield _line([safe_cell(value) for value in row(entry)])
+
+
+def row(entry: PrintEntry) -> list[Any]:
+    """A print's values in the order of `COLUMNS`; times are local, alarms one text."""
+    found = {name: getattr(entry, name) for name in COLUMNS}
+    found |= {name: local_time(getattr(entry, name)) for name in _TIMES}
+    found["journal"] = str(entry.journal)
+    found["alarms"] = "; ".join(alarm.text for alarm in entry.alarms)
+    return list(found.values())
+
+
+def safe_cell(value: Any) -> Any:
+    """A text that would be calculated gets an apostrophe before it, which spreadsheets hide."""
+    if not isinstance(value, str):
+        return value
+    text = value.replace("\0", "")
+    return f"'{text}" if text.lstrip(" \ufeff\u00a0").startswith(_DANGEROUS) else text
+
+
+def local_time(seconds: float) -> str:
+    """A time as people here write it; empty for none."""
+    return f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M:%S}" if seconds > 0 else ""
+
+
+def _line(values: list[Any]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_MINIMAL).writerow(values)
+    return out.getvalue()

@@ -1,0 +1,138 @@
+"""What happened in a print, in order: states, pauses, alarms, changes of syringe, its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from printctl.link.history_entry import plain_text
+from printctl.link.journal import Record, read_records
+
+MOST: Final = 2000
+"""Events that are told; a print with more has them in its journal."""
+
+_HOLDS: Final = ("pausing", "paused")
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes
+    ----------
+    at : float, s since 1970
+    kind : str
+        begun, state, alarm, checkpoint, reload, syringe, end, damaged.
+    text : str
+    after_s : float, s
+        Since the print began.
+    """
+
+    at: float
+    kind: str
+    text: str
+    after_s: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A time in one state.
+
+    Attributes
+    ----------
+    state : str
+    start_s, end_s : float, s
+        Since the print began.
+    """
+
+    state: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class TimeLine:
+    """A print's events, and the states that it went through.
+
+    Attributes
+    ----------
+    events : tuple of Event
+        The first `MOST`.
+    stretches : tuple of Stretch
+    more : int
+        Events that aren't told.
+    """
+
+    events: tuple[Event, ...]
+    stretches: tuple[Stretch, ...]
+    more: int = 0
+
+    @property
+    def held_s(self) -> float:
+        """How long it didn't go on because it was held, s."""
+        return sum(one.end_s - one.start_s for one in self.stretches if one.state in _HOLDS)
+
+
+def time_line(journal: Path) -> TimeLine:
+    """Read it from a journal.
+
+    Raises
+    ------
+    OSError
+        When it can't be read.
+    """
+    events: list[Event] = []
+    stretches: list[Stretch] = []
+    begun: float | None = None
+    last: tuple[str, float] | None = None
+    total = 0
+    for record in read_records(journal):
+        told = _told(record)
+        if told is None:
+            continue
+        at = _number((record or {}).get("at"))
+        begun = at if begun is None and at else begun
+        after = max(0.0, at - (begun or at)) if at else (last[1] if last else 0.0)
+        total += 1
+        if len(events) < MOST:
+            events.append(Event(at, told[0], plain_text(told[1]), after))
+        if told[0] in ("begun", "state", "end"):
+            if last is not None and last[0]:
+                stretches.append(Stretch(last[0], last[1], after))
+            last = (
+                plain_text((record or {}).get("state", "")) if told[0] == "state" else "",
+                after,
+            )
+    if last is not None and last[0]:
+        stretches.append(Stretch(last[0], last[1], last[1]))
+    return TimeLine(tuple(events), tuple(stretches), total - len(events))
+
+
+def _told(record: Record | None) -> tuple[str, str] | None:
+    """Kind and words of a record; None for what is too small to be told."""
+    if record is None:
+        return "damaged", "a line of the journal can't be read"
+    sort = record.get("t")
+    if sort == "job":
+        return "begun", f"{record.get('name', '')} on {record.get('port', '')}"
+    if sort == "state":
+        return "state", f"{record.get('state', '')}: {record.get('message', '')}"
+    if sort == "alarm":
+        return "alarm", str(record.get("text", ""))
+    if sort == "checkpoint":
+        agrees = "as the job has it" if record.get("agrees") else "NOT where the job has it"
+        after = f" after {record['mark']}" if record.get("mark") else ""
+        return "checkpoint", f"position {agrees}, line {record.get('done', '?')}{after}"
+    if sort == "reload":
+        return "reload", f"change of syringe after line {record.get('done', '?')}"
+    if sort == "syringe":
+        told = {k: v for k, v in record.items() if k not in ("t", "at", "n", "command")}
+        return "syringe", "new syringe: " + ", ".join(f"{k} {v}" for k, v in told.items() if v)
+    if sort == "end":
+        return "end", f"{record.get('state', '')}: {record.get('message', '')}"
+    return None
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0

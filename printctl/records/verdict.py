@@ -1,0 +1,17 @@
+"""A report's verdict in a word."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+Outcome = Literal["pass", "fail", "undecided", ""]
+
+
+def outcome(verdict: Mapping[str, Any] | None) -> Outcome:
+    """``pass``, ``fail``, ``undecided`` (for want of sight alone), or empty for none."""
+    if verdict is None or not isinstance(verdict.get("passed"), bool):
+        return ""
+    if verdict["passed"]:
+        return "pass"
+    return "undecided" if verdict.get("undecided") is True else "fail"

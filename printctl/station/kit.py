@@ -1,0 +1,52 @@
+"""What is mounted, its profiles read."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from firmware_profiles import Bath, Dish, Ink, Needle, ProfileError, Syringe, load
+from printctl.link.errors import Refused
+from printctl.station.status import Mounted
+
+
+@dataclass(frozen=True)
+class Kit:
+    """Profiles of what is mounted; None for nothing there, or nobody said.
+
+    Attributes
+    ----------
+    needle, syringe, ink, dish, bath
+        Profiles.
+    """
+
+    needle: Needle | None = None
+    syringe: Syringe | None = None
+    ink: Ink | None = None
+    dish: Dish | None = None
+    bath: Bath | None = None
+
+    @property
+    def ul_per_mm(self) -> float | None:
+        """Ink that a mm of plunger travel moves, µL."""
+        return math.pi / 4 * self.syringe.inner_mm**2 if self.syringe else None
+
+
+def read_kit(mounted: Mounted) -> Kit:
+    """Load the profiles of what is mounted.
+
+    Raises
+    ------
+    Refused
+        When one isn't there or is wrong.
+    """
+    try:
+        return Kit(
+            needle=load(Needle, mounted.needle) if mounted.needle else None,
+            syringe=load(Syringe, mounted.syringe) if mounted.syringe else None,
+            ink=load(Ink, mounted.ink) if mounted.ink else None,
+            dish=load(Dish, mounted.dish) if mounted.dish else None,
+            bath=load(Bath, mounted.bath) if mounted.bath else None,
+        )
+    except ProfileError as exc:
+        raise Refused(str(exc)) from exc

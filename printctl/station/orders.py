@@ -1,0 +1,93 @@
+"""What is to be printed, as it comes through the door, and whether it may begin here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.link.care import Care
+from printctl.link.errors import Refused
+from printctl.link.job import Job
+from printctl.link.modal import last_of
+from printctl.link.process import Order as LinkOrder
+from printctl.link.recovering import declared_start
+from printctl.link.retreat import Retreat
+from printctl.printing.find import Order
+from printctl.station.status import Place
+from printctl.station.wire import Socket
+
+ASIDE_MM: Final = 0.05
+"""Most between the place where the tip stands and the one that the job declares."""
+_SILENT: Final = frozenset({"marlin", "prusa"})
+
+
+def to_wish(order: Order) -> dict[str, Any]:
+    """An order as a JSON object."""
+    return {
+        "job": str(order.job.resolve()),
+        "printer": order.printer,
+        "folder": str(order.folder.resolve()),
+        "retreat": asdict(order.retreat),
+        "care": order.care.to_dict(),
+    }
+
+
+def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
+    """Read `to_wish`.
+
+    Raises
+    ------
+    Refused
+        For another printer than the one that is connected.
+    """
+    try:
+        asked = load(Printer, str(wish["printer"]))
+    except ProfileError as exc:
+        raise Refused(str(exc)) from exc
+    if asked != socket.printer:
+        raise Refused(
+            f"the job is for {asked.name} ({wish['printer']}), connected is {socket.printer.name} "
+            f"({socket.profile}); connect with the profile that the job was made for"
+        )
+    return LinkOrder(
+        job=Path(wish["job"]),
+        profile=str(wish["printer"]),
+        port=socket.port,
+        folder=Path(wish["folder"]),
+        retreat=Retreat(**wish["retreat"]),
+        care=Care.from_dict(wish["care"]),
+    )
+
+
+def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
+    """Refuse a job that declares the tip to be where it isn't; give the place that it declares.
+
+    Raises
+    ------
+    LinkError
+    """
+    declared = declared_start(job, len(job))
+    if declared is None or at is None or not trusted:
+        return declared
+    away = math.dist(declared, at)
+    if away > ASIDE_MM:
+        told = (
+            " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", place, strict=True))
+            for place in (declared, at)
+        )
+        begins, stands = told
+        raise Refused(
+            f"{job.name} begins with the tip at {begins}, it stands at {stands}, {away:.2f} mm "
+            f"away (at most {ASIDE_MM:g}): the part would be written as far beside its place. Move "
+            "there first, or say that the tip is there (set_position)"
+        )
+    return declared
+
+
+def leaves_motors_on(job: Job, done: int, printer: Printer) -> bool:
+    """Whether the motors have power after so many lines, so that the count keeps its meaning."""
+    off = last_of(job.lines, done, (b"M84", b"M18"))
+    return off is None or (b"S" in off and printer.firmware in _SILENT)

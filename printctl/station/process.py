@@ -1,0 +1,170 @@
+"""The station's process: it alone owns the port, between prints and in them.
+
+It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
+program that started it dies. It ends when it is closed.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from firmware_profiles import Printer, ProfileError, load
+from printctl.link.errors import LinkError, NoLink
+from printctl.link.families import refuse_unsent
+from printctl.link.journal import Journal
+from printctl.link.process import ignore_signals, only_one
+from printctl.station.desk import Desk
+from printctl.station.knowledge import Knowledge
+from printctl.station.record import JOURNAL, LOCK, SOCKET, StationRecord, load_station
+from printctl.station.server import StationServer, forget, listen
+from printctl.station.status import Mounted, Place, StationState, StationStatus
+from printctl.station.wire import Socket
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a station is told when it is opened.
+
+    Attributes
+    ----------
+    profile : str
+        By name or path.
+    port : str
+    folder : Path
+        For journal, record and log.
+    baud : int, "auto" or None
+    sim_speed : float
+    start_mm : (x, y, z), mm
+        Where a simulated tip stands.
+    """
+
+    profile: str
+    port: str
+    folder: Path
+    baud: int | str | None
+    sim_speed: float
+    start_mm: Place
+
+
+def serve_station(opening: Opening) -> StationStatus:
+    """Run a station in this process until it is closed.
+
+    Returns
+    -------
+    StationStatus
+        The last one; it is in the folder's ``station.json``, too.
+    """
+    folder = opening.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    with only_one(folder, LOCK, "a printer is connected"):
+        ignore_signals()
+        record = StationRecord(
+            pid=os.getpid(),
+            address="",
+            token="",
+            profile=opening.profile,
+            port=opening.port,
+            baud=opening.baud if isinstance(opening.baud, int) else None,
+            started=time.time(),
+        )
+        before = _before(folder)
+        record.save(folder)
+        try:
+            record, status = _open(opening, record, before)
+        except (LinkError, ProfileError) as exc:
+            log.error("%s", exc)
+            status = _failed(record, str(exc), type(exc).__name__)
+        except Exception as exc:
+            log.exception("the station met an error of its own")
+            message = f"the station failed: {exc!r}; see station.log"
+            status = _failed(record, message, "LinkError")
+            raise
+        finally:
+            replace(record, address="", token="", status=status.to_dict()).save(folder)
+    return status
+
+
+def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
+    return StationStatus(
+        StationState.LOST,
+        message,
+        profile=record.profile,
+        port=record.port,
+        error=error,
+    )
+
+
+def _before(folder: Path) -> StationRecord | None:
+    """What the last station here knew."""
+    try:
+        return load_station(folder)
+    except NoLink:
+        return None
+
+
+def _open(
+    opening: Opening, record: StationRecord, before: StationRecord | None
+) -> tuple[StationRecord, StationStatus]:
+    printer = load(Printer, opening.profile)
+    refuse_unsent(printer)
+    journal = Journal(opening.folder / JOURNAL)
+    known = Knowledge(printer, before.mounted if before else Mounted())
+    if before is not None:
+        known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
+    socket = Socket(
+        opening.profile, printer, opening.port, opening.baud, opening.folder, opening.sim_speed
+    )
+    desk = Desk(socket, known, journal, opening.start_mm)
+    listener, address, token = listen(opening.folder, SOCKET)
+    server = StationServer(listener, token, desk)
+    keeper = _Keeper(replace(record, address=address, token=token), opening.folder, desk, server)
+    try:
+        signal.signal(signal.SIGTERM, lambda *_: desk.leave())
+        server.start()
+        keeper.save(desk.status)
+        desk.on_change = keeper.tell
+        desk.connect()
+        desk.run()
+    finally:
+        server.finish()
+        forget(address)
+        journal.close()
+    return keeper.latest(desk.status), desk.status
+
+
+class _Keeper:
+    """Tells the clients of each change, and writes down what must outlive the process."""
+
+    def __init__(
+        self, record: StationRecord, folder: Path, desk: Desk, server: StationServer
+    ) -> None:
+        self._record, self._folder, self._desk, self._server = record, folder, desk, server
+        self._kept: tuple[object, ...] = ()
+
+    def tell(self, status: StationStatus) -> None:
+        self._server.tell_all(status.to_dict())
+        kept = (status.state, status.mounted, status.plunger_mm, self._desk.known.part_in_dish)
+        if kept != self._kept:
+            self._kept = kept
+            self.save(status)
+
+    def save(self, status: StationStatus) -> None:
+        try:
+            self.latest(status).save(self._folder)
+        except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+            log.exception("station.json can't be written")
+
+    def latest(self, status: StationStatus) -> StationRecord:
+        return replace(
+            self._record,
+            status=status.to_dict(),
+            plunger_mm=self._desk.known.plunger_mm,
+            part_in_dish=self._desk.known.part_in_dish,
+        )

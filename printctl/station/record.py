@@ -1,0 +1,95 @@
+"""``station.json``: where a folder's station can be reached, and what it knew last."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from design.files import write_text
+from printctl.link.errors import NoLink
+from printctl.link.history import data_folder
+from printctl.station.status import Mounted, StationState, StationStatus
+
+RECORD: Final = "station.json"
+JOURNAL: Final = "station.journal"
+LOG: Final = "station.log"
+LOCK: Final = "station.lock"
+SOCKET: Final = "station.sock"
+
+
+@dataclass(frozen=True)
+class StationRecord:
+    """What a station writes down about itself.
+
+    Attributes
+    ----------
+    pid : int
+    address, token : str
+        Where it listens; empty once it has ended, or before it does.
+    profile, port : str
+        As they were given.
+    baud : int or None
+    started : float
+        Wall-clock time, s since 1970.
+    status : dict
+        `StationStatus`, as it was when the state last changed.
+    plunger_mm : float or None, mm
+        Of the syringe that is mounted.
+    part_in_dish : bool
+    """
+
+    pid: int
+    address: str
+    token: str
+    profile: str
+    port: str
+    baud: int | None
+    started: float
+    status: dict[str, Any] = field(default_factory=dict)
+    plunger_mm: float | None = None
+    part_in_dish: bool = False
+
+    def save(self, folder: Path) -> None:
+        """Write it; readable by its owner alone, since it holds the token."""
+        path = folder / RECORD
+        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
+        path.chmod(0o600)
+
+    @property
+    def last(self) -> StationStatus:
+        """The status in it."""
+        if not self.status:
+            return StationStatus(StationState.CONNECTING, profile=self.profile, port=self.port)
+        return StationStatus.from_dict(self.status)
+
+    @property
+    def mounted(self) -> Mounted:
+        """What was mounted; heights hung on a count that the printer may have lost."""
+        told = self.last.mounted
+        return Mounted.from_dict({**asdict(told), "floor_mm": None, "bath_level_mm": None})
+
+
+def load_station(folder: Path) -> StationRecord:
+    """Read what `StationRecord.save` wrote.
+
+    Raises
+    ------
+    NoLink
+        When no station was ever opened in ``folder``, or the record can't be read.
+    """
+    path = folder / RECORD
+    try:
+        return StationRecord(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError as exc:
+        raise NoLink(
+            f"no printer was ever connected in {folder} (no {RECORD} there); connect first"
+        ) from exc
+    except (ValueError, TypeError, OSError) as exc:
+        raise NoLink(f"{path} can't be read: {exc}") from exc
+
+
+def usual_folder() -> Path:
+    """Where a station is kept unless another folder is named: one printer, one bench."""
+    return data_folder() / "station"

@@ -1,0 +1,70 @@
+"""The door of a station; what every door knows is in `printctl.link.door`.
+
+Further wishes are those of `printctl.station.hands`, ``mount``, ``reconnect``, ``print``,
+``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``
+once it is done, or by ``refused``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+from printctl.link.door import Door, Guest, forget, listen
+from printctl.station.status import StationStatus
+
+__all__ = ["StationServer", "forget", "listen"]
+
+Say = Callable[[dict[str, Any]], None]
+
+
+class Desk(Protocol):
+    """What a door is in front of."""
+
+    @property
+    def status(self) -> StationStatus:
+        """As it stands."""
+        ...
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Wishes that are known."""
+        ...
+
+    def kill(self) -> None:
+        """Halt the printer."""
+        ...
+
+    def ask(self, do: str, wish: dict[str, Any], say: Say) -> None:
+        """Take a wish; ``say`` is told what is answered, at any time, from any thread."""
+        ...
+
+
+@dataclass
+class StationServer(Door):
+    """Serves the clients of a station.
+
+    Attributes
+    ----------
+    desk : Desk
+    """
+
+    desk: Desk
+
+    def kill(self) -> None:
+        """Halt the printer."""
+        self.desk.kill()
+
+    def told(self) -> dict[str, Any]:
+        """The station's status."""
+        return self.desk.status.to_dict()
+
+    def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
+        """Every wish goes to the desk."""
+        return {name: partial(self._hand_on, name) for name in self.desk.names}
+
+    def _hand_on(self, name: str, guest: Guest, wish: dict[str, Any]) -> None:
+        wish.pop("answer", None)  # the reply is the answer
+        self.desk.ask(name, wish, partial(self.post, guest))

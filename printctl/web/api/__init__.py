@@ -1,0 +1,1 @@
+"""Parts of the API that belong to no room: health, news, controls, stop."""

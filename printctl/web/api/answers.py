@@ -1,0 +1,41 @@
+"""What every route may answer besides its result."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from typing import Any, Final
+
+from pydantic import BaseModel
+
+API: Final = "/api/v1"
+
+
+class Problem(BaseModel):
+    """Why something was refused."""
+
+    error: str
+    message: str
+
+
+def _problem(text: str) -> dict[str, Any]:
+    return {"model": Problem, "description": text}
+
+
+REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
+    401: _problem("no session and no token, or a wrong one"),
+    403: _problem("asked for by a page of another origin"),
+    409: _problem("not as things stand"),
+    413: _problem("larger than may be sent"),
+    421: _problem("asked for by a name that isn't this server's"),
+    422: _problem("the request can't be taken; the message says what is wrong"),
+    423: _problem("another browser holds the controls"),
+    429: _problem("too many wrong tokens or passwords; `Retry-After` says when to try again"),
+}
+
+
+def our_version() -> str:
+    """Version of the program, as installed."""
+    try:
+        return metadata.version("printctl")
+    except metadata.PackageNotFoundError:  # run from its sources, not installed
+        return "unknown"

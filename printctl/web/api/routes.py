@@ -1,0 +1,165 @@
+"""Health, who is asking, the controls, the stop and the news."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, Request, WebSocket, WebSocketDisconnect
+from pydantic import BaseModel, Field
+
+from printctl.web.api.answers import API, REFUSALS, our_version
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.stop_door.wires import Wires
+
+BEAT_S: Final = 3.0
+"""So often a listener hears that the server lives, even without news."""
+
+
+class Health(BaseModel):
+    """That the server lives."""
+
+    ok: bool = True
+    version: str
+
+
+class Who(BaseModel):
+    """A browser or script."""
+
+    id: str
+    name: str
+
+
+class ControlsState(BaseModel):
+    """Who holds the controls, and who asks."""
+
+    holder: Who | None
+    you: Who
+
+
+class Take(BaseModel):
+    """A wish for the controls."""
+
+    force: bool = Field(False, description="take them from whoever holds them")
+
+
+class StopSent(BaseModel):
+    """One print or station that was told to halt."""
+
+    folder: str
+    after_ms: float = Field(description="from the request to the byte in its socket, ms")
+
+
+class StopAnswer(BaseModel):
+    """What went out. How each ended comes as an event."""
+
+    sent: list[StopSent]
+    message: str
+
+
+def asking(request: Request) -> Principal:
+    """Who asks, as the guard found out."""
+    found: Principal | None = getattr(request.state, "principal", None)
+    return found or Principal("local", "this process")
+
+
+Asking = Annotated[Principal, Depends(asking)]
+
+
+def router(core: Core, wires: Wires) -> APIRouter:
+    """Routes that belong to no room."""
+    routes = APIRouter(prefix=API, tags=["server"], responses=REFUSALS)
+
+    @routes.get("/health", summary="Whether the server lives; open to all")
+    def health() -> Health:
+        return Health(version=our_version())
+
+    @routes.get("/controls", summary="Who holds the controls")
+    def holder(who: Asking) -> ControlsState:
+        return _state(core, who)
+
+    @routes.post("/controls", summary="Take the controls, or take them over")
+    def take(who: Asking, wish: Take | None = None) -> ControlsState:
+        core.controls.take(who, force=wish is not None and wish.force)
+        publish_holder(core)
+        return _state(core, who)
+
+    @routes.delete("/controls", summary="Release the controls")
+    def release(who: Asking) -> ControlsState:
+        core.controls.release(who)
+        publish_holder(core)
+        return _state(core, who)
+
+    @routes.post("/stop", summary="Halt every printer at once (M112); needs no controls")
+    def stop() -> StopAnswer:
+        sent = list(wires.kill(time.monotonic()))
+        said = (
+            f"M112 to {len(sent)} printer{'s' if len(sent) > 1 else ''}; positions are unknown now"
+            if sent
+            else "nothing is connected to a printer here: nothing to stop; if something moves, "
+            "cut its power"
+        )
+        return StopAnswer(
+            sent=[StopSent(folder=one.folder, after_ms=one.after_ms) for one in sent], message=said
+        )
+
+    @routes.websocket("/events")
+    async def events(socket: WebSocket) -> None:
+        await socket.accept()
+        who: Principal = getattr(socket.state, "principal", None) or Principal("local")
+        work = [_tell(core, socket), _beat(core, socket, who), _until_gone(socket)]
+        tasks = [asyncio.create_task(one) for one in work]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    return routes
+
+
+def publish_holder(core: Core) -> None:
+    """Tell all who holds the controls, if they don't know yet."""
+    holder = core.controls.holder
+    said = None if holder is None else {"id": holder.id, "name": holder.name}
+    if "controls" not in core.events.latest or core.events.latest["controls"]["holder"] != said:
+        core.events.publish("controls", holder=said)
+
+
+async def watch_holder(core: Core, every_s: float = 1.0) -> None:
+    """Tell when the controls fall free or change hands otherwise."""
+    while True:
+        publish_holder(core)
+        await asyncio.sleep(every_s)
+
+
+def _state(core: Core, who: Principal) -> ControlsState:
+    held = core.controls.holder
+    return ControlsState(
+        holder=None if held is None else Who(id=held.id, name=held.name),
+        you=Who(id=who.id, name=who.name),
+    )
+
+
+async def _tell(core: Core, socket: WebSocket) -> None:
+    async for message in core.events.listen():
+        await socket.send_json(message)
+
+
+async def _beat(core: Core, socket: WebSocket, who: Principal) -> None:
+    beat: dict[str, Any] = {"event": "alive", "you": {"id": who.id, "name": who.name}}
+    while True:
+        core.controls.seen(who)
+        await socket.send_json(beat)
+        await asyncio.sleep(BEAT_S)
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    try:
+        while True:
+            await socket.receive_text()
+    except (WebSocketDisconnect, KeyError):
+        return

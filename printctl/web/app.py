@@ -1,0 +1,92 @@
+"""The server's parts put together: rooms, API, pages, and the guard around them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.responses import RedirectResponse, Response
+
+from printctl.web.api.answers import API, our_version
+from printctl.web.api.docs import serve_docs
+from printctl.web.api.errors import answer_errors
+from printctl.web.api.routes import router, watch_holder
+from printctl.web.core import Core
+from printctl.web.rooms import make_services, register_pages, routers
+from printctl.web.security.bodies import BodyLimits
+from printctl.web.security.gate import Gate
+from printctl.web.security.guard import Guard
+from printctl.web.security.login import router as login_router
+from printctl.web.security.nonces import Nonces
+from printctl.web.shell.assets import serve_assets
+from printctl.web.stop_door.wires import Wires
+
+_GZIP_FROM = 1000
+
+
+def build_app(core: Core, pages: bool = True) -> FastAPI:
+    """Make the app of one server; nobody guards it yet.
+
+    Parameters
+    ----------
+    core : Core
+    pages : bool
+        Whether the pages are served, too; NiceGUI knows one such app a process.
+    """
+    wires = Wires(core.workspace.root)
+
+    @asynccontextmanager
+    async def running(app: FastAPI) -> AsyncIterator[None]:
+        core.events.bind(asyncio.get_running_loop())
+        wires.follow()
+        watching = asyncio.create_task(watch_holder(core))
+        yield
+        watching.cancel()
+        wires.close()
+
+    app = FastAPI(
+        title="printctl",
+        version=our_version(),
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=f"{API}/openapi.json",
+        lifespan=running,
+    )
+    answer_errors(app)
+    app.include_router(router(core, wires))
+    app.include_router(login_router())
+    serve_docs(app)
+    serve_assets(app)
+    services = make_services(core)
+    for part in routers(services):
+        app.include_router(part)
+    if pages:
+        _add_pages(app)
+        register_pages(services)
+    return app
+
+
+def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
+    """Put the guard around an app."""
+    limits = BodyLimits.of(app.routes, core.settings.upload_mb)
+    return Guard(GZipMiddleware(Nonces(app), minimum_size=_GZIP_FROM), gate, limits)
+
+
+def _add_pages(app: FastAPI) -> None:
+    from nicegui import ui  # Takes half a second, and the API does without.
+
+    @app.get("/", include_in_schema=False)
+    def first() -> Response:
+        return RedirectResponse("/printer", 303)
+
+    ui.run_with(
+        app,
+        title="printctl",
+        dark=None,
+        language="en-US",
+        show_welcome_message=False,
+        gzip_middleware_factory=None,
+    )

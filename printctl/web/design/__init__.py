@@ -1,0 +1,1 @@
+"""The design's room: recipes, tissue, network, layers."""

@@ -1,0 +1,148 @@
+"""What is wrong with a recipe, each thing at its field, in the product's own words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Ink,
+    Needle,
+    Plate,
+    Printer,
+    ProfileError,
+    Syringe,
+    load,
+)
+from firmware_profiles.facts import Facts
+from printctl.recipe import Recipe
+from printctl.recipe.load import sentence
+from printctl.web.design import form as forms
+from printctl.web.design.schema import recipe_form
+from printctl.web.design.yaml_text import read_text
+from printctl.web.errors import BadRequestError
+
+PROFILES: Final[dict[str, type[Facts]]] = {
+    "printers": Printer,
+    "needles": Needle,
+    "syringes": Syringe,
+    "inks": Ink,
+    "baths": Bath,
+    "dishes": Dish,
+    "plates": Plate,
+}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong.
+
+    Attributes
+    ----------
+    path : tuple of str or int
+        Keys to the field; empty for the whole.
+    message : str
+    """
+
+    path: forms.Path
+    message: str
+
+    @property
+    def place(self) -> str:
+        """The path in one word, as messages name it."""
+        return ".".join(map(str, self.path))
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A recipe's text, read and held against the schema.
+
+    Attributes
+    ----------
+    data : dict or None
+        None when the text can't be read.
+    recipe : Recipe or None
+        None when it can't be used.
+    problems : tuple of Problem
+    """
+
+    data: dict[str, Any] | None
+    recipe: Recipe | None
+    problems: tuple[Problem, ...]
+
+
+def check_text(text: str, folder: Path) -> Checked:
+    """Read and check a recipe.
+
+    Parameters
+    ----------
+    text : str
+    folder : Path
+        That the recipe's paths are relative to, and stay in.
+    """
+    try:
+        data = read_text(text)
+    except BadRequestError as exc:
+        return Checked(None, None, (Problem((), str(exc)),))
+    return check_data(data, folder)
+
+
+def check_data(data: dict[str, Any], folder: Path) -> Checked:
+    """As `check_text`, of data."""
+    named = tuple(_named(data, folder))
+    try:
+        recipe = Recipe.model_validate(data)
+    except ValidationError as exc:
+        found = tuple(_problem(dict(one), data) for one in exc.errors())
+        return Checked(data, None, found + named)
+    return Checked(data, None if named else recipe, named)
+
+
+def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:
+    path = forms.user_path(recipe_form(), data, raw["loc"])
+    return Problem(path, sentence(raw, path).strip())
+
+
+def _named(data: dict[str, Any], folder: Path) -> list[Problem]:
+    """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
+    found = []
+    # Unknown keys are refused by the schema itself.
+    for path, value in forms.said(recipe_form(), data, strict=False):
+        field = forms.field_at(recipe_form(), data, path)
+        if field is None or not isinstance(value, str):
+            continue
+        message = ""
+        if field.node.sort == "profile":
+            message = _profile(field.node.profile, value)
+        elif field.node.sort == "file":
+            message = _file(value, folder)
+        if message:
+            found.append(Problem(path, f"{'.'.join(map(str, path))}: {message}"))
+    return found
+
+
+def _profile(sort: str, name: str) -> str:
+    if name.endswith((".yaml", ".yml")):
+        return "on the page a shipped profile is named; a file of your own is used from a terminal"
+    try:
+        load(PROFILES[sort], name)
+    except ProfileError as exc:
+        return str(exc)
+    return ""
+
+
+def _file(name: str, folder: Path) -> str:
+    inside = PurePath(name)
+    if inside.is_absolute() or ".." in inside.parts or "\\" in name or not name:
+        return (
+            f"{name!r} isn't the name of a file beside the recipe; upload the file to the "
+            "recipes and give its name"
+        )
+    if not (folder / inside).exists():
+        return f"there is no file {name!r} beside the recipe; upload it"
+    return ""

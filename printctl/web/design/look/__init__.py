@@ -1,0 +1,14 @@
+"""What a run looks like: key figures, pages of network and layers, two runs compared."""
+
+from printctl.web.design.look.compare import Comparison, compare_runs
+from printctl.web.design.look.figures import Figure, key_figures
+from printctl.web.design.look.views import gcode_page, network_page
+
+__all__ = [
+    "Comparison",
+    "Figure",
+    "compare_runs",
+    "gcode_page",
+    "key_figures",
+    "network_page",
+]

@@ -1,0 +1,83 @@
+"""The Design room's page."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from nicegui import events, ui
+
+from printctl.web.design.pane.compare_tab import CompareTab
+from printctl.web.design.pane.editor import Editor
+from printctl.web.design.pane.embed import follow_theme
+from printctl.web.design.pane.look_tab import LookTab
+from printctl.web.design.pane.make_tab import MakeTab
+from printctl.web.design.pane.recipe_tab import RecipeTab
+from printctl.web.design.pane.recipes_bar import RecipesBar
+from printctl.web.design.service import DesignService
+from printctl.web.shell.frame import frame
+from printctl.web.shell.told import told
+
+_TABS = {"recipe": "Recipe", "make": "Make", "look": "Look", "compare": "Compare"}
+
+
+@cache
+def room_style() -> str:
+    """The style of the Design and Scan rooms."""
+    return Path(__file__).with_name("room.css").read_text(encoding="utf-8")
+
+
+def register(service: DesignService) -> None:
+    """Define ``/design``."""
+
+    @ui.page("/design")
+    async def design(recipe: str = "", tab: str = "recipe") -> None:
+        ui.add_css(room_style())
+        with frame("/design"):
+            await _Page(service).build(recipe, tab if tab in _TABS else "recipe")
+
+
+class _Page:
+    """What one browser sees."""
+
+    def __init__(self, service: DesignService) -> None:
+        self._service = service
+        self._editor = Editor(service.recipes)
+
+    async def build(self, recipe: str, tab: str) -> None:
+        """Make the page, with a recipe and a tab to begin with."""
+        self._bar = RecipesBar(self._editor, self._edit)
+        with ui.tabs(value=tab, on_change=self._turned).props("no-caps align=left") as tabs:
+            for key, name in _TABS.items():
+                ui.tab(key, label=name)
+        with ui.tab_panels(tabs, value=tab, animated=False).classes("w-full pc-panels"):
+            with ui.tab_panel("recipe"):
+                self._recipe = RecipeTab(self._editor)
+            with ui.tab_panel("make"):
+                self._make = MakeTab(self._service, self._editor)
+            with ui.tab_panel("look"):
+                self._look = LookTab(self._service)
+            with ui.tab_panel("compare"):
+                self._compare = CompareTab(self._service)
+        await ui.context.client.connected()
+        follow_theme()
+        names = self._service.recipes.names()
+        await self._edit(recipe if recipe in names else next(iter(names), ""))
+        await self._fill(tab)
+
+    async def _edit(self, name: str) -> None:
+        if name:
+            await told(self._editor.load, name)
+        else:
+            self._editor.name = ""
+        self._bar.refresh()
+        self._recipe.show()
+
+    async def _turned(self, event: events.ValueChangeEventArguments[str | None]) -> None:
+        await self._fill(event.value or "")
+
+    async def _fill(self, tab: str) -> None:
+        if tab == "look":
+            await self._look.refresh(self._editor.name)
+        elif tab == "compare":
+            await self._compare.refresh()

@@ -1,0 +1,1 @@
+"""The Design page's parts: the recipe's editor, making, looking, comparing."""

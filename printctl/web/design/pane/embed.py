@@ -1,0 +1,40 @@
+"""One of the product's pages inside ours, in our light or dark."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from nicegui import ui
+
+_FOLLOW: Final = """
+if (!window.pcThemed) {
+  window.pcThemed = true;
+  const themed = () => {
+    const theme = document.documentElement.dataset.theme || "system";
+    for (const frame of document.querySelectorAll("iframe[data-page]")) {
+      const address = `${frame.dataset.page}?theme=${theme}`;
+      if (frame.getAttribute("src") !== address) frame.setAttribute("src", address);
+    }
+  };
+  new MutationObserver(themed).observe(document.documentElement,
+    { attributes: true, attributeFilter: ["data-theme"] });
+  new MutationObserver(themed).observe(document.body,
+    { subtree: true, childList: true, attributes: true, attributeFilter: ["data-page"] });
+  themed();
+}
+"""
+
+
+def follow_theme() -> None:
+    """Let every embedded page of this browser's page have its theme."""
+    ui.run_javascript(_FOLLOW)
+
+
+def embed(address: str, title: str) -> ui.element:
+    """A frame with the page at an address of the API; without one, it is empty."""
+    frame = ui.element("iframe").classes("pc-embed")
+    frame.props('sandbox="allow-scripts allow-downloads" loading=lazy')
+    frame.props["title"] = title
+    if address:
+        frame.props["data-page"] = address
+    return frame

@@ -1,0 +1,72 @@
+"""The tab where a recipe is edited: form and text beside each other, and what is to mend."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from nicegui import events, ui
+
+from printctl.web.design import form as forms
+from printctl.web.design.pane.editor import Editor
+from printctl.web.design.pane.form_pane import FormPane
+from printctl.web.shell.told import told
+
+
+class RecipeTab:
+    """Form, text, search of a field, and a list of what is wrong."""
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor, self._own = editor, False
+        self._places: dict[str, forms.Path] = {}
+        with ui.row().classes("w-full items-center gap-2"):
+            self._state = ui.label().classes("pc-state-line").props("role=status")
+            ui.space()
+            self._search = ui.select(
+                [], label="Find a field", with_input=True, on_change=self._found
+            )
+            self._search.props("outlined dense clearable").classes("pc-search")
+        self._wrong = ui.column().classes("w-full gap-0")
+        with ui.element("div").classes("pc-two"):
+            with ui.element("section").props('aria-label="Form"'):
+                self._form = FormPane(editor)
+            with ui.element("section").props('aria-label="Text"'):
+                self._text = ui.textarea("Recipe as YAML", on_change=self._typed)
+                self._text.props(
+                    "outlined autogrow debounce=600 spellcheck=false input-class=pc-mono"
+                ).classes("w-full")
+        editor.changed.append(self._after)
+
+    def show(self) -> None:
+        """Show the recipe that is loaded."""
+        self._form.build()
+        self._after(False)
+
+    async def _typed(self, event: events.ValueChangeEventArguments[str | None]) -> None:
+        text = event.value or ""
+        if text == self._editor.text or not self._editor.name:
+            return
+        await told(self._editor.set_text, text)
+        self._editor.tell(True)
+
+    def _found(self, event: events.ValueChangeEventArguments[str | None]) -> None:
+        path = self._places.get(event.value or "")
+        if path is not None:
+            self._form.show(path)
+            self._search.value = None
+
+    def _after(self, rebuild: bool) -> None:
+        editor = self._editor
+        if self._text.value != editor.text:
+            self._text.value = editor.text
+        self._places = self._form.places()
+        self._search.set_options(list(self._places))
+        count = len(editor.problems)
+        wrong = "ready to be made" if not count else f"{count} to mend"
+        kept = "saved" if editor.saved else "not saved: this can't be read"
+        self._state.text = f"{editor.name}: {wrong} · {kept}" if editor.name else ""
+        self._wrong.clear()
+        with self._wrong:
+            for problem in editor.problems:
+                show = partial(self._form.show, problem.path)
+                line = ui.button(problem.message, on_click=show)
+                line.props("flat no-caps align=left icon=error_outline").classes("pc-problem")

@@ -1,0 +1,1 @@
+"""The history's room: past prints, their records, and a print again."""

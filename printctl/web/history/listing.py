@@ -1,0 +1,184 @@
+"""Every print: searched, narrowed, put in order, a page at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+from urllib.parse import urlencode
+
+from nicegui import ui
+
+from printctl.errors import UsageError
+from printctl.link.history_entry import PrintEntry
+from printctl.link.history_query import PAGE, Found, HistoryQuery, SortBy
+from printctl.records.days import day_begins, day_ends
+from printctl.records.table import local_time
+from printctl.web.api.answers import API
+from printctl.web.history.look import STYLE, cell, download, head
+from printctl.web.history.service import HistoryService
+from printctl.web.history.wording import duration, state_words
+from printctl.web.shell.told import told
+
+COLUMNS: Final = ("Begun", "File", "End", "Lines", "Took", "Profile", "Operator", "Port", "SHA-256")
+ORDERS: Final = {
+    SortBy.STARTED: "Begun",
+    SortBy.ENDED: "Ended",
+    SortBy.FILE: "File",
+    SortBy.PROFILE: "Profile",
+    SortBy.WHO: "Operator",
+    SortBy.STATE: "End",
+}
+_WAIT: Final = "debounce=300"
+
+
+@dataclass(frozen=True)
+class Wished:
+    """What stands in the form."""
+
+    words: str = ""
+    state: str = ""
+    profile: str = ""
+    who: str = ""
+    since: str = ""
+    until: str = ""
+    sort: str = SortBy.STARTED.value
+    descending: bool = True
+
+    def query(self, page: int) -> HistoryQuery:
+        """As it is asked.
+
+        Raises
+        ------
+        UsageError
+            For what is no day.
+        """
+        return HistoryQuery(
+            words=self.words,
+            states=(self.state,) if self.state else (),
+            profile=self.profile,
+            who=self.who,
+            since=day_begins(self.since, "from"),
+            until=day_ends(self.until, "to"),
+            sort=SortBy(self.sort),
+            descending=self.descending,
+            limit=PAGE,
+            offset=PAGE * page,
+        )
+
+    def address(self) -> str:
+        """Of the same as CSV."""
+        values = {k: v for k, v in vars(self).items() if v not in ("", True)}
+        return f"{API}/history/csv?{urlencode(values)}"
+
+
+class Listing:
+    """The list with its form, for one browser.
+
+    Parameters
+    ----------
+    service : HistoryService
+    """
+
+    def __init__(self, service: HistoryService) -> None:
+        self._service, self._wished, self._page = service, Wished(), 0
+
+    async def show(self) -> None:
+        """Build it."""
+        ui.add_css(STYLE)
+        choices = await told(self._service.choices)
+        if choices is None:
+            return
+        with ui.element("section").classes("ph-card").props('aria-label="Search"'):
+            self._form(choices.profiles, choices.people, choices.states)
+        with ui.element("section").classes("ph-card").props('aria-label="Prints"'):
+            with ui.element("div").classes("ph-row").style("justify-content:space-between"):
+                self._count = ui.label().props("role=status")
+                self._csv = download("Export as CSV", self._wished.address())
+            self._table = ui.element("table").classes("ph-table ph-list")
+            with ui.element("nav").classes("ph-row").props('aria-label="Pages of the list"'):
+                self._back = self._turner("Earlier page", -1)
+                self._place = ui.label()
+                self._on = self._turner("Next page", 1)
+        await self._find()
+
+    def _form(self, profiles: list[str], people: list[str], states: list[str]) -> None:
+        with ui.element("div").classes("ph-row"):
+            words = ui.input("Search: words, hash, alarm", on_change=self._wish("words"))
+            words.props(f"{_WAIT} clearable type=search").style("flex:1 1 16em")
+            self._select("End", "state", {one: state_words(one) for one in states})
+            self._select("Profile", "profile", {one: one for one in profiles})
+            self._select("Operator", "who", {one: one for one in people})
+            for name, field in (("From day", "since"), ("To day", "until")):
+                day = ui.input(name, on_change=self._wish(field)).props("type=date stack-label")
+                day.style("flex:0 1 11em")
+            self._select("Order", "sort", {k.value: v for k, v in ORDERS.items()}, "started")
+            ui.checkbox("last first", value=True, on_change=self._wish("descending")).style(
+                "min-height:44px"
+            )
+
+    def _select(self, name: str, field: str, options: dict[str, str], value: str = "") -> None:
+        every = {} if value else {"": "all"}
+        made = ui.select({**every, **options}, label=name, value=value)
+        made.on_value_change(self._wish(field))
+        made.style("flex:0 1 11em")
+
+    def _turner(self, words: str, by: int) -> ui.button:
+        async def turn() -> None:
+            self._page = max(0, self._page + by)
+            await self._find()
+
+        made = ui.button(words, on_click=turn).props("outline no-caps")
+        return made.style("min-height:44px")
+
+    def _wish(self, field: str) -> Any:
+        async def changed(event: Any) -> None:
+            value: Any = event.value if event.value is not None else ""
+            changes: dict[str, Any] = {field: value}
+            self._wished, self._page = replace(self._wished, **changes), 0
+            await self._find()
+
+        return changed
+
+    async def _find(self) -> None:
+        try:
+            query = self._wished.query(self._page)
+        except UsageError:  # a day that is half typed
+            return
+        found = await told(self._service.find, query)
+        if found is not None:
+            self._fill(found)
+
+    def _fill(self, found: Found) -> None:
+        many = "print" if found.total == 1 else "prints"
+        self._count.set_text(f"{found.total} {many}" if found.total else "No print fits.")
+        self._csv.props["href"] = self._wished.address()
+        self._csv.update()
+        pages = max(1, -(-found.total // PAGE))
+        self._place.set_text(f"page {self._page + 1} of {pages}")
+        self._back.set_enabled(self._page > 0)
+        self._on.set_enabled(self._page + 1 < pages)
+        self._table.clear()
+        with self._table:
+            head(COLUMNS)
+            with ui.element("tbody"):
+                for entry in found.entries:
+                    _row(entry)
+
+
+def _row(entry: PrintEntry) -> None:
+    with ui.element("tr"):
+        cell(local_time(entry.started), "Begun", "ph-number")
+        with ui.element("td"):
+            ui.link(entry.file or "(no name)", f"/history/{entry.id}")
+        with ui.element("td"):
+            ui.label(state_words(entry.state)).classes("" if entry.state == "done" else "ph-bad")
+            if entry.alarms:
+                many = len(entry.alarms)
+                ui.label(f"{many} alarm{'s' if many > 1 else ''}").classes("ph-quiet")
+        cell(f"{entry.done} of {entry.total}", "Lines", "ph-number")
+        took = duration(entry.ended - entry.started) if entry.ended else ""
+        cell(took, "Took", "ph-number")
+        cell(entry.profile, "Profile")
+        cell(entry.by, "Operator")
+        cell(entry.port, "Port")
+        cell(entry.sha256[:12], "SHA-256", "ph-hash")

@@ -1,0 +1,39 @@
+"""The History page: every print, and one print."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from printctl.web.history.listing import Listing
+from printctl.web.history.one_print import show_print
+from printctl.web.history.service import HistoryService
+from printctl.web.history.verifying import verify_card
+from printctl.web.shell.frame import frame
+from printctl.web.shell.told import told
+
+WAY = "/history"
+
+
+def register(service: HistoryService) -> None:
+    """Define the pages.
+
+    Parameters
+    ----------
+    service : HistoryService
+    """
+
+    @ui.page(WAY)
+    async def listing() -> None:
+        with frame(WAY):
+            await Listing(service).show()
+            verify_card(service)
+
+    @ui.page(f"{WAY}/{{print_id}}")
+    async def one(print_id: str) -> None:
+        with frame(WAY):
+            ui.link("← All prints", WAY).classes("pc-way")
+            shown = await told(service.one, print_id)
+            if shown is None:
+                ui.label("There is no such print in the history.")
+                return
+            show_print(service, shown)

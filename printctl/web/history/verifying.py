@@ -1,0 +1,59 @@
+"""Verify a bundle that somebody brings: drop it here; it is read, not unpacked, and not kept."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import Any, Final
+
+from nicegui import ui
+
+from printctl.records.verify import Verified
+from printctl.web.history.look import card
+from printctl.web.history.service import HistoryService
+from printctl.web.shell.told import told
+
+_MOST_SHOWN: Final = 50
+
+
+def verify_card(service: HistoryService) -> None:
+    """The card with its upload and what it finds."""
+    with card("Verify a bundle"):
+        ui.label(
+            "Is a bundle as it was filed, and who signed it? Without another key, this lab's own "
+            "is the one that is trusted."
+        )
+        key = ui.textarea("Public key to trust (PEM); empty for this lab's own")
+        key.props("rows=2 maxlength=2000").style("width:100%")
+        upload = ui.upload(label="Bundle (zip)", auto_upload=True, max_files=1)
+        upload.props('accept=".zip"').style("width:100%;max-width:480px")
+        said = ui.element("div").props("role=status")
+
+        async def uploaded(event: Any) -> None:
+            path = service.incoming(secrets.token_hex(8))
+            await event.file.save(path)
+            found = await told(_verify, service, path, (key.value or "").encode())
+            said.clear()
+            upload.reset()
+            if found is not None:
+                with said:
+                    _tell(found, event.file.name)
+
+        upload.on_upload(uploaded)
+
+
+def _verify(service: HistoryService, path: Path, pem: bytes) -> Verified:
+    try:
+        with path.open("rb") as stream:
+            return service.verify(stream, pem)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _tell(found: Verified, name: str) -> None:
+    ui.label(name).classes("ph-name ph-bad")
+    for line in found.lines()[: _MOST_SHOWN + 2]:
+        ui.label(line).style("white-space:pre-wrap;overflow-wrap:anywhere")
+    if found.whole and found.manifest is not None:
+        told_print = found.manifest.print
+        ui.label(f"{told_print.file}, {told_print.state}, print {told_print.id}")

@@ -1,0 +1,1 @@
+"""The job's room: preflight, start, pause, progress, what is done after a print."""

@@ -1,0 +1,179 @@
+"""Looks at a job for the server, in a process of its own: ``python -m printctl.web.job.check``.
+
+A line of JSON comes in (`Question`), one goes out: what `looked_at` gives, or ``{"error": ...}``.
+The job's table (`printctl.web.job.table`) is written beside the answer's file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_profiles import ProfileError
+from printctl.cli.failures import message_and_code
+from printctl.cli.shaft_file import file_shaft
+from printctl.errors import PrintctlError, UsageError
+from printctl.gcode_view import Pushing, read_job, read_line_map
+from printctl.link.job import Job, parse_job
+from printctl.preflight import (
+    Check,
+    PrintTime,
+    SetUp,
+    file_checks,
+    ink_use,
+    viability_checks,
+    viability_facts,
+    volumes,
+)
+from printctl.printing import with_reloads_of
+from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.table import JobTable, make_table
+from registration.report.gcode import GcodeJob
+from sim.dryrun import DryRun, dry_run
+
+_POLITE: Final = 10
+"""Niceness: a print that goes on comes first."""
+_BUDGET: Final = "print time"
+"""How the names of the checks begin that `file_checks` makes without changes of syringe."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What to look at.
+
+    Attributes
+    ----------
+    gcode : Path
+    set_up : JobSetUp
+    table : Path
+        Where the job's table goes.
+    """
+
+    gcode: Path
+    set_up: JobSetUp
+    table: Path
+
+    def to_json(self) -> str:
+        """One line of text that `from_json` reads."""
+        said = self.set_up.model_dump(mode="json")
+        return json.dumps({"gcode": str(self.gcode), "set_up": said, "table": str(self.table)})
+
+    @staticmethod
+    def from_json(text: str) -> Question:
+        """Read `to_json`."""
+        found = json.loads(text)
+        said = JobSetUp.model_validate(found["set_up"])
+        return Question(Path(found["gcode"]), said, Path(found["table"]))
+
+
+def looked_at(asked: Question) -> dict[str, Any]:
+    """Check a job as `printctl print` does, and make its table.
+
+    Returns
+    -------
+    dict
+        ``sha256``, ``checks``, ``accepted``, ``reload_at``, ``reload_heads``, ``duration_s``,
+        ``layers``, ``vessels``, ``passes``, ``ink`` and what cells have.
+
+    Raises
+    ------
+    PrintctlError, ProfileError, OSError
+    """
+    data = asked.gcode.read_bytes()
+    mounted = asked.set_up.mounted()
+    run = dry_run(data, mounted.printer, asked.set_up.start_mm)
+    job = parse_job(data, asked.gcode.name, mounted.printer.max_line_bytes)
+    checks, at, heads, accepted = _checks(asked, run, job, mounted)
+    table = _table(asked, data, run, job, mounted)
+    table.save(asked.table)
+    time = PrintTime(run.duration_s, len(at), asked.set_up.care.reload_min)
+    return {
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "checks": [check.as_dict() for check in checks],
+        "accepted": list(accepted),
+        "reload_at": list(at),
+        "reload_heads": list(heads),
+        "duration_s": run.duration_s,
+        "commands": len(job),
+        "layers": table.layer_count,
+        "vessels": table.vessel_count,
+        "passes": table.passes,
+        "ink_ul": float(table.ink_ul[-1]),
+        **_ink(run, mounted, len(at)),
+        **viability_facts(time, asked.set_up.budget(mounted)),
+    }
+
+
+def _checks(
+    asked: Question, run: DryRun, job: Job, mounted: SetUp
+) -> tuple[list[Check], tuple[int, ...], tuple[int, ...], tuple[str, ...]]:
+    said = asked.set_up
+    shaft = file_shaft(asked.gcode, run, mounted, accepted=said.accept_crossings)
+    found = [*file_checks(run, mounted, asked.gcode.with_suffix(".map.npz")), *shaft.checks]
+    checks, at, heads = with_reloads_of(
+        [one for one in found if _BUDGET not in one.check],
+        job,
+        said.usable_mm(mounted),
+        wanted=said.care.reload,
+        by="allow changes of syringe",
+    )
+    time = PrintTime(run.duration_s, len(at), said.care.reload_min)
+    checks += viability_checks(time, said.budget(mounted))
+    accepted = shaft.accepted
+    if accepted:  # allowed, and still to be read by whoever allows it
+        checks = [_told(one, accepted) for one in checks]
+    return checks, at, heads, accepted
+
+
+def _told(check: Check, accepted: tuple[str, ...]) -> Check:
+    if check.passed or check.refuses:
+        return check
+    return replace(check, remedy=check.remedy or accepted[0])
+
+
+def _table(asked: Question, data: bytes, run: DryRun, job: Job, mounted: SetUp) -> JobTable:
+    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
+    return make_table(job, run, volumes(run, mounted.printer, loads), _view(asked, data, mounted))
+
+
+def _view(asked: Question, data: bytes, mounted: SetUp) -> GcodeJob | None:
+    """Layers and vessels of the job; None where nothing is written."""
+    lines = data.count(b"\n") + (not data.endswith(b"\n"))
+    said_by_map, _ = read_line_map(asked.gcode, lines)
+    syringe = mounted.syringe
+    pushing = Pushing(mounted.printer, None, "", syringe.inner_mm, syringe.name)
+    try:
+        return read_job(data, asked.gcode.name, pushing, said_by_map)
+    except UsageError:
+        return None
+
+
+def _ink(run: DryRun, mounted: SetUp, reloads: int) -> dict[str, Any]:
+    """Ink to be mixed; left out of several heads, each of which has its own."""
+    if mounted.printer.heads or mounted.printer.pneumatic is not None:
+        return {}
+    return ink_use(run, mounted.printer, mounted.syringe, mounted.needle, None, reloads).facts()
+
+
+def main() -> None:
+    """Answer one question; `os.nice` isn't everywhere."""
+    with contextlib.suppress(AttributeError, OSError):
+        os.nice(_POLITE)
+    try:
+        answer = looked_at(Question.from_json(sys.stdin.readline()))
+    except Exception as exc:
+        known = message_and_code(exc)
+        if known is None and not isinstance(exc, (PrintctlError, ProfileError, OSError)):
+            raise
+        answer = {"error": known[0] if known else str(exc)}
+    print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""Finds the prints of a workspace that go on, also those that the command line started."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+from printctl.link.errors import NoLink
+from printctl.link.reach import alive
+from printctl.link.record import RECORD, load_record
+from printctl.web.workspace import Workspace
+
+LOOK_AGAIN_S: Final = 1.0
+
+
+def prints_of(workspace: Workspace) -> Iterator[tuple[str, Path]]:
+    """Job and folder of every print that was ever started in a workspace."""
+    root = workspace.root
+    for path in root.glob(f"runs/*/print/{RECORD}"):
+        yield f"run~{path.parent.parent.name}", path.parent
+    for path in root.glob(f"jobs/*.print/{RECORD}"):
+        yield f"file~{path.parent.name.removesuffix('.print')}", path.parent
+
+
+class Finder:
+    """A thread that looks for prints that go on.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    found : function
+        Given job and folder of a print that goes on, each time that it is seen.
+    """
+
+    def __init__(self, workspace: Workspace, found: Callable[[str, Path], None]) -> None:
+        self._workspace, self._found = workspace, found
+        self._dead: dict[Path, int] = {}
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._look, name="prints", daemon=True)
+
+    def begin(self) -> None:
+        """Start to look."""
+        self._thread.start()
+
+    def end(self) -> None:
+        """Look no more."""
+        self._ended.set()
+        self._thread.join(5.0)
+
+    def look(self) -> None:
+        """Look once."""
+        for job, folder in prints_of(self._workspace):
+            if self._goes_on(folder):
+                self._found(job, folder)
+
+    def _goes_on(self, folder: Path) -> bool:
+        """Whether a link process lives there; one known to be dead isn't asked for its lock again.
+
+        Asking takes the lock for a moment, in which no other process could begin there.
+        """
+        try:
+            changed = (folder / RECORD).stat().st_mtime_ns
+            if self._dead.get(folder) == changed:
+                return False
+            record = load_record(folder)
+        except (NoLink, OSError):
+            return False
+        if not record.status and record.address and alive(folder):
+            return True
+        if record.status or record.address:
+            self._dead[folder] = changed
+        return False
+
+    def _look(self) -> None:
+        while not self._ended.is_set():
+            self.look()
+            self._ended.wait(LOOK_AGAIN_S)

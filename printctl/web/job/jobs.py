@@ -1,0 +1,197 @@
+"""The jobs of a workspace: uploaded G-code files, and what runs have written."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.errors import PrintctlError
+from printctl.pipeline.manifest import Manifest
+from printctl.recipe.model import Recipe
+from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.job.preflight import file_hash
+from printctl.web.job.set_up import JobSetUp
+from printctl.web.workspace import Workspace, checked_name
+
+ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
+
+
+@dataclass(frozen=True)
+class JobEntry:
+    """One job.
+
+    Attributes
+    ----------
+    id : str
+        ``run~NAME`` or ``file~NAME``.
+    name : str
+    sha256 : str
+    size : int, bytes
+    changed : float
+        Wall-clock time, s since 1970.
+    duration_s, ink_ul : float or None
+        By the dry run; None before the first.
+    layers : int or None
+        Passes of an embedded print.
+    vessels : int or None
+    commands : int or None
+    """
+
+    id: str
+    name: str
+    sha256: str
+    size: int
+    changed: float
+    duration_s: float | None = None
+    ink_ul: float | None = None
+    layers: int | None = None
+    vessels: int | None = None
+    commands: int | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+
+def list_jobs(workspace: Workspace, facts: Path) -> list[JobEntry]:
+    """Every job, the newest first.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    facts : Path
+        Folder of what dry runs have found, by the file's hash.
+    """
+    return [entry_of(workspace, job, facts) for job in workspace.jobs()]
+
+
+def entry_of(workspace: Workspace, job: str, facts: Path) -> JobEntry:
+    """One job, with what is known of it without a dry run."""
+    path = workspace.job_file(job)
+    stat, sha256 = path.stat(), file_hash(path)
+    known = _facts(facts / f"{sha256}.json") or _facts(path.with_name("dry_run.json"))
+    return JobEntry(
+        id=job,
+        name=job.partition("~")[2],
+        sha256=sha256,
+        size=stat.st_size,
+        changed=stat.st_mtime,
+        duration_s=known.get("duration_s"),
+        ink_ul=known.get("ink_ul", known.get("ink_pushed_ul")),
+        layers=known.get("layers"),
+        vessels=known.get("vessels"),
+        commands=known.get("commands"),
+    )
+
+
+def add_job(workspace: Workspace, name: str, parts: Iterable[bytes], limit_bytes: float) -> str:
+    """Keep an uploaded G-code file; nothing in it is run.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    name : str
+        As the user's file is called; its folder and other endings are left out.
+    parts : iterable of bytes
+    limit_bytes : float
+
+    Returns
+    -------
+    str
+        The job.
+
+    Raises
+    ------
+    BadRequestError
+        For a name that can't be, a file that is too large, or no text.
+    ConflictError
+        When another file of that name is there.
+    """
+    target = workspace.root / "jobs" / job_name(name)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    draft = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
+    try:
+        _write(draft, parts, limit_bytes, target.name)
+        if target.exists() and file_hash(target) != file_hash(draft):
+            raise ConflictError(
+                f"there is another file {target.name} already; give this one another name, so "
+                "that its prints' journals aren't mixed up"
+            )
+        draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
+    return f"file~{target.name}"
+
+
+def job_name(name: str) -> str:
+    """The name that an uploaded file is kept under: ``.gcode`` at its end."""
+    stem = name
+    for ending in ENDINGS:
+        if name.lower().endswith(ending):
+            stem = name[: -len(ending)]
+            break
+    else:
+        raise BadRequestError(
+            f"{name[:80]!r} doesn't end in {', '.join(ENDINGS)}; upload a G-code file"
+        )
+    return checked_name(f"{stem}.gcode")
+
+
+def _write(draft: Path, parts: Iterable[bytes], limit_bytes: float, name: str) -> None:
+    size = 0
+    with draft.open("wb") as handle:
+        for part in parts:
+            size += len(part)
+            if size > limit_bytes:
+                raise BadRequestError(
+                    f"{name} is larger than {limit_bytes / 1e6:g} MB, the most that is taken here"
+                )
+            if b"\0" in part:
+                raise BadRequestError(f"{name} isn't text, so it is no G-code file")
+            handle.write(part)
+        handle.flush()
+        os.fsync(handle.fileno())
+    if not size:
+        raise BadRequestError(f"{name} is empty")
+
+
+def recipe_of(folder: Path) -> Recipe | None:
+    """The recipe that a run folder was made from; None where it can't be told."""
+    said = Manifest.load(folder).facts.get("recipe")
+    if not isinstance(said, dict):
+        return None
+    try:
+        return Recipe.model_validate(said)
+    except (PrintctlError, ValueError):
+        return None
+
+
+def set_up_of_recipe(recipe: Recipe, before: JobSetUp) -> JobSetUp:
+    """What a recipe says of the machine and of what is mounted."""
+    part = recipe.printer
+    heads = part.heads
+    needle = recipe.toolpath.needle
+    said: dict[str, Any] = {
+        "printer": part.profile,
+        "syringe": ",".join(one.syringe for one in heads) or part.syringe,
+        "ink": ",".join(one.ink for one in heads) or part.ink,
+        "needle": ",".join(one.needle or needle for one in heads) or needle,
+        "bath": part.bath,
+        "dish": part.dish or "",
+        "dish_centre_mm": part.dish_centre_mm,
+        "bath_depth_mm": part.bath_depth_mm,
+        "care": part.care.model_dump(),
+    }
+    return JobSetUp.model_validate(before.model_dump() | said)
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

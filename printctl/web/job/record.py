@@ -1,0 +1,154 @@
+"""What people write down of a print: lots, cells, who; every change is kept."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from design.files import write_text
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.workspace import checked_name
+
+Line = Annotated[str, Field(max_length=200)]
+Text = Annotated[str, Field(max_length=10_000)]
+RECORD = "record.json"
+
+
+class PrintRecord(BaseModel):
+    """What the operator notes before, while and after a print."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    operator: Line = Field(default="", description="Who prints.")
+    ink_lot: Line = Field(default="", description="Lot of the ink.")
+    bath_lot: Line = Field(default="", description="Lot and age of the bath.")
+    needle_lot: Line = Field(default="", description="Lot or number of the needle.")
+    cells: Line = Field(default="", description="Line or donor of the cells; empty for none.")
+    passage: Annotated[int, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="Passage number."
+    )
+    density_per_ml: Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)] | None = Field(
+        default=None, description="Cells per mL of ink."
+    )
+    viability_percent: Annotated[float, Field(ge=0, le=100)] | None = Field(
+        default=None, description="Living cells when they were mixed, %."
+    )
+    mixed_at: Annotated[float, Field(ge=0, le=1e11)] | None = Field(
+        default=None, description="When cells and ink were mixed, s since 1970."
+    )
+    viability_min: Annotated[float, Field(gt=0, le=100_000)] | None = Field(
+        default=None, description="Time that the cells have from then; the ink's own by default."
+    )
+    sterility: Text = Field(default="", description="Notes on sterility.")
+    ticked: dict[str, bool] = Field(
+        default_factory=dict, description="Points of the list before the start.", max_length=100
+    )
+
+
+class Records:
+    """The records of a workspace; any thread may ask.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are kept, one file each; it only gains changes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.RLock()
+
+    def current(self, job: str) -> str:
+        """The record that the job's next or present print has; made if there is none."""
+        with self._lock:
+            found = self.of_job(job)
+            if found and "ended" not in self.load(found[-1]):
+                return found[-1]
+            return self._new(job)
+
+    def of_job(self, job: str) -> list[str]:
+        """Records of a job, the oldest first."""
+        kind, _, name = job.partition("~")
+        return sorted(p.stem for p in self._folder.glob(f"{kind}~{name}~[0-9]*.json"))
+
+    def load(self, record: str) -> dict[str, Any]:
+        """A record: ``id``, ``job``, ``values``, ``steps``, ``notes``, ``photos``, ``changes``.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+        """
+        path = self._path(record)
+        try:
+            found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError as exc:
+            raise NotFoundError(f"there is no record {record!r}") from exc
+        except ValueError as exc:
+            raise ConflictError(f"{path} can't be read ({exc}); restore it from a copy") from exc
+        return found
+
+    def values(self, record: str) -> PrintRecord:
+        """What it says now."""
+        return PrintRecord.model_validate(self.load(record)["values"])
+
+    def change(self, record: str, who: str, said: Mapping[str, Any]) -> PrintRecord:
+        """Say something of a print; what was said before stays in the changes.
+
+        Raises
+        ------
+        BadRequestError
+            For a value that can't be.
+        """
+        with self._lock:
+            found = self.load(record)
+            try:
+                new = PrintRecord.model_validate({**found["values"], **said})
+            except ValueError as exc:
+                raise BadRequestError(f"the record can't say that: {exc}") from exc
+            values = new.model_dump(mode="json")
+            changed = {k: v for k, v in values.items() if found["values"].get(k) != v}
+            if changed:
+                found["values"] = values
+                self._save(found, who, changed)
+            return new
+
+    def add(self, record: str, who: str, sort: str, entry: dict[str, Any]) -> dict[str, Any]:
+        """Add to one of its lists (``steps``, ``notes``, ``photos``), with time and who."""
+        with self._lock:
+            found = self.load(record)
+            whole = {"at": time.time(), "who": who, **entry}
+            found.setdefault(sort, []).append(whole)
+            self._save(found, who, {sort: entry})
+            return whole
+
+    def mark(self, record: str, who: str, **said: Any) -> None:
+        """Set what the program itself knows: ``started``, ``folder``, ``ended``, ``state``."""
+        with self._lock:
+            found = self.load(record)
+            if any(found.get(key) != value for key, value in said.items()):
+                self._save({**found, **said}, who, said)
+
+    def _new(self, job: str) -> str:
+        name = f"{job}~{time.strftime('%Y%m%d-%H%M%S', time.gmtime())}"
+        values = PrintRecord().model_dump(mode="json")
+        self._save({"id": name, "job": job, "values": values, "changes": []}, "", {})
+        return name
+
+    def _save(self, found: dict[str, Any], who: str, said: Mapping[str, Any]) -> None:
+        if said:
+            found["changes"] = [*found["changes"], {"at": time.time(), "who": who, "said": said}]
+        text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        write_text(self._path(found["id"]), text)
+        if found.get("folder"):
+            write_text(Path(found["folder"]) / RECORD, text)
+
+    def _path(self, record: str) -> Path:
+        for part in record.split("~"):
+            checked_name(part)
+        return self._folder / f"{record}.json"

@@ -1,0 +1,213 @@
+"""The job's room in the API: jobs, and the prints of them (named by their job)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Annotated, Any, BinaryIO, Final
+
+from fastapi import APIRouter, Depends, File, Path, Request, UploadFile
+from fastapi.responses import FileResponse
+
+from printctl.link.states import Status
+from printctl.web.api.routes import API
+from printctl.web.controls import Principal
+from printctl.web.errors import NotFoundError
+from printctl.web.job import models as m
+from printctl.web.job.after import checklist
+from printctl.web.job.following import Heard
+from printctl.web.job.machine import Machine
+from printctl.web.job.photos import MOST_BYTES
+from printctl.web.job.record import PrintRecord
+from printctl.web.job.service import JobService
+
+_AT_ONCE: Final = 1 << 20
+Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
+REFUSED: Final[dict[int | str, dict[str, Any]]] = {
+    404: {"description": "There is no such job or print."},
+    409: {"description": "Not as things stand; the message says why."},
+    413: {"description": "More than is taken here."},
+    422: {"description": "What was sent can't be taken."},
+    423: {"description": "Another browser holds the controls."},
+}
+
+
+def asking(request: Request) -> Principal:
+    """Who asks; set by the guard at the door."""
+    found: Principal | None = getattr(request.state, "principal", None)
+    return found or Principal("local", "this machine")
+
+
+Who = Annotated[Principal, Depends(asking)]
+
+
+def router(service: JobService) -> APIRouter:
+    """Routes of jobs and prints."""
+    routes = APIRouter(prefix=API, responses=REFUSED)
+    _jobs(routes, service)
+    _prints(routes, service)
+    _after(routes, service)
+    return routes
+
+
+def _jobs(routes: APIRouter, service: JobService) -> None:
+    @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
+    def list_jobs() -> list[m.JobTold]:
+        return [m.JobTold.model_validate(one.to_dict()) for one in service.jobs()]
+
+    @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
+    def upload(file: Annotated[UploadFile, File()]) -> m.JobTold:
+        entry = service.upload(file.filename or "", parts_of(file.file))
+        return m.JobTold.model_validate(entry.to_dict())
+
+    @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
+    def one_job(job: Job) -> m.JobTold:
+        return m.JobTold.model_validate(service.job(job).to_dict())
+
+    @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
+    def form(job: Job) -> m.FormTold:
+        return m.FormTold(
+            set_up=service.set_up(job),
+            machine=machine_told(service.machine()),
+            checklist=checklist()["before"],
+        )
+
+    @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
+    def preflight(job: Job, given: m.PreflightGiven) -> m.PreflightTold:
+        said = given.set_up or service.set_up(job)
+        return m.PreflightTold.model_validate(service.preflight(job, said))
+
+    @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
+    def record(job: Job) -> PrintRecord:
+        service.job(job)
+        return service.record(job)
+
+    @routes.patch("/jobs/{job}/record", tags=["jobs"], summary="Write down; changes are kept")
+    def write_down(job: Job, given: dict[str, Any], who: Who) -> PrintRecord:
+        return service.write_down(who, job, given)
+
+
+def _prints(routes: APIRouter, service: JobService) -> None:
+    tags: Final = ["prints"]
+
+    @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
+    def prints() -> list[m.PrintTold]:
+        found = (service.heard(one.id) for one in service.jobs())
+        return [print_told(one) for one in found if one is not None]
+
+    @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
+    def start(job: Job, given: m.StartGiven, who: Who) -> m.PrintTold:
+        said = given.set_up or service.set_up(job)
+        return print_told(service.start(who, job, said, given.confirmed))
+
+    @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
+    def status(job: Job) -> m.PrintTold:
+        found = service.heard(job)
+        if found is None:
+            raise NotFoundError(f"no print of {job} was ever started")
+        return print_told(found)
+
+    @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
+    def viability(job: Job) -> m.ViabilityTold:
+        return m.ViabilityTold.model_validate(service.viability(job).to_dict())
+
+    @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
+    def pause(job: Job, given: m.PauseGiven, who: Who) -> m.StatusTold:
+        return status_told(service.hands.pause(who, job, given.after))
+
+    @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
+    def resume(job: Job, given: m.ResumeGiven, who: Who) -> m.StatusTold:
+        return status_told(service.hands.resume(who, job, **given.model_dump()))
+
+    @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
+    def reload(job: Job, given: m.ReloadGiven, who: Who) -> m.StatusTold:
+        return status_told(service.hands.reload(who, job, given.head))
+
+    @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
+    def alive(job: Job, who: Who) -> m.StatusTold:
+        return status_told(service.hands.alive(who, job))
+
+    @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
+    def cancel(job: Job) -> m.StatusTold:
+        return status_told(service.hands.cancel(job))
+
+
+def _after(routes: APIRouter, service: JobService) -> None:
+    after, tags = service.after, ["after a print"]
+
+    @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
+    def steps(job: Job) -> list[m.StepTold]:
+        return [m.StepTold.model_validate(one) for one in after.steps(job)]
+
+    @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
+    def tick(job: Job, step: str, given: m.TickGiven, who: Who) -> list[m.StepTold]:
+        return [m.StepTold.model_validate(one) for one in after.tick(who, job, step, given.done)]
+
+    @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
+    def notes(job: Job) -> list[m.NoteTold]:
+        return [m.NoteTold.model_validate(one) for one in after.notes(job)]
+
+    @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
+    def note(job: Job, given: m.NoteGiven, who: Who) -> list[m.NoteTold]:
+        return [m.NoteTold.model_validate(one) for one in after.note(who, job, given.text)]
+
+    @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
+    def photos(job: Job) -> list[m.PhotoTold]:
+        return [m.PhotoTold.model_validate(one) for one in after.photos(job)]
+
+    @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[m.PhotoTold]:
+        found = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
+        return [m.PhotoTold.model_validate(one) for one in found]
+
+    @routes.get(
+        "/prints/{job}/photos/{name}",
+        tags=[*tags],
+        summary="A photo",
+        response_class=FileResponse,
+        responses={200: {"content": {"image/jpeg": {}}}},
+    )
+    def photo(job: Job, name: str) -> FileResponse:
+        return FileResponse(after.photo(job, name), media_type="image/jpeg")
+
+    @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
+    def flush(job: Job, wall_shear_pa: float | None = None) -> m.FlushTold | None:
+        found = after.flush(job, wall_shear_pa)
+        return None if found is None else m.FlushTold.model_validate(found.to_dict())
+
+    @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
+    def melt_out(given: m.RampGiven, who: Who) -> m.RampTold:
+        return m.RampTold.model_validate(after.melt_out(who, **given.model_dump()))
+
+    @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
+    def melting() -> m.RampTold | None:
+        found = after.melting()
+        return None if found is None else m.RampTold.model_validate(found)
+
+    @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
+    def stop_melting() -> m.RampTold | None:
+        found = after.stop_melting()
+        return None if found is None else m.RampTold.model_validate(found)
+
+
+def parts_of(handle: BinaryIO) -> Iterator[bytes]:
+    """A file's content, a megabyte at a time."""
+    while part := handle.read(_AT_ONCE):
+        yield part
+
+
+def machine_told(machine: Machine | None) -> m.MachineTold | None:
+    """The printer, as the API tells it."""
+    if machine is None:
+        return None
+    return m.MachineTold.model_validate(asdict(machine) | {"words": machine.words})
+
+
+def print_told(heard: Heard) -> m.PrintTold:
+    """A print, as the API tells it."""
+    return m.PrintTold.model_validate(heard.to_dict())
+
+
+def status_told(status: Status) -> m.StatusTold:
+    """A status, as the API tells it."""
+    return m.StatusTold.model_validate(status.to_dict())

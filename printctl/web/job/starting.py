@@ -1,0 +1,78 @@
+"""From a job, what is mounted and what was found to an order for the printer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from printctl.preflight import SetUp
+from printctl.printing import Order, retreat_for
+from printctl.web.errors import ConflictError
+from printctl.web.job.after import checklist
+from printctl.web.job.machine import Machine
+from printctl.web.job.preflight import Preflight
+from printctl.web.job.record import PrintRecord
+from printctl.web.job.set_up import JobSetUp
+
+_LIFT_MM = 20.0
+
+
+def order_of(
+    job: Path, folder: Path, said: JobSetUp, mounted: SetUp, machine: Machine, found: Preflight
+) -> Order:
+    """The order, as `printctl print` makes it.
+
+    Parameters
+    ----------
+    job, folder : Path
+        G-code file, and where the journal goes.
+    said : JobSetUp
+    mounted : SetUp
+        Of ``said``.
+    machine : Machine
+    found : Preflight
+        Where syringes must be changed, and what failed and was accepted.
+    """
+    loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
+    prime = said.care.prime_ul
+    retreat, *others = (retreat_for(one.syringe, one.ink, _LIFT_MM, prime) for one in loads)
+    care = replace(
+        said.watched(mounted),
+        reload_at=tuple(found.facts["reload_at"]),
+        reload_heads=tuple(found.facts["reload_heads"]),
+        accepted=tuple(found.facts["accepted"]),
+    )
+    return Order(
+        job,
+        machine.profile,
+        machine.port,
+        folder,
+        replace(retreat, others=tuple(others)),
+        once=True,
+        care=care,
+    )
+
+
+def refuse_unconfirmed(machine: Machine, record: PrintRecord, confirmed: str) -> None:
+    """Refuse a start that nobody has thought through.
+
+    Raises
+    ------
+    ConflictError
+        Without the operator's name, with points of the list open, or without the machine's name.
+    """
+    if not record.operator.strip():
+        raise ConflictError("the record doesn't say who prints; fill in the operator's name")
+    open_points = [
+        point["text"] for point in checklist()["before"] if not record.ticked.get(point["id"])
+    ]
+    if open_points:
+        raise ConflictError(
+            f"{len(open_points)} points of the list before the start aren't ticked; the first: "
+            f"{open_points[0]}"
+        )
+    if confirmed != machine.words:
+        raise ConflictError(
+            f"the start is confirmed for {confirmed[:120] or 'no machine'!r}, and connected is "
+            f"{machine.words!r}; confirm that one"
+        )

@@ -1,0 +1,1 @@
+"""The printer's room: connection, manual control, console, calibration."""

@@ -1,0 +1,49 @@
+"""The dialog that homes axes, with the rule of the needle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from nicegui import ui
+
+from printctl.web.controls import Principal
+from printctl.web.printer.parts import button, live, note, quiet_button, subheading
+from printctl.web.printer.service import PrinterService
+from printctl.web.shell.told import told
+
+_RULE = (
+    "Homing drives an axis to its switch, through whatever is in the way. With a needle above a "
+    "dish it is refused: raise Z and take the needle off first. X and Y home at the height where "
+    "the tip is now."
+)
+
+
+def home_dialog(service: PrinterService, who: Principal) -> Callable[[], None]:
+    """Make the dialog; give what opens it."""
+    with ui.dialog() as dialog, ui.card().classes("gap-3"):
+        subheading("Home")
+        note(_RULE)
+        axes = {axis: ui.checkbox(f"{axis.upper()} axis", value=True) for axis in "xyz"}
+        off = ui.checkbox("The needle is taken off")
+        going = live()
+        with ui.row().classes("gap-2"):
+            button("Home these axes", lambda: home())
+            quiet_button("Close", dialog.close)
+
+    async def home() -> None:
+        chosen = [axis for axis, box in axes.items() if box.value]
+        if not chosen:
+            going.set_text("choose an axis")
+            return
+        going.set_text("homing …")
+        done = await told(service.hands.home, who, chosen, needle_off=bool(off.value))
+        going.set_text("")
+        if done is not None:
+            dialog.close()
+
+    def show() -> None:
+        off.set_value(False)
+        going.set_text("")
+        dialog.open()
+
+    return show

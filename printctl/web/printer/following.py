@@ -1,0 +1,128 @@
+"""Follows a station and tells of it, at most four times a second."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from printctl.link.errors import LinkError
+from printctl.station import Station, StationState, StationStatus, attach
+
+APART_S: Final = 0.25
+LOOK_AGAIN_S: Final = 2.0
+
+NOBODY: Final = StationStatus(StationState.CLOSED, "no printer is connected")
+
+
+class Follower:
+    """Two threads: one hears the station, one tells what was heard last.
+
+    Parameters
+    ----------
+    folder : Path
+        The station's. One that is alive there is found again, whoever started it.
+    tell : function
+        Given a status when there is a new one.
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[StationStatus], None]) -> None:
+        self._folder, self._tell = folder, tell
+        self._station: Station | None = None
+        self._status = NOBODY
+        self._changed = threading.Condition()
+        self._untold = True
+        self._ended = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def status(self) -> StationStatus:
+        """What was heard last."""
+        return self._status
+
+    @property
+    def station(self) -> Station | None:
+        """The station followed; None when none is there."""
+        return self._station
+
+    def begin(self) -> None:
+        """Start both threads."""
+        for work in (self._hear_all, self._tell_all):
+            thread = threading.Thread(target=work, name=f"printer {work.__name__}", daemon=True)
+            thread.start()
+            self._threads.append(thread)
+
+    def end(self) -> None:
+        """End them; the station goes on."""
+        self._ended.set()
+        station = self._station
+        if station is not None:
+            station.detach()
+        with self._changed:
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join(5.0)
+
+    def follow(self, station: Station) -> None:
+        """Follow this one from now on."""
+        with self._changed:
+            self._station = station
+            self._changed.notify_all()
+        with contextlib.suppress(LinkError, OSError):  # gone again already: heard by the thread
+            self.hear(station.status)
+
+    def hear(self, status: StationStatus) -> None:
+        """Take a status that somebody was given as an answer."""
+        with self._changed:
+            self._status, self._untold = status, True
+            self._changed.notify_all()
+
+    def _hear_all(self) -> None:
+        while not self._ended.is_set():
+            station = self._station or self._found()
+            if station is None:
+                with self._changed:
+                    self._changed.wait_for(self._is_there, LOOK_AGAIN_S)
+                continue
+            self._hear_one(station)
+
+    def _is_there(self) -> bool:
+        return self._ended.is_set() or self._station is not None
+
+    def _found(self) -> Station | None:
+        try:
+            station = attach(self._folder)
+            status = station.status
+        except (LinkError, OSError):
+            return None
+        if status.state is StationState.CLOSED:
+            return None
+        with self._changed:
+            self._station = self._station or station
+        return self._station
+
+    def _hear_one(self, station: Station) -> None:
+        with contextlib.suppress(LinkError, OSError):
+            for status in station.events():
+                if self._station is not station or self._ended.is_set():
+                    return
+                self.hear(status)
+        if self._ended.is_set():
+            return
+        with contextlib.suppress(LinkError, OSError):
+            self.hear(station.status)
+        with self._changed:
+            if self._station is station:
+                self._station = None
+
+    def _tell_all(self) -> None:
+        while not self._ended.is_set():
+            with self._changed:
+                self._changed.wait_for(lambda: self._untold or self._ended.is_set())
+                self._untold = False
+                status = self._status
+            if not self._ended.is_set():
+                self._tell(status)
+            self._ended.wait(APART_S)

@@ -1,0 +1,124 @@
+"""What a person does with the machine by the page: move, heat, push, say what is mounted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+from firmware_profiles import Dish, Ink, Printer, Syringe, load
+from printctl.station import StationStatus
+from printctl.station.hands import UNNAMED_UL_S
+from printctl.web.controls import Principal
+from printctl.web.errors import ConflictError
+from printctl.web.printer.desk import Desk
+
+STEPS_MM: Final = (0.01, 0.1, 1.0, 10.0)
+CLEAR_MM: Final = 5.0
+"""So far above the dish's rim is out of the bath."""
+BLIND_LIFT_MM: Final = 20.0
+"""How far up where nobody knows where the rim is; a controlled stop lifts as far."""
+
+
+class Hands:
+    """Each does one thing and gives the status after it; what the station refuses is raised.
+
+    Parameters
+    ----------
+    desk : Desk
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+
+    def jog(
+        self, who: Principal, axis: str, mm: float, speed_mm_s: float | None = None
+    ) -> StationStatus:
+        """Move the tip by ``mm`` along ``x``, ``y`` or ``z``."""
+        with self._desk.moving(who) as station:
+            return self._desk.heard(station.jog(axis, mm, speed_mm_s))
+
+    def lift_out(self, who: Principal) -> StationStatus:
+        """Move the tip straight up, out of the bath and above the dish's rim.
+
+        Raises
+        ------
+        ConflictError
+            When it is there already, or the axis ends below.
+        """
+        with self._desk.moving(who) as station:
+            return self._desk.heard(station.jog("z", self._way_out(station.status)))
+
+    def home(
+        self, who: Principal, axes: Sequence[str], *, needle_off: bool = False
+    ) -> StationStatus:
+        """Home axes; with a dish below only when the needle was taken off."""
+        with self._desk.moving(who) as station:
+            return self._desk.heard(station.home(axes, needle_off=needle_off))
+
+    def heat(self, who: Principal, name: str, celsius: float) -> StationStatus:
+        """Set a heater's target; 0 is off."""
+        return self._desk.heard(self._desk.ask(who).heat(name, celsius))
+
+    def heaters_off(self, who: Principal) -> StationStatus:
+        """Set every target to 0."""
+        station = self._desk.ask(who)
+        status = station.status
+        for one in status.temperatures:
+            if one.target_c is not None:
+                status = station.heat(one.name, 0.0)
+        return self._desk.heard(status)
+
+    def plunger(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
+        """Push (above 0) or draw back so many µL."""
+        with self._desk.moving(who) as station:
+            return self._desk.heard(station.plunger(ul, ul_s))
+
+    def mount(self, who: Principal, **said: Any) -> StationStatus:
+        """Say what is mounted."""
+        return self._desk.heard(self._desk.ask(who).mount(**said))
+
+    def _way_out(self, status: StationStatus) -> float:
+        if status.position_mm is None:
+            raise ConflictError("the printer hasn't told where it stands; home it, or jog Z up")
+        z = status.position_mm[2]
+        rim = rim_mm(status)
+        top = load(Printer, status.profile).z_mm.high if status.position_trusted else math.inf
+        way = min(BLIND_LIFT_MM if rim is None else rim + CLEAR_MM - z, top - z)
+        if way <= 0:
+            raise ConflictError(
+                f"the tip is at Z {z:.2f} mm already"
+                + (", the end of the axis" if rim is None else f", the rim at {rim:.2f} mm")
+            )
+        return way
+
+
+def rim_mm(status: StationStatus) -> float | None:
+    """Height of the tip at the rim of the dish mounted, mm; None where that isn't known."""
+    mounted = status.mounted
+    if not mounted.dish or mounted.floor_mm is None:
+        return None
+    return mounted.floor_mm + load(Dish, mounted.dish).wall_mm
+
+
+def area_mm2(status: StationStatus) -> float | None:
+    """Cross-section of the syringe mounted, µL per mm of travel; None where none is named."""
+    if not status.mounted.syringe:
+        return None
+    return math.pi / 4 * load(Syringe, status.mounted.syringe).inner_mm ** 2
+
+
+def fastest_ul_s(status: StationStatus) -> float | None:
+    """Fastest plunger, µL/s, with the syringe and the ink mounted; None where no syringe is."""
+    area = area_mm2(status)
+    if area is None or not status.profile:
+        return None
+    ink = status.mounted.ink
+    bears = load(Ink, ink).plunger_ul_s if ink else UNNAMED_UL_S
+    return min(area * load(Printer, status.profile).max_speed_mm_s.e, bears)
+
+
+def needs_touch_off(status: StationStatus) -> bool:
+    """Whether a needle is above a dish whose floor it hasn't touched."""
+    mounted = status.mounted
+    return bool(mounted.needle and mounted.dish) and mounted.floor_mm is None

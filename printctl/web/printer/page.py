@@ -1,0 +1,59 @@
+"""The printer's page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from nicegui import ui
+
+from printctl.web.printer.card_calibrating import add_calibrating
+from printctl.web.printer.card_changing import add_changing
+from printctl.web.printer.card_connection import add_connection
+from printctl.web.printer.card_console import add_console
+from printctl.web.printer.card_jog import add_jog
+from printctl.web.printer.card_macros import add_macros
+from printctl.web.printer.card_mounted import add_mounted
+from printctl.web.printer.card_plots import add_plots
+from printctl.web.printer.card_plunger import add_plunger
+from printctl.web.printer.card_touching import add_touching
+from printctl.web.printer.parts import Refresh
+from printctl.web.printer.service import PrinterService
+from printctl.web.shell.frame import frame
+from printctl.web.shell.who import this_browser
+
+REFRESH_S: Final = 0.5
+BLUE: Final = "#0b5cad"
+"""Of filled buttons: white on it has a contrast of 6.6 : 1, in light and dark."""
+_STYLE: Final = Path(__file__).with_name("printer.css")
+_COLUMNS: Final = (
+    (add_connection, add_jog, add_touching),
+    (add_plots, add_mounted, add_plunger, add_changing),
+    (add_console, add_macros, add_calibrating),
+)
+"""One below the other on a phone, beside each other where there is room."""
+
+
+def register(service: PrinterService) -> None:
+    """Define the page."""
+    style = _STYLE.read_text(encoding="utf-8")
+
+    @ui.page("/printer")
+    def printer() -> None:
+        who = this_browser()
+        refreshes: list[Refresh] = []
+        with frame("/printer"):
+            ui.add_css(style)
+            ui.colors(primary=BLUE)
+            with ui.element("div").classes("pc-cards"):
+                for column in _COLUMNS:
+                    with ui.element("div").classes("pc-column"):
+                        refreshes += [add(service, who) for add in column]
+
+        def refresh() -> None:
+            status = service.status
+            for one in refreshes:
+                one(status)
+
+        refresh()
+        ui.timer(REFRESH_S, refresh)

@@ -1,0 +1,40 @@
+"""Routes of the calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter, Request
+
+from printctl.web.controls import Principal
+from printctl.web.printer import models as m
+from printctl.web.printer.calibrating import Asked, Prepared, Read
+from printctl.web.printer.service import PrinterService
+
+
+def add_calibration(
+    routes: APIRouter, service: PrinterService, who: Callable[[Request], Principal]
+) -> None:
+    """Add them."""
+    calibrating = service.calibrating
+
+    @routes.get("/calibrations", summary="Calibrations, and what each needs")
+    def listed() -> list[dict[str, Any]]:
+        return [asdict(wizard) for wizard in calibrating.wizards]
+
+    @routes.post("/calibrations/{name}/job", summary="Write a test into the workspace's jobs")
+    def make(name: str, body: Asked, request: Request) -> Prepared:
+        return calibrating.make(who(request), name, body)
+
+    @routes.post("/calibrations/{name}/fit", summary="What readings say")
+    def fit(name: str, body: Read) -> m.Found:
+        found = calibrating.fit(name, body)
+        estimates = {key: asdict(one) for key, one in found.lines.items()}
+        return m.Found(estimates=estimates, notes=found.notes)
+
+    @routes.post("/calibrations/weigh/profile", summary="Write a measured copy of a profile")
+    def save(body: m.Save, request: Request) -> m.Said:
+        said = calibrating.save(who(request), body.read, body.mend, body.copy_name)
+        return m.Said(message=said)

@@ -1,0 +1,139 @@
+"""The printer's room: what the page and the API do with the printer."""
+
+from __future__ import annotations
+
+from firmware_profiles import Printer
+from printctl.link.finding import AUTO
+from printctl.station import StationStatus, connect
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.errors import ConflictError
+from printctl.web.printer.calibrating import Calibrating
+from printctl.web.printer.changing import Changing
+from printctl.web.printer.console import Console
+from printctl.web.printer.desk import Desk
+from printctl.web.printer.following import Follower
+from printctl.web.printer.hands import Hands, needs_touch_off
+from printctl.web.printer.macros import Macros
+from printctl.web.printer.plots import Plots
+from printctl.web.printer.shelf import FoundPort, Shelf, ports_with_profiles
+from printctl.web.printer.touching import Guide
+
+
+class PrinterService:
+    """The printer's room; any thread may call, and calls may block.
+
+    It follows a station in the workspace from the moment it is made, whoever started that one.
+
+    Parameters
+    ----------
+    core : Core
+
+    Attributes
+    ----------
+    hands : Hands
+        Moves, heaters, plunger, what is mounted.
+    console : Console
+    macros : Macros
+    guide : Guide
+        Touching off floor and bath.
+    changing : Changing
+        Another syringe or needle.
+    calibrating : Calibrating
+    shelf : Shelf
+        Profiles to choose from.
+    plots : Plots
+    """
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.plots = Plots()
+        self.shelf = Shelf(core.workspace.root)
+        self._follower = Follower(core.workspace.station, self._publish)
+        self._desk = Desk(core, self._follower)
+        self.hands = Hands(self._desk)
+        self.console = Console(self._desk)
+        self.macros = Macros(self._desk, self.shelf, self.console)
+        self.guide = Guide(self._desk)
+        self.changing = Changing(self._desk, self.shelf)
+        self.calibrating = Calibrating(self._desk, self.shelf)
+        self._follower.begin()
+
+    def close(self) -> None:
+        """Follow no more; the station goes on."""
+        self._follower.end()
+
+    @property
+    def status(self) -> StationStatus:
+        """The station as it was heard of last; closed where there is none."""
+        return self._desk.status
+
+    def ports(self) -> list[FoundPort]:
+        """Serial ports of this machine, and whose profile's USB id each has."""
+        return ports_with_profiles(self.shelf)
+
+    def connect(
+        self, who: Principal, profile: str, port: str = AUTO, baud: int | str | None = None
+    ) -> StationStatus:
+        """Connect a printer, and check that it is the profile's.
+
+        Parameters
+        ----------
+        who : Principal
+        profile : str
+            Name on the shelf.
+        port : str
+            A device, a TCP address, ``auto`` or ``simulated``.
+        baud : int, ``auto`` or None
+            None for the profile's.
+
+        Raises
+        ------
+        ConflictError
+            When one is connected already.
+        NotInControlError, NotFoundError, LinkError
+        """
+        self.core.controls.require(who)
+        if self._follower.station is not None and self.status.open:
+            raise ConflictError(
+                f"{self.status.profile} is connected at {self.status.port}; disconnect it first"
+            )
+        given = self.shelf.given(Printer, profile)
+        # The simulated printer stands clear of its ends, so that every axis can be jogged.
+        printer = self.shelf.load(Printer, profile)
+        spans = (printer.x_mm, printer.y_mm, printer.z_mm)
+        x, y, z = (span.low + min(30.0, (span.high - span.low) / 2) for span in spans)
+        station = connect(
+            given,
+            port,
+            self.core.workspace.station,
+            baud=baud,
+            sim_speed=self.core.settings.sim_speed,
+            start_mm=(x, y, z),
+        )
+        self._follower.follow(station)
+        return self._desk.heard(station.status)
+
+    def disconnect(self, who: Principal) -> StationStatus:
+        """Let go of the port; the heaters go off. Refused while printing."""
+        station = self._desk.ask(who)
+        station.close()
+        return self._desk.heard(station.status)
+
+    def reconnect(self, who: Principal) -> StationStatus:
+        """Open the port again and check the printer, after a halt or a lost port."""
+        return self._desk.heard(self._desk.ask(who).reconnect())
+
+    def stop_motion(self) -> StationStatus:
+        """Stop a move by hand; needs no controls."""
+        return self._desk.heard(self._desk.station().stop_motion())
+
+    def kill(self) -> None:
+        """Halt the firmware at once (M112); needs no controls."""
+        self._desk.station().kill()
+
+    def _publish(self, status: StationStatus) -> None:
+        self.plots.add(status)
+        self.core.events.publish(
+            "station", **status.to_dict(), needs_touch_off=needs_touch_off(status)
+        )

@@ -1,0 +1,1 @@
+"""The scan's room: a volume, its alignment and deviation."""

@@ -1,0 +1,160 @@
+"""What a registration found, in words and rows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printctl.web.errors import NotFoundError
+
+
+@dataclass(frozen=True)
+class VesselFinding:
+    """One vessel as it was gauged.
+
+    Attributes
+    ----------
+    vessel : str
+    kind : str
+    designed_um, measured_um, error_percent, rms_um, offset_um : float or None
+        None where nothing was seen.
+    verdict : str
+    """
+
+    vessel: str
+    kind: str
+    designed_um: float | None
+    measured_um: float | None
+    error_percent: float | None
+    rms_um: float | None
+    offset_um: float | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A registration.
+
+    Attributes
+    ----------
+    passed : bool or None
+        None where no verdict was written.
+    reasons : tuple of str
+        Of the verdict.
+    alignment : tuple of (str, str)
+        Pose, scales and intervals: what, and how much.
+    vessels : tuple of VesselFinding
+    """
+
+    passed: bool | None
+    reasons: tuple[str, ...]
+    alignment: tuple[tuple[str, str], ...]
+    vessels: tuple[VesselFinding, ...]
+
+
+def findings(folder: Path) -> Findings:
+    """Read what a registration in a folder found.
+
+    Raises
+    ------
+    NotFoundError
+        When there is none.
+    """
+    numbers = _read(folder / "registration.json")
+    if numbers is None:
+        raise NotFoundError(f"no scan is registered in {folder.name} yet")
+    numbers = numbers.get("registration", numbers)
+    judged = (_read(folder / "report.json") or numbers).get("verdict", {})
+    limit = _limit(folder)
+    return Findings(
+        judged.get("passed"),
+        tuple(str(one) for one in judged.get("reasons", ())),
+        tuple(alignment(numbers)),
+        tuple(_vessel(row, limit) for row in numbers.get("vessels", ())),
+    )
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def _limit(folder: Path) -> float:
+    """Error of a diameter that is allowed, percent."""
+    facts = (_read(folder / "manifest.json") or {}).get("facts", {})
+    part = facts.get("recipe", {}).get("registration", {})
+    return float(part.get("diameter_tolerance_percent", 10.0))
+
+
+def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Pose, scales and deviations with their 95 % intervals, a pair each."""
+    matrix = np.array(numbers["transform_scan_to_part"], dtype=float)
+    ci = numbers.get("interval_95") or {}
+    rows = [("Turned by", f"{_degrees(matrix):.2f}° {_plus(ci.get('rotation_deg'), 1.0, '°')}")]
+    shift = ", ".join(f"{value:.3f}" for value in matrix[:3, 3])
+    rows.append(("Shifted by x, y, z", f"{shift} mm {_plus(ci.get('shift_um'), 1.0, 'µm')}"))
+    scale = numbers.get("scale") or []
+    more = [f"{100 * (1 / float(s) - 1):+.2f} %".replace("-", "−") for s in scale]
+    wide = _plus(ci.get("scale"), 100.0, "%")
+    rows.append(("Part against design along x, y, z", f"{_percent(scale)} {wide}"))
+    rows.append(("That is, to come out right, stretch by", ", ".join(more)))
+    for key, name in (("rigid", "RMS deviation, rigid fit"), ("scaled", "RMS deviation, scaled")):
+        fit = numbers.get(key) or {}
+        if "rms_um" in fit:
+            said = f"{fit['rms_um']:.1f} µm; 95 % of it within {fit['p95_um']:.1f} µm"
+            rows.append((name, said))
+    flag = (numbers.get("ambiguity") or {}).get("flag")
+    if flag is not None:
+        rows.append(("Pose", "ambiguous: another fits as well" if flag else "unambiguous"))
+    return rows
+
+
+def _degrees(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> float:
+    """Angle of the turn about its axis."""
+    cosine = (float(np.trace(matrix[:3, :3])) - 1) / 2
+    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+
+
+def _percent(scale: list[Any]) -> str:
+    return ", ".join(f"{100 * float(s):.2f} %" for s in scale)
+
+
+def _plus(values: Any, factor: float, unit: str) -> str:
+    """The widest of a few intervals."""
+    if not values:
+        return ""
+    return f"(± {factor * max(float(v) for v in values):.2g} {unit}, 95 %)"
+
+
+def _vessel(row: Mapping[str, Any], limit: float) -> VesselFinding:
+    error = _number(row.get("error_percent"))
+    seen = row.get("measured_um") is not None
+    if row.get("open") is False:
+        verdict = "closed"
+    elif not seen:
+        verdict = "not seen"
+    elif error is not None and abs(error) > limit:
+        verdict = f"open, off by more than {limit:g} %"
+    else:
+        verdict = "open"
+    return VesselFinding(
+        str(row.get("name") or row.get("vessel", "")),
+        str(row.get("kind", "")),
+        *(_number(row.get(key)) for key in ("designed_um", "measured_um")),
+        error,
+        *(_number(row.get(key)) for key in ("rms_um", "offset_um")),
+        verdict,
+    )
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None

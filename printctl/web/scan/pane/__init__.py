@@ -1,0 +1,1 @@
+"""The Scan page's parts: slices, registration, what came of it."""

@@ -1,0 +1,73 @@
+"""Asks what a scan's file doesn't say: voxel size and kin."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from nicegui import ui
+from pydantic import ValidationError
+
+from printctl.web.scan.answers import ScanSaid
+
+Said = Callable[[ScanSaid], Awaitable[None]]
+
+
+class SaidForm:
+    """Fields of what can be said of a scan.
+
+    Parameters
+    ----------
+    said : function
+        Told of what was said.
+    """
+
+    def __init__(self, said: Said) -> None:
+        self._said = said
+        self._box = ui.expansion("What the file doesn't say").classes("w-full pc-part")
+        with self._box:
+            self._why = ui.label().classes("pc-message")
+            with ui.element("div").classes("pc-fields"):
+                self._voxel = [
+                    ui.number(f"voxel along {axis} (µm)", min=0.01, format="%.6g") for axis in "xyz"
+                ]
+                self._modality = _choice("modality", ["oct", "microct", "confocal"])
+                self._scale = _choice("intensity", ["linear", "db"])
+                self._index = ui.number("refractive index", min=1, max=2)
+                self._optical = _choice("depth voxel counts", ["optical path", "length"])
+                self._down = _choice("depth index grows", ["down", "up"])
+                self._axes = ui.input("order of axes, slowest first", placeholder="zyx")
+            for one in (*self._voxel, self._index, self._axes):
+                one.props("outlined dense stack-label").classes("pc-field")
+            ui.button("Say so", on_click=self._say)
+
+    def ask(self, why: str) -> None:
+        """Open with the reason why something has to be said."""
+        self._why.text = why
+        self._box.value = bool(why)
+
+    async def _say(self) -> None:
+        size = [one.value for one in self._voxel]
+        try:
+            said = ScanSaid(
+                voxel_um=tuple(size) if any(size) else None,  # type: ignore[arg-type]
+                refractive_index=self._index.value,
+                optical_depth=_either(self._optical.value, "optical path", "length"),
+                scale=self._scale.value,
+                modality=self._modality.value,
+                depth_down=_either(self._down.value, "down", "up"),
+                axes=self._axes.value or None,
+            )
+        except ValidationError as exc:
+            first = exc.errors()[0]
+            ui.notify(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", type="negative")
+            return
+        await self._said(said)
+
+
+def _choice(label: str, options: list[str]) -> ui.select:
+    select = ui.select(options, label=label, clearable=True)
+    return select.props("outlined dense stack-label").classes("pc-field")
+
+
+def _either(value: str | None, yes: str, no: str) -> bool | None:
+    return {yes: True, no: False}.get(value or "")

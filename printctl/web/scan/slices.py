@@ -1,0 +1,203 @@
+"""Slices of a scan as pictures: windowed, what is above a threshold tinted."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from printctl.web.errors import BadRequestError
+from registration.readers import read_scan
+from registration.scan import Scan
+
+Axis = Literal["x", "y", "z"]
+AXES: Final[dict[Axis, int]] = {"z": 0, "y": 1, "x": 2}
+
+TINT: Final = (255, 140, 0)
+"""Of what is above the threshold, mixed half and half."""
+
+_SAMPLES: Final = 2_000_000
+_KEPT_SCANS: Final = 2
+_KEPT_PICTURES: Final = 400
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A scan that is looked at.
+
+    Attributes
+    ----------
+    scan : Scan
+    low, high : float
+        Of the intensity: the window to begin with, from 1 to 99.7 % of the voxels.
+    threshold : float
+        Between the two classes of voxels (Otsu 1979).
+    """
+
+    scan: Scan
+    low: float
+    high: float
+    threshold: float
+
+    @property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Along x, y, z."""
+        dz, dy, dx = self.scan.geometric_voxel_mm
+        nz, ny, nx = self.scan.volume.shape
+        return (nx * dx, ny * dy, nz * dz)
+
+
+def opened(scan: Scan) -> Opened:
+    """A scan with a window and a threshold to begin with."""
+    values = sample(scan.volume)
+    low, high = (float(one) for one in np.quantile(values, (0.01, 0.997)))
+    high = high if high > low else low + 1.0
+    return Opened(scan, low, high, otsu(values))
+
+
+def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
+    """About two million voxels, evenly spread, float64; what isn't finite is left out."""
+    step = max(1, int(np.ceil((volume.size / _SAMPLES) ** (1 / 3))))
+    values = np.asarray(volume[::step, ::step, ::step], dtype=np.float64).reshape(-1)
+    found: NDArray[np.float64] = values[np.isfinite(values)]
+    return found if len(found) else np.zeros(1)
+
+
+def otsu(values: NDArray[np.float64], bins: int = 256) -> float:
+    """The threshold that parts values into two classes with the greatest variance between them.
+
+    Parameters
+    ----------
+    values : (n,) float64
+    bins : int
+
+    Notes
+    -----
+    σ²(t) = w₀ w₁ (μ₀ − μ₁)² (Otsu, IEEE Trans. SMC 9, 1979, eq. 14).
+    """
+    counts, edges = np.histogram(values, bins)
+    middles = (edges[:-1] + edges[1:]) / 2
+    weight = np.cumsum(counts)
+    moment = np.cumsum(counts * middles)
+    other = weight[-1] - weight
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = weight * other * (moment / weight - (moment[-1] - moment) / other) ** 2
+    if not np.isfinite(between[:-1]).any():
+        return float(middles[0])
+    return float(edges[1 + int(np.nanargmax(between[:-1]))])
+
+
+def plane(volume: NDArray[Any], axis: Axis, index: int) -> NDArray[Any]:
+    """One slice; rows are z (or y, seen along z), columns x (or y, seen along x).
+
+    Raises
+    ------
+    BadRequestError
+        For an index outside.
+    """
+    count = volume.shape[AXES[axis]]
+    if not 0 <= index < count:
+        raise BadRequestError(f"slice {index} lies outside 0 to {count - 1} along {axis}")
+    return np.take(volume, index, axis=AXES[axis])
+
+
+def picture(
+    image: NDArray[Any], low: float, high: float, threshold: float | None = None
+) -> NDArray[np.uint8]:
+    """Grey values of a slice, (h, w, 3); `low` is black, `high` white.
+
+    Raises
+    ------
+    BadRequestError
+        When the window is empty.
+    """
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise BadRequestError(f"the window goes from {low:g} to {high:g}; let it rise")
+    values = np.nan_to_num(np.asarray(image, dtype=np.float64), nan=low)
+    grey = np.clip((values - low) / (high - low), 0.0, 1.0) * 255.0
+    rgb = np.repeat(np.rint(grey)[..., None], 3, axis=2)
+    if threshold is not None:
+        above = values >= threshold
+        rgb[above] = (rgb[above] + np.array(TINT)) / 2
+    return rgb.astype(np.uint8)
+
+
+def as_png(pixels: NDArray[np.uint8]) -> bytes:
+    """A PNG file of pixels (h, w, 3)."""
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "PNG", compress_level=1)
+    return out.getvalue()
+
+
+class Slices:
+    """Keeps the last scans open, and their last pictures."""
+
+    def __init__(self) -> None:
+        self._scans: OrderedDict[tuple[Any, ...], Opened] = OrderedDict()
+        self._pictures: OrderedDict[tuple[Any, ...], bytes] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def open(self, path: Path) -> Opened:
+        """Read a scan, unless it is open.
+
+        Raises
+        ------
+        ScanFileError
+            When it can't be read, or doesn't say what it must.
+        """
+        return self._kept(self._scans, _KEPT_SCANS, _state(path), lambda: opened(read_scan(path)))
+
+    def png(
+        self,
+        path: Path,
+        axis: Axis,
+        index: int,
+        window: tuple[float, float] | None = None,
+        threshold: float | None = None,
+    ) -> bytes:
+        """One slice as a PNG file.
+
+        Raises
+        ------
+        BadRequestError, ScanFileError
+        """
+        found = self.open(path)
+        low, high = window or (found.low, found.high)
+
+        def draw() -> bytes:
+            image = plane(found.scan.volume, axis, index)
+            return as_png(picture(image, low, high, threshold))
+
+        key = (*_state(path), axis, index, low, high, threshold)
+        return self._kept(self._pictures, _KEPT_PICTURES, key, draw)
+
+    def _kept(
+        self,
+        store: OrderedDict[tuple[Any, ...], Any],
+        most: int,
+        key: tuple[Any, ...],
+        make: Callable[[], Any],
+    ) -> Any:
+        with self._lock:
+            if key not in store:
+                store[key] = make()
+                while len(store) > most:
+                    store.popitem(last=False)
+            store.move_to_end(key)
+            return store[key]
+
+
+def _state(path: Path) -> tuple[Any, ...]:
+    """Changes when the scan, or what is said of it, does."""
+    places = [path, *(path.with_suffix(suffix) for suffix in (".json", ".yaml", ".yml"))]
+    return tuple(
+        (str(one), one.stat().st_mtime_ns, one.stat().st_size) for one in places if one.exists()
+    )

@@ -1,0 +1,204 @@
+"""The workspace's scans: taken in, named, described by the user, found.
+
+A scan is ``file~NAME``, a file or folder in ``scans``, or ``run~NAME``, the scan that a run made
+of its simulated print.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePath
+from typing import Any, Final
+
+from design.files import write_text
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.scan.unpacking import is_stack, unpack_stack
+from printctl.web.workspace import Workspace, checked_name
+from registration.readers import ScanOverrides
+from registration.readers.sidecar import beside
+
+UPLOADS: Final = ".arriving"
+_RUN_SCANS: Final = ("scan.tif", "scan.oct")
+_SIDECARS: Final = (".json", ".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class ScanRow:
+    """A scan of the workspace.
+
+    Attributes
+    ----------
+    scan : str
+        ``file~NAME`` or ``run~NAME``.
+    megabytes : float, MB
+        0 for a folder.
+    modified : float, s since 1970
+    """
+
+    scan: str
+    megabytes: float
+    modified: float
+
+
+class ScanStore:
+    """The folder ``scans`` of a workspace, and the scans in runs."""
+
+    def __init__(self, workspace: Workspace, upload_mb: float) -> None:
+        self._workspace, self._most_bytes = workspace, int(upload_mb * 1e6)
+
+    @property
+    def folder(self) -> Path:
+        """Where uploaded scans lie."""
+        return self._workspace.root / "scans"
+
+    def rows(self) -> list[ScanRow]:
+        """All scans, the newest first."""
+        files = [
+            path
+            for path in self.folder.iterdir()
+            if not path.name.startswith(".") and path.suffix.lower() not in _SIDECARS
+        ]
+        found = [_row(f"file~{path.name}", path) for path in files]
+        for name in _RUN_SCANS:
+            of_runs = (self._workspace.root / "runs").glob(f"*/{name}")
+            found += [_row(f"run~{path.parent.name}", path) for path in of_runs]
+        return sorted(found, key=lambda row: -row.modified)
+
+    def path(self, scan: str) -> Path:
+        """Where a scan lies.
+
+        Raises
+        ------
+        BadRequestError, NotFoundError
+        """
+        sort, _, name = scan.partition("~")
+        if sort == "file":
+            path = self._workspace.scan(name)
+            places = [path]
+        elif sort == "run":
+            places = [self._workspace.run(name) / one for one in _RUN_SCANS]
+        else:
+            raise BadRequestError(f"scan {scan[:80]!r} is neither file~NAME nor run~NAME")
+        found = next((one for one in places if one.exists()), None)
+        if found is None:
+            raise NotFoundError(f"there is no scan {scan[:80]!r}")
+        return found
+
+    def take(self, file_name: str, pieces: Iterable[bytes]) -> str:
+        """Take in a scan as it comes; a zip of slices is unpacked. Its name is the file's.
+
+        Returns
+        -------
+        str
+            ``file~NAME``.
+
+        Raises
+        ------
+        BadRequestError, ConflictError
+        """
+        name = scan_name(file_name)
+        self._refuse(name)
+        with self.arriving() as place:
+            arrived, left = Path(place) / name, self._most_bytes
+            with arrived.open("wb") as out:
+                for piece in pieces:
+                    left -= len(piece)
+                    if left < 0:
+                        raise BadRequestError(
+                            f"{name} is larger than {self._most_bytes / 1e6:g} MB, the most that "
+                            "is taken (--upload-mb)"
+                        )
+                    out.write(piece)
+            return self.adopt(name, arrived)
+
+    def adopt(self, file_name: str, arrived: Path) -> str:
+        """Take in a scan that has arrived as a file of ours; as `take`."""
+        name = scan_name(file_name)
+        self._refuse(name)
+        if arrived.stat().st_size == 0:
+            raise BadRequestError(f"{name} is empty; export the scan again")
+        if not is_stack(arrived):
+            arrived.replace(self.folder / name)
+            return f"file~{name}"
+        name = checked_name(PurePath(name).stem)
+        self._refuse(name)
+        with self.arriving() as place:
+            whole = Path(place) / name
+            top = unpack_stack(arrived, whole, self._most_bytes)
+            if top.is_file():
+                name = f"{name}.tif"
+                self._refuse(name)
+            top.replace(self.folder / name)
+        return f"file~{name}"
+
+    def arriving(self) -> tempfile.TemporaryDirectory[str]:
+        """A folder for what isn't whole yet; emptied at the end."""
+        place = self.folder / UPLOADS
+        place.mkdir(exist_ok=True)
+        return tempfile.TemporaryDirectory(dir=place, prefix=secrets.token_hex(4))
+
+    def said(self, scan: str) -> dict[str, Any]:
+        """What the user said of a scan beside it."""
+        found = beside(self.path(scan))
+        if found is None:
+            return {}
+        try:
+            data = json.loads(found.read_text(encoding="utf-8"))
+        except ValueError:
+            return {}
+        return data if isinstance(data, dict) else {}
+
+    def say(self, scan: str, said: ScanOverrides) -> None:
+        """Keep what the user says of an uploaded scan, in a file beside it that all readers read.
+
+        Raises
+        ------
+        ConflictError
+            For a run's own scan, which says all itself.
+        """
+        if not scan.startswith("file~"):
+            raise ConflictError("a run's own scan says all of itself; nothing is to be added")
+        path = self.path(scan)
+        known = {key: value for key, value in asdict(said).items() if value is not None}
+        write_text(path.with_suffix(".json"), json.dumps(known, indent=1) + "\n")
+
+    def delete(self, scan: str) -> None:
+        """Throw an uploaded scan away; a run's own goes with the run.
+
+        Raises
+        ------
+        ConflictError, NotFoundError
+        """
+        if not scan.startswith("file~"):
+            raise ConflictError("a run's own scan stays with the run")
+        self.path(scan)
+        path = self._workspace.scan(scan.removeprefix("file~"))
+        kept = self._workspace.private / "bin"
+        kept.mkdir(parents=True, exist_ok=True)
+        goal = kept / f"{path.name}~{secrets.token_hex(4)}"
+        shutil.move(path, goal)
+        path.with_suffix(".json").unlink(missing_ok=True)
+
+    def _refuse(self, name: str) -> None:
+        if (self.folder / name).exists():
+            raise ConflictError(f"there is a scan {name!r} already; rename yours")
+
+
+def scan_name(file_name: str) -> str:
+    """A file name that can be ours: letters, digits, dots and lines only."""
+    plain = PurePath(file_name.replace("\\", "/")).name
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", plain).strip("._-")
+    if PurePath(name).suffix.lower() in _SIDECARS:
+        raise BadRequestError(f"{name} isn't a scan; give its volume")
+    return checked_name(name[-64:].lstrip("._-"))
+
+
+def _row(scan: str, path: Path) -> ScanRow:
+    state = path.stat()
+    return ScanRow(scan, state.st_size / 1e6 if path.is_file() else 0.0, state.st_mtime)

@@ -1,0 +1,1 @@
+"""What every page has: header, ways between the pages, the red stop, light and dark."""

@@ -1,0 +1,14 @@
+"""Who looks at a page."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from printctl.web.controls import Principal
+
+
+def this_browser() -> Principal:
+    """The browser that the page being built or answering is for; set by the guard at the door."""
+    request = ui.context.client.request
+    found = getattr(request.state, "principal", None) if request is not None else None
+    return found or Principal("local", "this browser")

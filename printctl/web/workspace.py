@@ -1,0 +1,101 @@
+"""The folder that the page works in: what lies where, and names that stay inside it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from printctl.web.errors import BadRequestError, NotFoundError
+
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_FOLDERS: Final = ("recipes", "runs", "jobs", "scans", "station", "records", ".printctl")
+
+
+def checked_name(name: str) -> str:
+    """Give ``name`` back if it can be a file's name anywhere and stays in its folder.
+
+    Raises
+    ------
+    BadRequestError
+    """
+    if not _NAME.fullmatch(name) or name.endswith(".") or ".." in name:
+        raise BadRequestError(
+            f"name {name[:80]!r} can't be used: 1 to 64 letters, digits, '.', '_' or '-', "
+            "beginning with a letter or digit"
+        )
+    return name
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder of recipes, runs, jobs, scans and prints.
+
+    Attributes
+    ----------
+    root : Path
+    """
+
+    root: Path
+
+    def make(self) -> Workspace:
+        """Make the folders that are missing."""
+        for name in _FOLDERS:
+            (self.root / name).mkdir(parents=True, exist_ok=True)
+        (self.root / ".printctl").chmod(0o700)
+        return self
+
+    @property
+    def station(self) -> Path:
+        """Folder of the printer's station."""
+        return self.root / "station"
+
+    @property
+    def private(self) -> Path:
+        """Folder of what only the server reads: tokens, caches."""
+        return self.root / ".printctl"
+
+    def recipe(self, name: str) -> Path:
+        """Recipe file of a name, which may not exist."""
+        return self.root / "recipes" / f"{checked_name(name)}.yaml"
+
+    def run(self, name: str) -> Path:
+        """Run folder of a name, which may not exist."""
+        return self.root / "runs" / checked_name(name)
+
+    def scan(self, name: str) -> Path:
+        """Scan file of a name, which may not exist."""
+        return self.root / "scans" / checked_name(name)
+
+    def job_file(self, job: str) -> Path:
+        """G-code file of a job: ``run~NAME`` (a run's part.gcode) or ``file~NAME`` (uploaded).
+
+        Raises
+        ------
+        BadRequestError, NotFoundError
+        """
+        sort, _, name = job.partition("~")
+        if sort == "run":
+            path = self.run(name) / "part.gcode"
+        elif sort == "file":
+            path = self.root / "jobs" / checked_name(name)
+        else:
+            raise BadRequestError(f"job {job[:80]!r} is neither run~NAME nor file~NAME")
+        if not path.is_file():
+            raise NotFoundError(f"there is no job {job!r} in {self.root}")
+        return path
+
+    def print_folder(self, job: str) -> Path:
+        """Where the journal of a job's print goes."""
+        path = self.job_file(job)
+        if job.startswith("run~"):
+            return path.parent / "print"
+        return path.with_name(path.name + ".print")
+
+    def jobs(self) -> list[str]:
+        """Every job, the newest file first."""
+        found = [(p, f"run~{p.parent.name}") for p in self.root.glob("runs/*/part.gcode")]
+        found += [(p, f"file~{p.name}") for p in self.root.glob("jobs/*.gcode")]
+        found.sort(key=lambda pair: pair[0].stat().st_mtime, reverse=True)
+        return [job for _, job in found]

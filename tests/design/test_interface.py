@@ -1,0 +1,37 @@
+"""What `import design` and `import registration` hand on."""
+
+import subprocess
+import sys
+
+import pytest
+
+import design
+import design.interface
+import registration
+import registration.interface
+
+QUICK = "import design.files, registration, sys; print('trimesh' in sys.modules)"
+
+
+@pytest.mark.parametrize("package", [design, registration])
+def test_package_names_what_its_interface_holds(package):
+    assert package.__all__ == package.interface.__all__
+    for name in package.__all__:
+        assert getattr(package, name) is getattr(package.interface, name)
+
+
+@pytest.mark.parametrize("package", [design, registration])
+def test_everything_handed_on_says_what_it_is(package):
+    for name in package.__all__:
+        if name != "LAB":
+            assert getattr(package, name).__doc__, name
+
+
+def test_a_name_that_is_not_there_is_refused_as_by_any_module():
+    with pytest.raises(AttributeError, match="no attribute 'grow_trees'"):
+        design.grow_trees  # noqa: B018
+
+
+def test_a_room_is_not_loaded_before_it_is_asked_for():
+    done = subprocess.run([sys.executable, "-c", QUICK], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

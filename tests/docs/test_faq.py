@@ -1,0 +1,48 @@
+"""Every error that a user or a script can meet has its entry in the FAQ, and no other."""
+
+import ast
+from pathlib import Path
+
+from printctl.cli.failures import message_and_code
+from sim.errors import GcodeError
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl")
+QUESTIONS = "## Questions that aren't errors"
+
+
+def error_classes() -> set[str]:
+    """Public exception classes by source: no module with an extra has to be imported."""
+    bases = {}
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef):
+                    bases[node.name] = {ast.unparse(base).split(".")[-1] for base in node.bases}
+    known = {"Exception", "ValueError", "RuntimeError", "OSError", "KeyError", "TypeError"}
+    while grown := {name for name, of in bases.items() if of & known} - known:
+        known |= grown
+    # What carries no message for people (a stop that was asked for) is no error.
+    return {name for name in known & set(bases) if not name.startswith("_")} - {"Over"}
+
+
+def entries() -> set[str]:
+    errors, _ = (ROOT / "docs" / "faq.md").read_text(encoding="utf-8").split(QUESTIONS)
+    return {line.removeprefix("### ") for line in errors.splitlines() if line.startswith("### ")}
+
+
+def test_every_public_error_is_in_the_faq():
+    assert error_classes() - entries() == set()
+
+
+def test_the_faq_has_no_error_that_is_gone():
+    assert entries() - error_classes() == set()
+
+
+def test_errors_are_found_at_all():
+    assert {"RecipeError", "PortLost", "RootError", "GcodeError", "DyeError"} <= error_classes()
+    assert len(error_classes()) > 35
+
+
+def test_a_fault_of_the_simulator_leaves_as_a_message():
+    assert message_and_code(GcodeError("a binary file")) == ("a binary file", 1)

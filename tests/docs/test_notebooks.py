@@ -1,0 +1,57 @@
+"""The notebooks run from the first cell to the last, and are stored without what they print."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
+# A pipe between kernel and client, since any user of the machine could read a port.
+EXECUTE = [sys.executable, "-c", "from nbclient.cli import main; main()", "--inplace"]
+OVER_A_PIPE = "--KernelManager.transport=ipc"
+
+
+def cells(path: Path) -> list[nbformat.NotebookNode]:
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+
+
+def test_there_are_three():
+    assert len(NOTEBOOKS) == 3
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_stored_without_outputs(path: Path):
+    assert cells(path)
+    assert all(not cell.outputs and cell.execution_count is None for cell in cells(path))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs_and_draws(path: Path, tmp_path: Path):
+    copy = tmp_path / path.name
+    shutil.copy(path, copy)
+    words = {
+        "PYTHONPATH": str(ROOT),
+        "JUPYTER_RUNTIME_DIR": str(tmp_path),
+        "IPYTHONDIR": str(tmp_path),
+    }
+    done = subprocess.run(
+        [*EXECUTE, OVER_A_PIPE, str(copy)],
+        env={**os.environ, **words},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    drawn = [
+        output
+        for cell in cells(copy)
+        for output in cell.outputs
+        if "image/png" in output.get("data", {})
+    ]
+    assert len(drawn) >= 2

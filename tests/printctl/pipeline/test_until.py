@@ -1,0 +1,93 @@
+"""A run that ends at a stage, and what it tells other programs meanwhile."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from printctl.progress_file import LEAST_S, ProgressFile
+from tests.printctl.cli.shell import Shell
+
+PLANAR: dict[str, Any] = {
+    "schema": 1,
+    "name": "planar",
+    "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+    "vasculature": {"design": "planar_four_vessel"},
+}
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys, "run")
+
+
+def _recipe(folder: Path, **more: Any) -> Path:
+    path = folder / "planar.yaml"
+    path.write_text(yaml.safe_dump({**PLANAR, **more}), encoding="utf-8")
+    return path
+
+
+def _told(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def test_a_run_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) -> None:
+    run, told = tmp_path / "run", tmp_path / "progress.jsonl"
+    recipe = str(_recipe(tmp_path))
+    command = (recipe, "--out", str(run), "--until", "flow", "--progress-file", str(told))
+    code, out, _ = shell(*command)
+    assert (code, out.splitlines()[-2]) == (0, "done as far as flow")
+    assert (run / "flow.csv").is_file()
+    assert not (run / "solid.stl").exists()
+    steps = _told(told)
+    assert steps[0]["stages"] == ["tissue", "vasculature", "flow"]
+    assert [step["name"] for step in steps if step["event"] == "done"] == steps[0]["stages"]
+    assert steps[-1]["event"] == "end"
+    assert steps[-1]["result"] == "done"
+
+
+def test_an_unknown_stage_is_named_with_those_there_are(shell: Shell, tmp_path: Path) -> None:
+    code, _, err = shell(str(_recipe(tmp_path)), "--out", str(tmp_path / "r"), "--until", "wall")
+    assert code == 2
+    assert "no stage 'wall'" in err
+    assert "dry run, lumens, print" in err
+
+
+def test_a_failed_run_says_why_in_its_last_line(shell: Shell, tmp_path: Path) -> None:
+    told = tmp_path / "p.jsonl"
+    recipe = str(_recipe(tmp_path, toolpath={"method": "fresh", "needle": "none_such"}))
+    command = (recipe, "--out", str(tmp_path / "r"), "--until", "toolpath")
+    code, _, err = shell(*command, "--progress-file", str(told))
+    assert code == 2
+    assert "none_such" in err
+    assert _told(told)[-1]["result"] == "failed"
+    assert "none_such" in _told(told)[-1]["message"]
+
+
+def test_a_wrong_recipe_is_told_there_too(shell: Shell, tmp_path: Path) -> None:
+    told = tmp_path / "p.jsonl"
+    recipe = str(_recipe(tmp_path, colour="red"))
+    shell(recipe, "--out", str(tmp_path / "r"), "--progress-file", str(told))
+    assert "colour" in _told(told)[-1]["message"]
+
+
+def test_without_a_finished_print_there_is_none_to_take(shell: Shell, tmp_path: Path) -> None:
+    toolpath = {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
+    recipe = str(_recipe(tmp_path, toolpath=toolpath))
+    code, _, err = shell(recipe, "--out", str(tmp_path / "r"), "--printed")
+    assert code == 4
+    assert "no finished print of part.gcode" in err
+
+
+def test_a_stage_that_reports_often_writes_seldom(tmp_path: Path) -> None:
+    now = [100.0]
+    told = ProgressFile(tmp_path / "p.jsonl", clock=lambda: now[0])
+    told.begin(("flow",), "flow")
+    for step in range(100):
+        now[0] = 100.0 + step * LEAST_S / 10
+        told.stage("flow", step / 100)
+    assert len(_told(tmp_path / "p.jsonl")) == 1 + 10

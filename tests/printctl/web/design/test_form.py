@@ -1,0 +1,161 @@
+"""The form that is made from the recipe's schema, held against the shipped recipes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from printctl.cli.init import STARTER
+from printctl.recipe import Recipe, parse_recipe
+from printctl.web.design import form as forms
+from printctl.web.design.checking import check_data, check_text
+from printctl.web.design.pane.words import shown, typed
+from printctl.web.design.recipes import EXAMPLES
+from printctl.web.design.schema import recipe_form
+from printctl.web.design.yaml_text import read_text, rewritten
+from printctl.web.errors import BadRequestError
+
+SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
+FORM = recipe_form()
+PLANAR: dict[str, Any] = {
+    "schema": 1,
+    "name": "planar",
+    "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+    "vasculature": {"design": "planar_four_vessel"},
+}
+
+
+def _through_the_form(data: dict[str, Any]) -> dict[str, Any]:
+    """The data of a form that was filled in with it, each value as its input shows and reads it."""
+    new: dict[str, Any] = {}
+    for path, value in forms.said(FORM, data):
+        field = forms.field_at(FORM, data, path)
+        assert field is not None, path
+        node = field.node.items[0] if isinstance(path[-1], int) else field.node
+        if node.sort in ("number", "text", "file"):
+            value = typed(node, shown(node, value))
+        new = forms.put(FORM, new, path, value)
+    return new
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_recipe_goes_through_the_form_unchanged(path: Path) -> None:
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    again = _through_the_form(data)
+    assert again == data
+    assert parse_recipe(again, "form") == parse_recipe(data, "file")
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_recipe_has_nothing_to_mend(path: Path) -> None:
+    assert check_text(path.read_text(encoding="utf-8"), path.parent).problems == ()
+
+
+def test_every_key_of_the_model_is_in_the_form() -> None:
+    keys = {field.key for field in FORM.fields}
+    assert keys == {info.alias or name for name, info in Recipe.model_fields.items()}
+    free = {path for path, field in FORM.walk() if field.node.sort == "free"}
+    assert free == {("plate", "wells"), ("plate", "sweep"), ("plate", "scanned")}
+
+
+def test_fields_know_bounds_units_choices_and_defaults() -> None:
+    fields = {path: field for path, field in FORM.walk()}
+    layer = fields["toolpath", "layer_um"]
+    assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
+    assert fields["printer", "ink"].node.profile == "inks"
+    assert fields["flow", "pulse", "shape"].node.values == ("ejection", "roller_pump")
+    tags = [option.tag for option in fields["vasculature",].node.options]
+    assert tags == ["design", "network", "lattice", "grow: tree", "grow: closed_loop"]
+
+
+def test_each_option_of_a_choice_is_told_by_what_it_begins_with() -> None:
+    choices = [field.node for _, field in FORM.walk() if field.node.sort == "choice"]
+    assert len(choices) > 5
+    for node in choices:
+        for option in node.options:
+            found = node.option(option.begin)
+            assert found is not None
+            assert found.tag == option.tag
+
+
+def test_a_value_inside_a_section_that_isnt_there_brings_its_kind() -> None:
+    data = forms.put(FORM, PLANAR, ("toolpath", "layer_um"), 50)
+    assert data["toolpath"] == {"method": "fresh", "layer_um": 50}
+    assert "toolpath" not in PLANAR
+
+
+def test_what_is_taken_back_leaves_no_empty_section() -> None:
+    data = forms.put(FORM, PLANAR, ("printer", "care", "reload"), True)
+    assert forms.removed(FORM, data, ("printer", "care", "reload")) == PLANAR
+
+
+def test_an_optional_section_stays_when_it_is_empty() -> None:
+    data = forms.put(FORM, {**PLANAR, "oxygen": {}}, ("oxygen", "sherwood"), 4)
+    assert forms.removed(FORM, data, ("oxygen", "sherwood"))["oxygen"] == {}
+
+
+@pytest.mark.parametrize(
+    ("more", "place", "words"),
+    [
+        ({"flow": {"viscosity": {"model": "carreau", "index": 7}}}, "flow.viscosity.index", "1"),
+        ({"toolpath": {"method": "fresh", "layer_um": 1}}, "toolpath.layer_um", "10"),
+        ({"printer": {"ink": "nope"}}, "printer.ink", "shipped: "),
+        ({"seed": "x"}, "seed", "integer"),
+        ({"tissue": {"shape": "blok"}}, "tissue", "choose one of"),
+        ({"colour": "red"}, "colour", "spelling"),
+        (
+            {"tissue": {**PLANAR["tissue"], "keep_out": [{"shape": "sphere", "radius_mm": 1}]}},
+            "tissue.keep_out.0.centre_mm",
+            "required",
+        ),
+        (
+            {"toolpath": {"method": "fresh", "regions": [{"where": {"mesh": "/etc/passwd"}}]}},
+            "toolpath.regions.0.where.mesh",
+            "beside the recipe",
+        ),
+    ],
+)
+def test_a_problem_stands_at_its_field(
+    more: dict[str, Any], place: str, words: str, tmp_path: Path
+) -> None:
+    problems = check_data({**PLANAR, **more}, tmp_path).problems
+    found = [problem for problem in problems if problem.place == place]
+    assert found, [problem.message for problem in problems]
+    assert words in found[0].message
+
+
+def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
+    text = STARTER.read_text(encoding="utf-8")
+    data = read_text(text)
+    changed = forms.put(FORM, data, ("toolpath", "layer_um"), 75)
+    changed = forms.put(FORM, changed, ("oxygen",), {})
+    changed = forms.removed(FORM, changed, ("scan", "shrink_percent"))
+    again = rewritten(text, changed)
+    assert read_text(again) == changed
+    assert again.count("#") == text.count("#")
+    assert "layer_um: 75" in again
+
+
+BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BOMB, "aliases"),
+        ("schema: 1\nname: !!python/object/apply:os.system ['true']\n", "tags"),
+        ("schema: 1\nname: !something x\n", "tags"),
+        ("[" * 40 + "]" * 40, "levels"),
+        ("- 1\n- 2\n", "no keys"),
+        ("a: [1, 2\n", "isn't YAML"),
+        ("a: " + "x" * 300_000, "at most"),
+        ("a: \x00", "isn't YAML"),
+        ("1: 2\n", "no keys"),
+    ],
+)
+def test_hostile_text_is_refused(text: str, words: str) -> None:
+    with pytest.raises(BadRequestError, match=words):
+        read_text(text)

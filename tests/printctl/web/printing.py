@@ -1,0 +1,68 @@
+"""A print under way in a workspace, to a printer behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from firmware_profiles import Printer, load
+from printctl.link import LinkState, PrintClient, start_print
+from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
+
+LINES = 200_000
+
+
+@dataclass(frozen=True)
+class UnderWay:
+    """A print that goes on, and its printer."""
+
+    client: PrintClient
+    printer: FakeMarlin
+    folder: Path
+
+
+def quick_profile(folder: Path) -> str:
+    """A printer that doesn't reset when its port is opened: no wait for its boot."""
+    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
+    path = folder / "quick.yaml"
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
+
+
+@contextmanager
+def under_way(workspace: Path, run: str = "heart") -> Iterator[UnderWay]:
+    """Print ``run`` of a workspace; whatever is left of it is killed at last."""
+    folder = workspace / "runs" / run
+    folder.mkdir(parents=True, exist_ok=True)
+    write_job(folder / "part.gcode", LINES)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(
+            folder / "part.gcode", quick_profile(workspace), served.name, folder / "print"
+        )
+        try:
+            yield UnderWay(client, served.printer, folder / "print")
+        finally:
+            if not client.status.ended:
+                client.kill()
+                client.wait(20)
+            client.detach()
+
+
+def soon(truth: Callable[[], bool], limit_s: float = 20.0) -> bool:
+    """Wait until something is so; whether it came to be."""
+    limit = time.monotonic() + limit_s
+    while not truth():
+        if time.monotonic() > limit:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def ended_by_kill(print_: UnderWay) -> bool:
+    """Whether M112 was on the wire, and the print ended by it."""
+    return print_.client.wait(20).state is LinkState.KILLED and print_.printer.halted

@@ -1,0 +1,159 @@
+"""The stop reaches the printer whatever the server does."""
+
+import json
+import os
+import signal
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from printctl.web.security.sessions import GRACE_S, LIFETIME_S, Sessions, signing_secret
+from tests.printctl.web.printing import ended_by_kill, soon, under_way
+from tests.printctl.web.serving import Process, server_process
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def ask(url: str, method: str = "POST", **headers: str) -> tuple[int, list[dict], dict[str, str]]:
+    request = urllib.request.Request(url, method=method, headers=headers, data=None)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            text, status, said = answer.read().decode(), answer.status, dict(answer.headers)
+    except urllib.error.HTTPError as exc:
+        text, status, said = exc.read().decode(), exc.code, dict(exc.headers)
+    return status, [json.loads(line) for line in text.splitlines() if line], said
+
+
+def by_token(server: Process) -> dict[str, str]:
+    return {"Authorization": f"Bearer {server.token}"}
+
+
+def by_cookie(server: Process, workspace: Path, age_s: float = 0.0) -> dict[str, str]:
+    private = workspace / ".printctl"
+    sessions = Sessions(
+        signing_secret(private, None), private / "revoked", lambda: time.time() - age_s
+    )
+    name = f"printctl_{urlsplit(server.url).port}"
+    return {"Cookie": f"a=b; {name}={sessions.issue()}", "Origin": server.url}
+
+
+def connected(server: Process) -> int:
+    _, said, _ = ask(server.stop.replace("/stop", "/alive"), "GET", **by_token(server))
+    return int(said[0]["connected"])
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> tuple[Process, Path]:
+    workspace = tmp_path_factory.mktemp("serve") / "workspace"
+    with server_process(workspace) as server:
+        yield server, workspace
+
+
+def test_a_stop_reaches_the_printer_while_the_server_hangs(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "hanging") as print_:
+        assert soon(lambda: connected(server) == 1)
+        server.halt()
+        try:
+            status, said, headers = ask(server.stop, **by_cookie(server, workspace))
+        finally:
+            server.go_on()
+        assert status == 200
+        assert headers["Access-Control-Allow-Origin"] == server.url
+        assert [one["folder"] for one in said[0]["sent"]] == [str(print_.folder)]
+        assert said[1]["outcome"][0]["state"] == "killed"
+        assert "M112 left the host after" in said[1]["outcome"][0]["message"]
+        assert ended_by_kill(print_)
+
+
+def test_the_server_stops_too_and_finds_a_print_that_just_began(
+    served: tuple[Process, Path],
+) -> None:
+    server, workspace = served
+    with under_way(workspace, "fresh") as print_:
+        status, said, _ = ask(f"{server.url}/api/v1/stop", **by_token(server))
+        assert status == 200
+        assert len(said[0]["sent"]) == 1
+        assert ended_by_kill(print_)
+
+
+def test_with_nothing_to_stop_the_answer_says_so(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    assert soon(lambda: connected(server) == 0)
+    status, said, _ = ask(server.stop, **by_token(server))
+    assert (status, said) == (200, [{"sent": []}, {"outcome": []}])
+
+
+def test_who_may_not_stop_is_refused(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    mine = by_cookie(server, workspace)
+    assert ask(server.stop)[0] == 401
+    assert ask(server.stop, Origin=server.url)[0] == 401
+    assert ask(server.stop, Authorization="Bearer no")[0] == 401
+    assert ask(server.stop, Cookie=mine["Cookie"])[0] == 401  # no page of ours said so
+    for origin in ("http://evil.example", "null", server.url + "0", server.stop[:-5]):
+        status, _, headers = ask(server.stop, **{**mine, "Origin": origin})
+        assert status == 403
+        assert "Access-Control-Allow-Origin" not in headers
+    assert ask(server.stop, **{**mine, "Host": "evil.example"})[0] == 421
+    old = by_cookie(server, workspace, LIFETIME_S + GRACE_S + 60)
+    assert ask(server.stop, **old)[0] == 401
+    assert ask(server.stop.replace("/stop", "/other"), **mine)[0] == 404
+    forged = {**mine, "Cookie": mine["Cookie"][:-4] + "0000"}
+    assert ask(server.stop, **forged)[0] == 401
+
+
+def test_a_session_that_just_ended_may_still_stop(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    assert ask(server.stop, **by_cookie(server, workspace, LIFETIME_S + 60))[0] == 200
+
+
+def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    door = next(pid for pid in children(server.pid) if "stop_door" in command_of(pid))
+    os.kill(door, signal.SIGKILL)
+    assert soon(lambda: not Path(f"/proc/{door}/cmdline").exists() and answers(server))
+
+
+def test_the_door_outlives_a_server_that_is_killed_while_something_prints(tmp_path: Path) -> None:
+    workspace = tmp_path / "workspace"
+    with server_process(workspace) as server, under_way(workspace) as print_:
+        assert soon(lambda: connected(server) == 1)
+        server.process.kill()
+        server.process.wait()
+        assert not print_.client.status.ended
+        assert ask(server.stop, **by_token(server))[0] == 200
+        assert ended_by_kill(print_)
+        assert soon(lambda: not answers(server))
+
+
+def test_a_server_that_is_told_to_end_leaves_the_print_alone(tmp_path: Path) -> None:
+    workspace = tmp_path / "workspace"
+    with server_process(workspace) as server, under_way(workspace) as print_:
+        before = print_.client.status.lines_done
+        server.process.send_signal(signal.SIGINT)
+        assert server.process.wait(10) == 0
+        assert not answers(server)
+        assert not (workspace / ".printctl" / "serve.json").exists()
+        assert soon(lambda: print_.client.status.lines_done > before)
+        with server_process(workspace) as again:
+            assert soon(lambda: connected(again) == 1)
+
+
+def answers(server: Process) -> bool:
+    try:
+        return ask(server.stop.replace("/stop", "/alive"), "GET", **by_token(server))[0] == 200
+    except OSError:
+        return False
+
+
+def children(pid: int) -> list[int]:
+    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def command_of(pid: int) -> str:
+    return Path(f"/proc/{pid}/cmdline").read_text()
