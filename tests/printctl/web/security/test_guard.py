@@ -247,7 +247,7 @@ def test_every_answer_has_its_security_headers(here: Served) -> None:
     for path in ("/printer", "/login", "/api/v1/health", "/api/v1/none", "/static/shell/stop.js"):
         headers = here.client().get(path).headers
         assert headers["x-content-type-options"] == "nosniff"
-        assert headers["referrer-policy"] == "no-referrer"
+        assert headers["referrer-policy"] == "same-origin"
         assert headers["cross-origin-opener-policy"] == "same-origin"
         policy = headers["content-security-policy"]
         assert "frame-ancestors 'none'" in policy

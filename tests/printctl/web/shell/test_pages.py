@@ -1,0 +1,230 @@
+"""The frame of every page, in a real browser."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.printctl.web.printing import ended_by_kill, soon, under_way
+from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, chromium, shown
+
+pytestmark = pytest.mark.browser
+PAGES = ("/printer", "/job", "/design", "/scan", "/history")
+DIALOG = """() => {
+  const dialog = document.createElement("div");
+  dialog.innerHTML = '<div style="position:fixed;inset:0;z-index:6000;background:#0008">'
+    + '<input id="in-dialog"></div>';
+  document.body.append(dialog);
+  const field = document.getElementById("in-dialog");
+  field.addEventListener("keydown", (event) => event.stopPropagation());
+  field.focus();
+}"""
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> tuple[Process, Path]:
+    workspace = tmp_path_factory.mktemp("shell") / "workspace"
+    with server_process(workspace) as server:
+        yield server, workspace
+
+
+@pytest.fixture(scope="module")
+def browser() -> Any:
+    with chromium() as found:
+        yield found
+
+
+def banner(page: Any) -> str:
+    return str(page.text_content("#pc-stopped p"))
+
+
+def test_the_button_stops_while_the_server_hangs(served: Any, browser: Any) -> None:
+    server, workspace = served
+    page = shown(browser, f"{server.url}/printer")
+    with under_way(workspace, "button") as print_:
+        page.wait_for_timeout(1500)  # the door finds the print
+        server.halt()
+        try:
+            page.click("#pc-stop")
+            assert ended_by_kill(print_)
+            page.wait_for_function(
+                "document.querySelector('#pc-stopped p').textContent.includes('M112 left the host')"
+            )
+            assert "Halt (M112) went to 1 printer after" in banner(page)
+            page.wait_for_function(
+                "document.querySelector('#pc-lost').textContent.includes('print goes on')"
+            )
+        finally:
+            server.go_on()
+    page.wait_for_function("document.querySelector('#pc-lost').hidden")
+    page.context.close()
+
+
+def test_escape_twice_stops_from_within_a_dialog_while_the_server_hangs(
+    served: Any, browser: Any
+) -> None:
+    server, workspace = served
+    page = shown(browser, f"{server.url}/job")
+    with under_way(workspace, "keys") as print_:
+        page.wait_for_timeout(1500)
+        page.evaluate(DIALOG)
+        server.halt()
+        try:
+            page.keyboard.press("Escape")
+            page.wait_for_timeout(1300)  # too slow: not twice
+            page.keyboard.press("Escape")
+            assert not print_.client.status.ended
+            page.keyboard.press("Escape")
+            assert ended_by_kill(print_)
+        finally:
+            server.go_on()
+    page.context.close()
+
+
+def test_the_page_and_its_stop_outlive_a_server_that_is_killed(
+    tmp_path: Path, browser: Any
+) -> None:
+    workspace = tmp_path / "workspace"
+    with server_process(workspace) as server, under_way(workspace) as print_:
+        page = shown(browser, f"{server.url}/printer")
+        page.wait_for_timeout(1500)
+        server.process.kill()
+        page.wait_for_selector("#pc-lost:not([hidden])")
+        page.wait_for_timeout(25_000)  # NiceGUI itself would reload by now
+        page.click("#pc-stop")
+        assert ended_by_kill(print_)
+        page.context.close()
+
+
+def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser: Any) -> None:
+    server, _ = served
+    page = shown(browser, f"{server.url}/printer")
+    page.route("**/stop", lambda route: route.abort())
+    page.click("#pc-stop")
+    page.wait_for_function(
+        "document.querySelector('#pc-stopped p').textContent.includes('CUT THE PRINTER')"
+    )
+    page.context.close()
+
+
+def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: Any) -> None:
+    server, _ = served
+    pages = [shown(browser, f"{server.url}{way}") for way in ("/printer", "/job", "/history")]
+    first, second, third = pages
+    first.click("#pc-take")
+    first.wait_for_selector("text=You hold the controls")
+    for other in (second, third):
+        other.wait_for_selector("#pc-holder:has-text('Chrome on Linux at this machine')")
+    second.click("#pc-take")  # asks whether that is meant
+    second.wait_for_selector("#pc-take:has-text('Sure?')")
+    second.click("#pc-take")
+    second.wait_for_selector("text=You hold the controls")
+    first.wait_for_selector("#pc-take:has-text('Take over')")
+    second.click("#pc-take")
+    for page in pages:
+        page.wait_for_selector("text=Controls: nobody")
+        page.context.close()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+@pytest.mark.parametrize("way", PAGES)
+def test_axe_finds_nothing_serious(
+    served: Any, browser: Any, way: str, size: dict[str, int], theme: str
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    page = shown(browser, f"{served[0].url}{way}", viewport=size, color_scheme=theme)
+    page.wait_for_timeout(500)
+    found = [
+        (one["id"], one["impact"], [node["html"][:200] for node in one["nodes"]][:3])
+        for one in axe.run(page).response["violations"]
+        if one["impact"] in ("serious", "critical")
+    ]
+    page.context.close()
+    assert found == []
+
+
+@pytest.mark.parametrize("way", PAGES)
+@pytest.mark.parametrize("size", [PHONE, TABLET, WIDE], ids=["phone", "tablet", "wide"])
+def test_the_frame_fits_and_is_large_enough_to_touch(
+    served: Any, browser: Any, way: str, size: dict[str, int]
+) -> None:
+    page = shown(browser, f"{served[0].url}{way}", viewport=size)
+    assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+    for target in page.query_selector_all(".pc-header a, .pc-header button"):
+        if target.is_visible():
+            box = target.bounding_box()
+            assert box["height"] >= 44, target.text_content()
+            assert box["width"] >= 44, target.text_content()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= size["width"]
+    stop = page.query_selector("#pc-stop").bounding_box()
+    assert min(stop["height"], stop["width"]) >= 56
+    page.evaluate("window.scrollTo(0, 5000)")
+    stop = page.query_selector("#pc-stop").bounding_box()
+    assert 0 <= stop["y"] < size["height"] / 2
+    assert page.locator("h1").count() == 1
+    assert page.locator("main").count() == 1
+    page.context.close()
+
+
+def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
+    page = shown(browser, f"{served[0].url}/printer", color_scheme="light")
+    page.click("#pc-theme")
+    page.click("#pc-theme")
+    page.wait_for_selector("#pc-theme:has-text('dark')")
+    page.goto(f"{served[0].url}/history")
+    page.wait_for_selector("body.body--dark")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.context.close()
+
+
+def test_a_script_that_slips_into_a_page_does_not_run(served: Any, browser: Any) -> None:
+    page = shown(browser, f"{served[0].url}/printer")
+    page.evaluate(
+        """() => {
+          const place = document.createElement("div");
+          place.innerHTML = '<img src="data:," onerror="window.slipped = 1">';
+          document.body.append(place);
+          const script = document.createElement("script");
+          script.textContent = "window.slipped = 2";
+          document.body.append(script);
+        }"""
+    )
+    page.wait_for_timeout(300)
+    assert page.evaluate("window.slipped") is None
+    page.context.close()
+
+
+def test_nothing_is_fetched_from_elsewhere(served: Any, browser: Any) -> None:
+    server, _ = served
+    page = browser.new_context().new_page()
+    asked: list[str] = []
+    troubles: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("console", lambda said: troubles.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda problem: troubles.append(str(problem)))
+    for way in (*PAGES, "/api/docs"):
+        page.goto(server.url + way)
+        page.wait_for_timeout(500)
+    page.wait_for_selector("text=POST /api/v1/stop")
+    assert not [u for u in asked if not u.startswith(("http://127.0.0.1:", "data:", "blob:"))]
+    assert troubles == []
+    page.context.close()
+
+
+def test_logged_out_the_page_asks_for_the_password(tmp_path: Path, browser: Any) -> None:
+    secret = tmp_path / "password"
+    secret.write_text("bath and needle\n")
+    with server_process(tmp_path / "workspace", "--password-file", str(secret)) as server:
+        page = browser.new_context().new_page()
+        page.goto(f"{server.url}/job")
+        page.fill("#password", "bath and needle")
+        page.click("button:has-text('Log in')")
+        page.wait_for_selector("#pc-take:visible")
+        assert page.url == f"{server.url}/job"
+        page.click("button:has-text('Log out')")
+        page.wait_for_selector("#password")
+        page.context.close()
+    assert soon(lambda: not (tmp_path / "workspace" / ".printctl" / "serve.json").exists())
