@@ -10,6 +10,10 @@ export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
 
+# The operator's page at http://127.0.0.1:8080, in the folder workspace/; ARGS="--port 9000" for more.
+serve: $(VENV)/.ready-web
+	$(BIN)/printctl serve $(ARGS)
+
 test: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
@@ -88,6 +92,13 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
 	$(BIN)/printctl doctor --warm
+	touch $@
+
+# Kernels are compiled when they are first needed: the page is seen sooner.
+$(VENV)/.ready-web: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[web]"
 	touch $@
 
 $(VENV)/.ready-test: $(VENV)/.ready
