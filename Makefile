@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search clean
+.PHONY: demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -62,6 +62,31 @@ bench-flow: $(VENV)/.ready
 bench-search: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.search $(BENCH)
 
+# The user guide, in site/: opens without a network. Fails on a dead link, as CI does.
+docs: $(VENV)/.ready-docs
+	$(BIN)/python -m docs_tools.commands
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+# Minutes: runs the examples and draws the guide's gallery anew; NAMES="ring_closed_loop" for some.
+gallery: $(VENV)/.ready-test
+	$(BIN)/python -m docs_tools.gallery $(NAMES)
+
+# Wheel and source distribution, in dist/.
+dist: $(VENV)/.ready-release
+	$(BIN)/python .ci/dist.py build
+
+# The same, and the wheel tried in an environment that has nothing else.
+test-dist: $(VENV)/.ready-release
+	$(BIN)/python .ci/dist.py try
+
+# Known vulnerabilities of what constraints.txt pins; says so where no service answers.
+audit: $(VENV)/.ready-release
+	$(BIN)/python .ci/audit.py
+
+# The page while it prints: the stop's way to the wire, what browsers cost; BENCH="--quick" for few tries.
+bench-operator: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks.operator $(BENCH)
+
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
@@ -73,5 +98,13 @@ $(VENV)/.ready-test: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
 	touch $@
 
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	touch $@
+
+$(VENV)/.ready-release: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[release]"
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

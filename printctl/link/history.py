@@ -18,7 +18,7 @@ import sqlite3
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -152,9 +152,8 @@ class PrintHistory:
             self._catch_up()
             with self._open() as index:
                 rows = index.execute(
-                    f"SELECT {_SELECTED} FROM prints p "
-                    "WHERE substr(p.id, 1, length(?1)) = ?1 LIMIT 2",
-                    [print_id],
+                    f"SELECT {_SELECTED} FROM prints p WHERE p.id >= ? AND p.id < ? LIMIT 2",
+                    [print_id, f"{print_id}\x7f"],
                 ).fetchall()
                 found = _entries(index, rows) if print_id else []
         if len(found) != 1:
@@ -198,7 +197,7 @@ class PrintHistory:
         with self._open() as index:
             for entry, stamp in found:
                 if entry is not None:
-                    _put(index, entry, stamp)
+                    put(index, entry, stamp)
 
     def _prepare(self) -> None:
         with self._open() as index:
@@ -299,10 +298,10 @@ def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> l
     return found
 
 
-def _put(
-    index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]
-) -> None:
-    values = asdict(entry) | {"journal": str(entry.journal.resolve())}
+def put(index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]) -> None:
+    """Write one print into an open index; ``stamp`` is its journal's size and time of change."""
+    values = {name: getattr(entry, name) for name in _COLUMNS}
+    values["journal"] = str(entry.journal.resolve())
     marks = ", ".join("?" * len(_COLUMNS))
     index.execute(
         f"INSERT OR REPLACE INTO prints ({', '.join(_COLUMNS)}) VALUES ({marks})",

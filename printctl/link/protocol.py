@@ -195,7 +195,7 @@ class LinkProtocol(Protocol):
     kill_bytes : bytes
         What halts the firmware at once, out of band.
     report : bytes
-        Temperatures or position that it told last without being asked; empty for none.
+        Temperatures as it told them last in a line of their own; empty for none.
     """
 
     deadline: float

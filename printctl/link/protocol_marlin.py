@@ -119,7 +119,7 @@ class MarlinProtocol(MarlinSender):
             return
         if reply.kind is Kind.ERROR and reply.number < 0:
             self._complaint = reply.words  # why it halts, if it does
-        if reply.kind is Kind.REPORT:
+        if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
             self.report = reply.text
         if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
             self._end(said.Halted(self._complaint or reply.words), events)

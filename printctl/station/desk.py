@@ -12,7 +12,6 @@ from printctl.link.channel import Over
 from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
 from printctl.link.process import Order, Wire, serve
-from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.printing.executed import record_for, write_note
@@ -185,10 +184,8 @@ class Desk(Attending):
         message = "closed"
         if self._status.state not in DOWN and self._standby is not None:
             with contextlib.suppress(LinkError, Over):
-                for command in heaters_off(self.known.printer):
-                    self._standby.do(command.decode("ascii"))
-                self._standby.let_go()
-                message = "closed; heaters off but for those that the profile keeps on"
+                on = ", ".join(self._standby.let_go())
+                message = f"closed; {on} stays on (safe_state_on)" if on else "closed; heaters off"
         self.closing = True
         if self._standby is not None:
             self._standby.end()

@@ -31,6 +31,8 @@ class Knowledge:
         Travel of the syringe in use that is used up; None where nobody said.
     part_in_dish : bool
         Whether something was printed into the dish.
+    needle_known : bool
+        Whether anybody said which needle is on, or that none is.
     """
 
     printer: Printer
@@ -38,10 +40,12 @@ class Knowledge:
     homed: tuple[bool, bool, bool] = _UNKNOWN
     plunger_mm: float | None = None
     part_in_dish: bool = False
+    needle_known: bool = False
     kit: Kit = field(default_factory=Kit)
 
     def __post_init__(self) -> None:
         self.kit = read_kit(self.mounted)
+        self.needle_known = bool(self.mounted.needle)
 
     @property
     def trusted(self) -> bool:
@@ -87,6 +91,7 @@ class Knowledge:
         if "z" in axes and not self.homed[2]:
             told = replace(told, bath_level_mm=None)
         self.mounted, self.kit = told, replace(self.kit, needle=None)
+        self.needle_known = True
         known = [name in axes or old for name, old in zip("xyz", self.homed, strict=True)]
         self.homed = (known[0], known[1], known[2])
 
@@ -113,9 +118,9 @@ class Knowledge:
     def mount(self, said: dict[str, Any]) -> None:
         """Take notice of what the user says is mounted.
 
-        Another needle has another offset: the floor must be touched off again. Another dish has
-        another floor and no print in it. A syringe that is named is a full one, unless
-        ``plunger_mm`` says otherwise.
+        Another needle has another length: nobody knows any more how high its tip is, and the floor
+        must be touched off again. Another dish has another floor and no print in it. A syringe
+        that is named is a full one, unless ``plunger_mm`` says otherwise.
 
         Raises
         ------
@@ -142,6 +147,9 @@ class Knowledge:
         if {"dish", "bath"} & set(told) and "bath_level_mm" not in told:
             mounted = replace(mounted, bath_level_mm=None)
         self.kit = read_kit(mounted)
+        if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
+            self.homed = (self.homed[0], self.homed[1], False)
+        self.needle_known = self.needle_known or "needle" in told
         self.mounted, self.plunger_mm = mounted, _used(used)
         self.part_in_dish = self.part_in_dish and "dish" not in told
 

@@ -208,9 +208,9 @@ def speed_limit(bounds: Bounds, start: Place, target: Place) -> tuple[float, str
     length = math.dist(start, target)
     limits = []
     for axis, begin, end in zip(_AXES, start, target, strict=True):
-        if end != begin:
+        share = abs(end - begin) / length if length else 0.0
+        if share > _TINY_MM:
             fastest = getattr(bounds.printer.max_speed_mm_s, axis)
-            share = abs(end - begin) / length
             limits.append((fastest / share, f"max_speed_mm_s.{axis} of {bounds.printer.name}"))
     if bounds.needle_above_dish and min(start[2], target[2]) < (bounds.rim_mm or math.inf):
         limits.append((IN_DISH_MM_S, "a needle below the rim of the dish"))

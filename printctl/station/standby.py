@@ -6,19 +6,17 @@ One thread runs all of it. `halt_motion` and `kill` may be called by others.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from typing import Final
 
 from design.toolpath.gcode.dialect import DIALECTS
-from printctl.link import protocol as said
-from printctl.link.channel import Over, Wiring
-from printctl.link.checking import Checking
+from printctl.link.channel import Wiring
 from printctl.link.errors import LinkError
-from printctl.link.job import Job
 from printctl.link.modal import parse_position
 from printctl.link.placing import RETRIES
+from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState
+from printctl.station.listening import Listening
 from printctl.station.status import Place, Temperature
 from printctl.station.temperatures import parse_temperatures
 
@@ -35,8 +33,8 @@ _WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
 
 
-class Standby(Checking):
-    """One printer without a job; see `Checking` for what it is given.
+class Standby(Listening):
+    """One printer without a job; see `Listening` for what it hears.
 
     Parameters
     ----------
@@ -53,21 +51,16 @@ class Standby(Checking):
     plunger : float or None, mm
         E as the printer counts it.
     temperatures : tuple of Temperature
-    trouble : str
-        What was read above its limit last, or what the printer complained of unasked.
     """
 
     def __init__(self, wiring: Wiring, pace: float, changed: Callable[[], None]) -> None:
-        super().__init__(wiring, Job([], [], "", "no job"))
+        super().__init__(wiring)
         self._pace, self._changed = pace, changed
         self._dialect = DIALECTS[wiring.printer.firmware]
         self._poll_due = self._sign_due = 0.0
-        self._begun = False
-        self._halt = threading.Event()
         self.position: Place | None = None
         self.plunger: float | None = None
         self.temperatures: tuple[Temperature, ...] = ()
-        self.trouble = ""
 
     @property
     def readings(self) -> tuple[str, ...]:
@@ -94,20 +87,24 @@ class Standby(Checking):
         if self.wiring.printer.firmware in _HELD_BY_M84:
             self._command(b"M84 S0")  # else the motors lose their power, and the place its meaning
         self._sign_of_life()
-        self.look()
         self._poll()
 
     def end(self) -> None:
         """Take no further part: what another thread wishes of this one is over."""
         self._ended.set()
 
-    def let_go(self) -> None:
-        """Leave the printer to itself: its own switch-off time is taken back.
+    def let_go(self) -> list[str]:
+        """Leave the printer to itself, heaters off; give the names of those that stay on.
 
-        Its motors stay powered, so that nothing sinks.
+        The motors stay powered, so that nothing sinks. The firmware's own switch-off time is taken
+        back, but not where something stays on: then it must strike.
         """
-        if self._dialect.idle_timeout and self._dialect.zero_is_off:
-            self._command(self._dialect.idle_timeout.format(seconds="0").encode("ascii"))
+        self.do(*(command.decode("ascii") for command in heaters_off(self.wiring.printer)))
+        self._poll()
+        on = [one.name for one in self.temperatures if one.target_c]
+        if not on and self._dialect.idle_timeout and self._dialect.zero_is_off:
+            self.do(self._dialect.idle_timeout.format(seconds="0"))
+        return on
 
     def halt_motion(self) -> None:
         """End the move that goes on, soon; from any thread. The position stays known."""
@@ -138,6 +135,7 @@ class Standby(Checking):
         self._poll_due = now + POLL_S
         found = parse_temperatures(self._command(b"M105", journalled=False))
         self.temperatures = found or self.temperatures
+        self.look()  # somebody may turn the knob on the machine
         high = self._too_high(now)
         if high and high != self.trouble:
             self._alarm(high)
@@ -289,76 +287,10 @@ class Standby(Checking):
                 "(soft endstops) or a wrong position keep it from there"
             )
 
-    def _taken_fault(self) -> str:
-        text, self._fault = self._fault, ""
-        return text
-
     def _raise_fault(self, what: str) -> None:
         text = self._taken_fault()
         if text:
             raise LinkError(f"{text} (asked for: {what})")
-
-    # --- what a print does otherwise -----------------------------------------------------------
-
-    def _progress(self) -> str:
-        return "no print was going on"
-
-    def _record(self, sort: str, **values: object) -> None:
-        if sort != "reading":  # once a second for days
-            super()._record(sort, **values)
-
-    def _on_fault(self, event: said.Fault) -> None:
-        self._fault = self._fault or f"the printer says {event.text!r}"
-        self._alarm(self._fault)
-
-    def _on_went_back(self, event: said.WentBack) -> None:
-        self._alarm(f"lines {event.first} to {event.last} weren't taken after all; sent again")
-        if event.controls:
-            self._awaited = event.first + len(event.controls) - 1
-
-    def _on_action(self, event: said.Action) -> None:
-        if event.name in ("pause", "paused", "cancel"):
-            self._alarm(f"the printer asks for {event.name!r}")
-            self._halt.set()
-
-    def _on_noisy(self, event: said.Noisy) -> None:
-        self.trouble = (
-            f"{event.errors} line errors in {event.lines} lines: check cable and earthing"
-        )
-        self._alarm(self.trouble)
-
-    def _on_booted(self, event: said.Booted) -> None:
-        super()._on_booted(event)
-        if self._begun:
-            self._on_reset(said.WasReset())
-
-    def _on_reset(self, event: said.WasReset) -> None:
-        if not self._begun:
-            super()._on_reset(event)
-        raise Over(
-            LinkState.POSITION_UNKNOWN,
-            "the printer was reset: its position and its heaters' targets are gone; see what it "
-            "stands in, then reconnect",
-            known=False,
-        )
-
-    def _on_out_of_step(self, event: said.OutOfStep) -> None:
-        raise Over(
-            LinkState.POSITION_UNKNOWN,
-            f"the printer's last line is {event.last}, ours {event.expected}: another program may "
-            "have spoken to it; see that nothing else is connected, then reconnect",
-            known=False,
-        )
-
-    def _on_silent(self, event: said.Silent) -> None:
-        if not self._begun:
-            super()._on_silent(event)
-        raise Over(
-            LinkState.FAILED,
-            f"the printer gave no usable answer for {event.seconds:.0f} s; check power and cable, "
-            "then reconnect",
-            known=False,
-        )
 
 
 def _pieces(seconds: float) -> int:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from design.files import replacing
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care
@@ -15,6 +13,7 @@ from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import GCODE
 from printctl.printing import (
@@ -28,6 +27,7 @@ from printctl.printing import (
     simulated_printer,
     usable_mm,
 )
+from printctl.printing.executed import is_whole
 from printctl.progress import Report
 from printctl.recipe.making import SimulatedScan
 from sim.executed import ExecutedMotion
@@ -162,10 +162,13 @@ def taken(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:
     }
     if not isinstance(context.scan_part, SimulatedScan):
         return summary, []
-    own = folder / EXECUTED
-    if own.is_file():
-        with replacing(context.folder / EXECUTED) as draft:
-            shutil.copyfile(own, draft)
+    job = digest_file(gcode)
+    if not is_whole(context.folder / EXECUTED, job, context.printer):
+        raise PrinterFailedError(
+            f"what the motors did in that print isn't known ({EXECUTED} is missing, broken off, or "
+            "of another version), so its scan can't be simulated; print it again on the simulated "
+            "printer, or give the scan as a file (scan: {file: ...})"
+        )
     return {**summary, **executed_facts(context)}, [EXECUTED]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from nicegui import events, ui
 
@@ -47,7 +48,7 @@ class _Page:
     async def build(self, recipe: str, tab: str) -> None:
         """Make the page, with a recipe and a tab to begin with."""
         self._bar = RecipesBar(self._editor, self._edit)
-        with ui.tabs(value=tab, on_change=self._turned).props("no-caps align=left") as tabs:
+        with ui.tabs(on_change=self._turned).props("no-caps align=left") as tabs:
             for key, name in _TABS.items():
                 ui.tab(key, label=name)
         with ui.tab_panels(tabs, value=tab, animated=False).classes("w-full pc-panels"):
@@ -73,8 +74,8 @@ class _Page:
         self._bar.refresh()
         self._recipe.show()
 
-    async def _turned(self, event: events.ValueChangeEventArguments[str | None]) -> None:
-        await self._fill(event.value or "")
+    async def _turned(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        await self._fill(str(event.value or ""))
 
     async def _fill(self, tab: str) -> None:
         if tab == "look":

@@ -103,7 +103,7 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
         if old[name] == new[name] and isinstance(old[name], bool) == isinstance(new[name], bool):
             continue
         both = isinstance(old[name], dict) and isinstance(new[name], dict) and new[name]
-        if both and isinstance(value, yaml.MappingNode):
+        if both and isinstance(value, yaml.MappingNode) and not _in_line(value):
             return _change(text, value, old[name], new[name])
         return _replaced(text, key, value, new[name])
     added = next((name for name in new if name not in old), None)
@@ -116,8 +116,10 @@ def _change(text: str, node: yaml.MappingNode, old: Any, new: Any) -> str | None
 
 def _replaced(text: str, key: yaml.Node, value: yaml.Node, new: Any) -> str:
     plain = not isinstance(new, dict) and not any(isinstance(v, dict | list) for v in _each(new))
-    if plain and (isinstance(value, yaml.ScalarNode) or _in_line(value)):
-        shown = yaml.safe_dump(new, default_flow_style=True, allow_unicode=True, width=10**6)
+    if _in_line(value) or (plain and isinstance(value, yaml.ScalarNode)):
+        shown = yaml.safe_dump(
+            new, default_flow_style=True, allow_unicode=True, width=10**6, sort_keys=False
+        )
         shown = shown.removesuffix("\n").removesuffix("\n...")
         return text[: value.start_mark.index] + shown + text[value.end_mark.index :]
     entry = _lines(str(key.value), new, key.start_mark.column)

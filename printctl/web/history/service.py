@@ -177,6 +177,11 @@ class HistoryService:
         """
         return verify_stream(stream, self._trusted(key_pem))
 
+    def verify_file(self, path: Path, key_pem: bytes = b"") -> Verified:
+        """`verify` of a file."""
+        with path.open("rb") as stream:
+            return self.verify(stream, key_pem)
+
     def public_key(self) -> PublicKey:
         """The lab's public key, made if there is none.
 

@@ -11,7 +11,7 @@ from printctl.web.history.wording import duration
 
 COLOURS: Final = {
     "connecting": "#8a94a3",
-    "checking": "#8a94a3",
+    "checking": "#5c6675",
     "printing": "#2f7d4f",
     "pausing": "#c48a00",
     "paused": "#c48a00",

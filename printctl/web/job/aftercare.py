@@ -49,6 +49,11 @@ class Aftercare:
         if self._ramp is not None:
             self._ramp.end()
 
+    @property
+    def warming(self) -> bool:
+        """Whether there is a ramp to tell of."""
+        return self._ramp is not None
+
     def steps(self, job: str) -> list[dict[str, Any]]:
         """Steps after the job's last print, each with who ticked it when."""
         found = self._record(job)

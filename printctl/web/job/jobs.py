@@ -7,7 +7,8 @@ import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from tempfile import TemporaryDirectory
+from typing import IO, Any, Final
 
 from printctl.errors import PrintctlError
 from printctl.pipeline.manifest import Manifest
@@ -15,6 +16,7 @@ from printctl.recipe.model import Recipe
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.job.preflight import file_hash
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.security.uploads import UploadLimits, save_upload
 from printctl.web.workspace import Workspace, checked_name
 
 ENDINGS: Final = (".gcode", ".gco", ".g", ".nc")
@@ -88,16 +90,18 @@ def entry_of(workspace: Workspace, job: str, facts: Path) -> JobEntry:
     )
 
 
-def add_job(workspace: Workspace, name: str, parts: Iterable[bytes], limit_bytes: float) -> str:
-    """Keep an uploaded G-code file; nothing in it is run.
+def add_job(
+    workspace: Workspace, name: str, parts: IO[bytes] | Iterable[bytes], limit_bytes: int
+) -> str:
+    """Keep an uploaded G-code file; nothing in it is run. The same file again does no harm.
 
     Parameters
     ----------
     workspace : Workspace
     name : str
-        As the user's file is called; its folder and other endings are left out.
-    parts : iterable of bytes
-    limit_bytes : float
+        As the user's file is called.
+    parts : file or iterable of bytes
+    limit_bytes : int
 
     Returns
     -------
@@ -112,19 +116,39 @@ def add_job(workspace: Workspace, name: str, parts: Iterable[bytes], limit_bytes
         When another file of that name is there.
     """
     target = workspace.root / "jobs" / job_name(name)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    draft = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
-    try:
-        _write(draft, parts, limit_bytes, target.name)
-        if target.exists() and file_hash(target) != file_hash(draft):
-            raise ConflictError(
-                f"there is another file {target.name} already; give this one another name, so "
-                "that its prints' journals aren't mixed up"
-            )
-        draft.replace(target)
-    finally:
-        draft.unlink(missing_ok=True)
+    with TemporaryDirectory(dir=workspace.private) as folder:
+        limits = UploadLimits(limit_bytes, frozenset({"text"}))
+        came = save_upload(parts, Path(folder), target.name, limits)
+        refuse_binary(came)
+        if target.exists() and file_hash(target) == file_hash(came):
+            return f"file~{target.name}"
+        save_name(came, target)
     return f"file~{target.name}"
+
+
+def save_name(came: Path, target: Path) -> None:
+    """Give a file its place unless there is one; of two that come at once one gets it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(came, target)
+    except FileExistsError as exc:
+        raise ConflictError(
+            f"there is another file {target.name} already; give this one another name, so that "
+            "its prints' journals aren't mixed up"
+        ) from exc
+
+
+def refuse_binary(path: Path) -> None:
+    """Refuse a file with a zero byte: no G-code has one, whatever it begins with.
+
+    Raises
+    ------
+    BadRequestError
+    """
+    with path.open("rb") as handle:
+        while part := handle.read(1 << 20):
+            if b"\0" in part:
+                raise BadRequestError(f"{path.name} isn't text, so it is no G-code file")
 
 
 def job_name(name: str) -> str:
@@ -139,24 +163,6 @@ def job_name(name: str) -> str:
             f"{name[:80]!r} doesn't end in {', '.join(ENDINGS)}; upload a G-code file"
         )
     return checked_name(f"{stem}.gcode")
-
-
-def _write(draft: Path, parts: Iterable[bytes], limit_bytes: float, name: str) -> None:
-    size = 0
-    with draft.open("wb") as handle:
-        for part in parts:
-            size += len(part)
-            if size > limit_bytes:
-                raise BadRequestError(
-                    f"{name} is larger than {limit_bytes / 1e6:g} MB, the most that is taken here"
-                )
-            if b"\0" in part:
-                raise BadRequestError(f"{name} isn't text, so it is no G-code file")
-            handle.write(part)
-        handle.flush()
-        os.fsync(handle.fileno())
-    if not size:
-        raise BadRequestError(f"{name} is empty")
 
 
 def recipe_of(folder: Path) -> Recipe | None:

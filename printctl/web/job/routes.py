@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Annotated, Any, BinaryIO, Final
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, File, Path, Request, UploadFile
 from fastapi.responses import FileResponse
 
 from printctl.link.states import Status
-from printctl.web.api.routes import API
+from printctl.web.api.answers import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
@@ -20,8 +19,8 @@ from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.live.routes import router as live_router
 
-_AT_ONCE: Final = 1 << 20
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such job or print."},
@@ -47,7 +46,10 @@ def router(service: JobService) -> APIRouter:
     _jobs(routes, service)
     _prints(routes, service)
     _after(routes, service)
-    return routes
+    whole = APIRouter()
+    whole.include_router(routes)
+    whole.include_router(live_router(service.scene, service.scenes))
+    return whole
 
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
@@ -57,7 +59,7 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
     def upload(file: Annotated[UploadFile, File()]) -> m.JobTold:
-        entry = service.upload(file.filename or "", parts_of(file.file))
+        entry = service.upload(file.filename or "", file.file)
         return m.JobTold.model_validate(entry.to_dict())
 
     @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
@@ -188,12 +190,6 @@ def _after(routes: APIRouter, service: JobService) -> None:
     def stop_melting() -> m.RampTold | None:
         found = after.stop_melting()
         return None if found is None else m.RampTold.model_validate(found)
-
-
-def parts_of(handle: BinaryIO) -> Iterator[bytes]:
-    """A file's content, a megabyte at a time."""
-    while part := handle.read(_AT_ONCE):
-        yield part
 
 
 def machine_told(machine: Machine | None) -> m.MachineTold | None:

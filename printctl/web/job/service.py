@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 from design.files import write_text
 from printctl.link.errors import LinkError, NoLink
@@ -20,7 +20,7 @@ from printctl.preflight import Check
 from printctl.printing.find import running
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.errors import ConflictError
+from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import Heard, PrintFollower
@@ -44,6 +44,8 @@ from printctl.web.job.starting import order_of, refuse_unconfirmed
 from printctl.web.job.station_printing import StationPrinting
 from printctl.web.job.table import JobTable
 from printctl.web.job.viability import Viability, viability
+from printctl.web.live import JobSource
+from printctl.web.live.maker import SceneMaker
 
 SET_UP: Final = "set_up.json"
 _LONGEST_LINE: Final = 10_000
@@ -66,6 +68,8 @@ class JobService:
     records : Records
     hands : PrintHands
         Pause, resume, change of syringe, cancel.
+    scenes : SceneMaker
+        Of the live view.
     after : Aftercare
         Steps, notes, photos, warming, flushing.
     """
@@ -78,6 +82,7 @@ class JobService:
         self.records = Records(core.workspace.root / "records")
         self.hands = PrintHands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
+        self.scenes = SceneMaker()
         self._followers: dict[str, PrintFollower] = {}
         self._lock = threading.Lock()
         self._starting = threading.Lock()
@@ -101,10 +106,25 @@ class JobService:
         """One job."""
         return entry_of(self.core.workspace, job, self._facts)
 
-    def upload(self, name: str, parts: Iterable[bytes]) -> JobEntry:
+    def upload(self, name: str, parts: IO[bytes] | Iterable[bytes]) -> JobEntry:
         """Keep an uploaded G-code file; nothing in it is run."""
-        limit = self.core.settings.upload_mb * 1e6
+        limit = int(self.core.settings.upload_mb * 1e6)
         return self.job(add_job(self.core.workspace, name, parts, limit))
+
+    def scene(self, job: str) -> JobSource:
+        """What the live view draws.
+
+        Raises
+        ------
+        KeyError
+            When there is no such job.
+        """
+        try:
+            file, said = self.core.workspace.job_file(job), self._own_set_up(job)
+        except WebError as exc:
+            raise KeyError(job) from exc
+        cache = self.core.workspace.private / "scenes"
+        return JobSource(file, cache, said.printer, said.syringe.partition(",")[0])
 
     # --- before the print ----------------------------------------------------------------------
 

@@ -14,11 +14,11 @@ from printctl.web.printer.parts import (
     Refresh,
     button,
     card,
+    dialog,
     live,
     note,
     number,
     quiet_button,
-    subheading,
 )
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
@@ -56,8 +56,7 @@ def _raise_step(service: PrinterService, who: Principal, stepper: ui.stepper) ->
 
 def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
     shelf = service.shelf
-    with ui.dialog() as dialog, ui.card().classes("w-full gap-2"):
-        subheading("Change of syringe")
+    with dialog("Change of syringe") as opened:
         with ui.stepper().props("vertical flat header-nav=false").classes("w-full p-0") as stepper:
             _raise_step(service, who, stepper)
             with ui.step("Put the syringe in"):
@@ -92,9 +91,9 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
             with ui.step("Wipe the needle"):
                 note("With a lint-free swab, downwards: its drop would go into the bath.")
                 wiped = ui.checkbox("Wiped")
-                done = button("Done", dialog.close)
+                done = button("Done", opened.close)
                 done.bind_enabled_from(wiped, "value")
-        quiet_button("Close", dialog.close)
+        quiet_button("Close", opened.close)
 
     def show() -> None:
         mounted = service.status.mounted
@@ -105,15 +104,14 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
         pushed.set_text("")
         wiped.set_value(False)
         stepper.set_value("Raise the needle")
-        dialog.open()
+        opened.open()
 
     return show
 
 
 def _needle(service: PrinterService, who: Principal) -> Callable[[], None]:
     shelf = service.shelf
-    with ui.dialog() as dialog, ui.card().classes("w-full gap-2"):
-        subheading("Change of needle")
+    with dialog("Change of needle") as opened:
         with ui.stepper().props("vertical flat").classes("w-full p-0") as stepper:
             _raise_step(service, who, stepper)
             with ui.step("Put the needle in"):
@@ -132,14 +130,14 @@ def _needle(service: PrinterService, who: Principal) -> Callable[[], None]:
                     "elsewhere. Touch off the floor before the next print (card Needle offset and "
                     "bath level)."
                 )
-                button("To the touch-off", dialog.close)
-        quiet_button("Close", dialog.close)
+                button("To the touch-off", opened.close)
+        quiet_button("Close", opened.close)
 
     def show() -> None:
         mounted = service.status.mounted
         if mounted.needle:
             needle.set_value(shelf.name(mounted.needle))
         stepper.set_value("Raise the needle")
-        dialog.open()
+        opened.open()
 
     return show

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import button, live, note, quiet_button, subheading
+from printctl.web.printer.parts import button, dialog, live, note, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
 
@@ -20,15 +20,14 @@ _RULE = (
 
 def home_dialog(service: PrinterService, who: Principal) -> Callable[[], None]:
     """Make the dialog; give what opens it."""
-    with ui.dialog() as dialog, ui.card().classes("gap-3"):
-        subheading("Home")
+    with dialog("Home") as opened:
         note(_RULE)
         axes = {axis: ui.checkbox(f"{axis.upper()} axis", value=True) for axis in "xyz"}
         off = ui.checkbox("The needle is taken off")
         going = live()
         with ui.row().classes("gap-2"):
             button("Home these axes", lambda: home())
-            quiet_button("Close", dialog.close)
+            quiet_button("Close", opened.close)
 
     async def home() -> None:
         chosen = [axis for axis, box in axes.items() if box.value]
@@ -39,11 +38,11 @@ def home_dialog(service: PrinterService, who: Principal) -> Callable[[], None]:
         done = await told(service.hands.home, who, chosen, needle_off=bool(off.value))
         going.set_text("")
         if done is not None:
-            dialog.close()
+            opened.close()
 
     def show() -> None:
         off.set_value(False)
         going.set_text("")
-        dialog.open()
+        opened.open()
 
     return show

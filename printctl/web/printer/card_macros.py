@@ -11,7 +11,7 @@ from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
 from printctl.web.printer.macros import Macro
-from printctl.web.printer.parts import Refresh, button, card, note, quiet_button, subheading
+from printctl.web.printer.parts import Refresh, button, card, dialog, note, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
 
@@ -70,14 +70,13 @@ def _plain(text: str) -> str:
 
 def _dialog(service: PrinterService, who: Principal) -> Callable[[str, Macro | None], None]:
     of = {"profile": "", "was": ""}
-    with ui.dialog() as dialog, ui.card().classes("w-full gap-3"):
-        subheading("Macro")
+    with dialog("Macro") as opened:
         name = ui.input("Name").props("outlined maxlength=40").classes("w-full")
         lines = ui.textarea("Commands, one a line").props("outlined").classes("w-full font-mono")
         with ui.row().classes("gap-2"):
             button("Save", lambda: save())
             remove = quiet_button("Remove", lambda: drop())
-            quiet_button("Cancel", dialog.close)
+            quiet_button("Cancel", opened.close)
 
     def keep() -> bool:
         commands = tuple(t.strip() for t in str(lines.value or "").splitlines() if t.strip())
@@ -94,17 +93,17 @@ def _dialog(service: PrinterService, who: Principal) -> Callable[[str, Macro | N
 
     async def save() -> None:
         if await told(keep):
-            dialog.close()
+            opened.close()
 
     async def drop() -> None:
         await told(service.macros.remove, who, of["profile"], of["was"])
-        dialog.close()
+        opened.close()
 
     def show(profile: str, macro: Macro | None) -> None:
         of.update(profile=profile, was=macro.name if macro else "")
         name.set_value(macro.name if macro else "")
         lines.set_value("\n".join(macro.commands) if macro else "")
         remove.set_visibility(macro is not None)
-        dialog.open()
+        opened.open()
 
     return show

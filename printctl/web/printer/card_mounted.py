@@ -13,11 +13,11 @@ from printctl.web.printer.parts import (
     Refresh,
     button,
     card,
+    dialog,
     mm,
     note,
     number,
     quiet_button,
-    subheading,
 )
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
@@ -60,8 +60,7 @@ def add_mounted(service: PrinterService, who: Principal) -> Refresh:
 
 def _dialog(service: PrinterService, who: Principal) -> Any:
     choices: dict[str, ui.select] = {}
-    with ui.dialog() as dialog, ui.card().classes("w-full gap-3"):
-        subheading("What is mounted")
+    with dialog("What is mounted") as opened:
         for sort, model in SORTS.items():
             names = {"": "nothing, or not known", **{n: n for n in service.shelf.names(model)}}
             choice = ui.select(names, label=sort.capitalize(), value="").classes("w-full")
@@ -72,7 +71,7 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
             quiet_button("Where the tip is", lambda: here())
         with ui.row().classes("gap-2"):
             button("That is mounted", lambda: say())
-            quiet_button("Cancel", dialog.close)
+            quiet_button("Cancel", opened.close)
 
     def here() -> None:
         place = service.status.position_mm
@@ -92,7 +91,7 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
 
     async def say() -> None:
         if await told(lambda: service.hands.mount(who, **said())) is not None:
-            dialog.close()
+            opened.close()
 
     def show() -> None:
         mounted = service.status.mounted
@@ -102,6 +101,6 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
         if mounted.dish_centre_mm is not None:
             x.set_value(mounted.dish_centre_mm[0])
             y.set_value(mounted.dish_centre_mm[1])
-        dialog.open()
+        opened.open()
 
     return show

@@ -12,7 +12,7 @@ from printctl.calibration.results import Result
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
 from printctl.web.printer.calibrating import Asked, Read
-from printctl.web.printer.parts import button, live, note, number, quiet_button, subheading
+from printctl.web.printer.parts import button, dialog, live, note, number, quiet_button, subheading
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.sheet import Sheet
 from printctl.web.printer.wizards import Wizard
@@ -36,8 +36,7 @@ class _Dialog:
 
     def __init__(self, service: PrinterService, who: Principal, wizard: Wizard) -> None:
         self._service, self._who, self._wizard = service, who, wizard
-        with ui.dialog() as self._dialog, ui.card().classes("w-full max-w-3xl gap-3"):
-            subheading(wizard.title)
+        with dialog(wizard.title, wide=True, beside=wizard.placed) as self._dialog:
             note(f"Needs {wizard.needs}.")
             shelf = service.shelf
             self._printer = ui.select(shelf.printers(), label="Printer profile")

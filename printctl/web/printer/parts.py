@@ -35,6 +35,21 @@ def card(title: str) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def dialog(title: str, wide: bool = False, beside: bool = False) -> Iterator[ui.dialog]:
+    """A dialog with a title, by which it is also announced.
+
+    One that is to stand ``beside`` the page leaves the page in reach: the tip must be moved.
+    """
+    seamless = " seamless position=bottom" if beside else ""
+    with (
+        ui.dialog().props(f'aria-label="{escape(title)}"{seamless}') as made,
+        ui.card().classes("w-full gap-3" + (" max-w-3xl" if wide else "")),
+    ):
+        subheading(title)
+        yield made
+
+
 def heading(title: str) -> None:
     """A card's title."""
     ui.html(escape(title), tag="h2", sanitize=False).classes("text-lg font-semibold m-0")

@@ -147,12 +147,14 @@ def _vessel(row: Mapping[str, Any], limit: float) -> VesselFinding:
     else:
         verdict = "open"
     return VesselFinding(
-        str(row.get("name") or row.get("vessel", "")),
-        str(row.get("kind", "")),
-        *(_number(row.get(key)) for key in ("designed_um", "measured_um")),
-        error,
-        *(_number(row.get(key)) for key in ("rms_um", "offset_um")),
-        verdict,
+        vessel=str(row.get("name") or row.get("vessel", "")),
+        kind=str(row.get("kind", "")),
+        designed_um=_number(row.get("designed_um")),
+        measured_um=_number(row.get("measured_um")),
+        error_percent=error,
+        rms_um=_number(row.get("rms_um")),
+        offset_um=_number(row.get("offset_um")),
+        verdict=verdict,
     )
 
 

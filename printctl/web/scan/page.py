@@ -5,10 +5,11 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from nicegui import events, run, ui
+from nicegui import events, ui
 
 from printctl.web.design.making import RunProgress
 from printctl.web.design.page import room_style
+from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import follow_theme
 from printctl.web.errors import WebError
 from printctl.web.scan.answers import ScanSaid
@@ -67,14 +68,16 @@ class _Page:
             self._simulate = ui.button(
                 "Simulate the scan of this run's print, and register it", on_click=self._go_on
             ).props("outline")
+        self._own = ui.label("This scan is the run's own: continuing the run registers it.")
+        self._own.classes("pc-quiet")
         self._state = ui.label().classes("pc-message").props("role=status")
         self._bars = ui.column().classes("w-full gap-1")
 
     # --- which scan -------------------------------------------------------------------------
 
     async def _refresh(self, scan: str = "", run_name: str = "") -> None:
-        scans = [row.scan for row in await run.io_bound(self._service.store.rows)]
-        runs = [row.name for row in await run.io_bound(self._service.runs.rows)]
+        scans = [row.scan for row in await aside(self._service.store.rows)]
+        runs = [row.name for row in await aside(self._service.runs.rows)]
         chosen = scan if scan in scans else self._scan if self._scan in scans else ""
         chosen = chosen or (scans[0] if scans else "")
         own = chosen.removeprefix("run~") if chosen.startswith("run~") else ""
@@ -95,7 +98,7 @@ class _Page:
         self._delete.set_enabled(scan.startswith("file~"))
         self._facts.text = f"{scan} is being read ..."
         try:
-            found = await run.io_bound(self._service.opened, scan)
+            found = await aside(self._service.opened, scan)
         except WebError as exc:
             self._facts.text = f"{scan} can't be shown yet"
             self._form.ask(str(exc))
@@ -179,7 +182,7 @@ class _Page:
             self._simulate.set_enabled(False)
             return
         try:
-            now, found, printed = await run.io_bound(self._look)
+            now, found, printed = await aside(self._look)
         except WebError as exc:
             self._state.text = str(exc)
             return
@@ -187,6 +190,7 @@ class _Page:
         self._go.set_enabled(bool(self._scan) and not own and not now.going_on)
         self._cancel.set_enabled(now.going_on)
         self._simulate.set_enabled(printed == "done" and not now.going_on)
+        self._own.visible = own
         if now == self._shown:
             return
         ended = self._shown is not None and self._shown.going_on and not now.going_on

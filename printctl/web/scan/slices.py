@@ -37,7 +37,7 @@ class Opened:
     ----------
     scan : Scan
     low, high : float
-        Of the intensity: the window to begin with, from 1 to 99.7 % of the voxels.
+        Of the intensity: the window to begin with, from 1 to 98.5 % of the voxels.
     threshold : float
         Between the two classes of voxels (Otsu 1979).
     """
@@ -58,7 +58,7 @@ class Opened:
 def opened(scan: Scan) -> Opened:
     """A scan with a window and a threshold to begin with."""
     values = sample(scan.volume)
-    low, high = (float(one) for one in np.quantile(values, (0.01, 0.997)))
+    low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     high = high if high > low else low + 1.0
     return Opened(scan, low, high, otsu(values))
 

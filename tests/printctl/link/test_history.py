@@ -16,13 +16,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from firmware_profiles import Printer, load
 from printctl.cli.main import app
 from printctl.link import LinkState, start_print
 from printctl.link.errors import HistoryError, NoSuchPrint
-from printctl.link.history import PrintHistory, data_folder, remember
-from printctl.link.history_entry import INTERRUPTED, entry_of
+from printctl.link.history import PrintHistory, data_folder, put, remember
+from printctl.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
 from printctl.link.history_query import HistoryQuery, SortBy
-from printctl.link.journal import Journal
+from printctl.link.journal import Journal, read_records
+from printctl.link.origin import profile_digest
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
 REPO = Path(__file__).parents[3]
@@ -188,6 +190,10 @@ def test_link_process_adds_its_print(data, tmp_path, writable):
             if entry.state == "done":
                 break
         assert (entry.file, entry.state, entry.profile) == ("job.gcode", "done", "generic_marlin")
+        (job_record, *_) = read_records(run / "journal.log")
+        printer = load(Printer, "generic_marlin")
+        assert job_record["profile_sha256"] == profile_digest(printer)
+        assert job_record["printer"] == printer.model_dump(mode="json")
 
 
 def test_data_folder_is_the_users(monkeypatch, tmp_path):
@@ -303,3 +309,25 @@ def test_index_of_an_older_version_is_gone_on_with(data, tmp_path):
     index.close()
     assert [e.file for e in PrintHistory().entries()] == ["a.gcode"]
     assert not list(data.glob("history.damaged-*"))
+
+
+def test_ten_thousand_prints_are_read_from_the_index_a_page_at_a_time(data, tmp_path, monkeypatch):
+    history = PrintHistory()
+    with history._open() as index:
+        for k in range(10_000):
+            entry = PrintEntry(
+                f"{k:010d}-00000000",
+                tmp_path / f"{k}" / "journal.log",
+                who=f"user{k % 7}",
+                file=f"f{k}.gcode",
+                started=1e9 + k,
+                state="done",
+                alarms=(Alarm(0, "cold"),) * (k % 2),
+            )
+            put(index, entry, (1, 1))
+    monkeypatch.setattr("printctl.link.history.entry_of", None)  # no journal is read
+    found = history.find(HistoryQuery(words="COLD f99", limit=50, offset=50))
+    assert (found.total, len(found.entries)) == (56, 6)
+    assert len(history.find(HistoryQuery()).entries) == 10_000
+    assert history.one("0000005000").file == "f5000.gcode"
+    assert history.find(HistoryQuery(offset=9_990, limit=50)).entries[-1].file == "f0.gcode"

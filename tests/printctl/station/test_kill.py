@@ -25,9 +25,15 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-te
 
 
 class Listening(FakeMarlin):
-    """Remembers all that it was told, halted or not."""
+    """Remembers all that it was told, halted or not, and tells its temperature unasked."""
 
     heard = b""
+
+    def _reply(self, word: str, command: str) -> str:
+        said = super()._reply(word, command)
+        if word == "M115":
+            return f"Cap:AUTOREPORT_TEMP:1\n{said}"
+        return f"{said} T:36.60 /37.00 B:20.00 /0.00 @:0\n" if command == "M155 S2" else said
 
     def receive(self, data: bytes) -> bytes:
         self.heard += data
@@ -181,6 +187,7 @@ def test_refused_while_it_prints_and_console_goes_through(fake, tmp_path, profil
     client = station.print(Order(tmp_path / "job.gcode", profile, "", tmp_path / "run", Retreat()))
     assert served.held.wait(10)
     held = client.status
+    assert {one.name: one.now_c for one in station.status.temperatures}["nozzle"] == 36.6
     assert 300 < held.lines_executed == held.lines_done - 20, "planner and queue hold so many"
     with pytest.raises(Refused, match="a print goes on in"):
         station.jog("x", 1)

@@ -92,8 +92,6 @@ def test_half_a_print_is_no_whole_one(at_rest, tmp_path, profile):
     for status in client.events():
         if status.lines_done > 100:
             break
-    assert at_rest.status.state is StationState.PRINTING
-    assert [one.name for one in at_rest.status.temperatures] == ["nozzle", "bed"]
     client.stop()
     assert client.wait(60).state is LinkState.STOPPED
     assert back(at_rest)[-1] is StationState.READY

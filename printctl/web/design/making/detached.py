@@ -124,4 +124,13 @@ def _exists(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    return True
+    return not _is_dead(Path(f"/proc/{pid}/stat"))
+
+
+def _is_dead(stat: Path) -> bool:
+    """Whether a process has ended and only waits for its parent to take note (Linux)."""
+    try:
+        said = stat.read_text(encoding="utf-8", errors="replace")
+        return said.rpartition(")")[2].split()[0] == "Z"
+    except (OSError, IndexError):
+        return False

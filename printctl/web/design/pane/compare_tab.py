@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from nicegui import run, ui
+from nicegui import ui
 
 from printctl.web.design.look.compare import Difference
+from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import embed
 from printctl.web.design.service import DesignService
 from printctl.web.shell.told import told
@@ -16,7 +17,7 @@ class CompareTab:
     """Tables of what differs, and both networks."""
 
     def __init__(self, service: DesignService) -> None:
-        self._service = service
+        self._service, self._asked = service, 0
         with ui.row().classes("w-full items-center gap-2"):
             self._one = ui.select([], label="One run", on_change=self._show)
             self._other = ui.select([], label="The other", on_change=self._show)
@@ -26,7 +27,7 @@ class CompareTab:
 
     async def refresh(self) -> None:
         """Show the runs that there are."""
-        rows = await run.io_bound(self._service.runs.rows)
+        rows = await aside(self._service.runs.rows)
         names = [row.name for row in rows if row.state != "never"]
         for select, place in ((self._one, 0), (self._other, 1)):
             value = select.value if select.value in names else None
@@ -35,14 +36,17 @@ class CompareTab:
 
     async def _show(self) -> None:
         one, other = self._one.value, self._other.value
-        self._box.clear()
+        self._asked += 1
+        asked = self._asked
         if not one or not other or one == other:
+            self._box.clear()
             return
         found = await told(self._service.compare, one, other)
         for name in (one, other):
             await told(self._service.page, name, "network")
-        if found is None:
+        if found is None or asked != self._asked:  # another pair was chosen meanwhile
             return
+        self._box.clear()
         with self._box:
             with ui.element("div").classes("pc-two"):
                 for name in (one, other):

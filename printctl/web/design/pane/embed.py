@@ -16,6 +16,10 @@ if (!window.pcThemed) {
       if (frame.getAttribute("src") !== address) frame.setAttribute("src", address);
     }
   };
+  const reachable = () => {
+    for (const box of document.querySelectorAll(".q-table__middle")) box.tabIndex = 0;
+  };
+  new MutationObserver(reachable).observe(document.body, { subtree: true, childList: true });
   new MutationObserver(themed).observe(document.documentElement,
     { attributes: true, attributeFilter: ["data-theme"] });
   new MutationObserver(themed).observe(document.body,

@@ -25,7 +25,7 @@ class FormPane:
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
-        self._inputs: dict[forms.Path, ValidationElement] = {}
+        self._inputs: dict[forms.Path, ValidationElement[Any]] = {}
         self._heads: dict[forms.Path, ui.expansion] = {}
         self._opened: set[forms.Path] = set()
         self._box = ui.column().classes("w-full gap-1")

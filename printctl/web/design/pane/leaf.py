@@ -20,7 +20,7 @@ Say = Callable[[Any], Awaitable[None]]
 _DEFAULT = "\0default"
 
 
-def leaf(field: FormField, value: Any, say: Say, name: str = "") -> ValidationElement:
+def leaf(field: FormField, value: Any, say: Say, name: str = "") -> ValidationElement[Any]:
     """An input that shows a value, or its default, and says what is made of it.
 
     Parameters
@@ -42,7 +42,7 @@ def leaf(field: FormField, value: Any, say: Say, name: str = "") -> ValidationEl
     return element
 
 
-def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElement:
+def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElement[Any]:
     async def changed(event: ValueChangeEventArguments[str | None]) -> None:
         text = event.value or ""
         await say(None if not text.strip() else typed(field.node, text))
@@ -56,7 +56,7 @@ def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElemen
     return element
 
 
-def _choice(field: FormField, value: Any, say: Say, name: str) -> ValidationElement:
+def _choice(field: FormField, value: Any, say: Say, name: str) -> ValidationElement[Any]:
     options = {_DEFAULT: f"{placeholder(field)} (default)"} if not field.required else {}
     options |= {_key(one): str(_word(one)) for one in _values(field.node)}
     now = _DEFAULT if value is None else _key(value)

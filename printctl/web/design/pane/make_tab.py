@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from nicegui import run, ui
+from nicegui import ui
 
 from printctl.pipeline.sequences import TOOLPATH
 from printctl.web.design.making import RunProgress
 from printctl.web.design.making.runs import LAST_STAGE
+from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.editor import Editor
 from printctl.web.design.service import DesignService
 from printctl.web.shell.told import told
@@ -62,7 +63,7 @@ class MakeTab:
         name = self._editor.name
         if not name:
             return
-        now, printed = await run.io_bound(self._look, name)
+        now, printed = await aside(self._look, name)
         self._make.set_enabled(not now.going_on and not self._editor.problems)
         self._cancel.set_enabled(now.going_on)
         self._continue.set_enabled(not now.going_on and printed == "done")

@@ -49,7 +49,7 @@ class SaidForm:
         size = [one.value for one in self._voxel]
         try:
             said = ScanSaid(
-                voxel_um=tuple(size) if any(size) else None,  # type: ignore[arg-type]
+                voxel_um=tuple(size) if any(size) else None,
                 refractive_index=self._index.value,
                 optical_depth=_either(self._optical.value, "optical path", "length"),
                 scale=self._scale.value,

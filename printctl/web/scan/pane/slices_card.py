@@ -43,23 +43,16 @@ class SlicesCard:
         low, high = opened.low, opened.high
         step = (high - low) / _MOST_STEPS
         with ui.row().classes("w-full items-end gap-4"):
-            with ui.column().classes("pc-control gap-0"):
-                ui.label("Window: what is black and what is white").classes("pc-quiet")
-                self._window = ui.range(
-                    min=low - (high - low) / 2,
-                    max=high + (high - low) / 2,
-                    step=step,
-                    value={"min": low, "max": high},
-                    on_change=self._draw,
-                )
-                self._window.props('aria-label="Window" debounce=150')
+            self._black = self._control("Black at", low, low - (high - low) / 2, high, step)
+            self._white = self._control("White at", high, low, high + (high - low) / 2, step)
             self._tinted = ui.switch("Tint what is above the threshold", on_change=self._draw)
-            with ui.column().classes("pc-control gap-0"):
-                ui.label("Threshold").classes("pc-quiet")
-                self._threshold = ui.slider(
-                    min=low, max=high, step=step, value=opened.threshold, on_change=self._draw
-                )
-                self._threshold.props('aria-label="Threshold" label debounce=150')
+            self._threshold = self._control("Threshold", opened.threshold, low, high, step)
+
+    def _control(self, name: str, value: float, low: float, high: float, step: float) -> ui.slider:
+        with ui.column().classes("pc-control gap-0"):
+            ui.label(name).classes("pc-quiet")
+            slider = ui.slider(min=low, max=high, step=step, value=value, on_change=self._draw)
+            return slider.props(f'aria-label="{name}" label debounce=150')
 
     def _plane(self, axis: Axis, opened: Opened) -> None:
         count = opened.scan.volume.shape[AXES[axis]]
@@ -77,8 +70,7 @@ class SlicesCard:
     def _draw(self) -> None:
         for axis, image in self._images.items():
             index = int(self._at[axis].value)
-            window = self._window.value
-            asked = {"low": window["min"], "high": window["max"]}
+            asked = {"low": self._black.value, "high": self._white.value}
             if asked["low"] >= asked["high"]:
                 return
             if self._tinted.value:

@@ -62,7 +62,7 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
 
 
 def test_fields_know_bounds_units_choices_and_defaults() -> None:
-    fields = {path: field for path, field in FORM.walk()}
+    fields = dict(FORM.walk())
     layer = fields["toolpath", "layer_um"]
     assert (layer.node.low, layer.node.high, layer.unit, layer.default) == (10, 2000, "µm", 60.0)
     assert fields["printer", "ink"].node.profile == "inks"
@@ -137,6 +137,13 @@ def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     assert read_text(again) == changed
     assert again.count("#") == text.count("#")
     assert "layer_um: 75" in again
+
+
+def test_a_section_in_one_line_stays_in_one() -> None:
+    text = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 60}  # thin\n"
+    data = forms.put(FORM, read_text(text), ("toolpath", "layer_um"), 1)
+    wanted = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 1}  # thin\n"
+    assert rewritten(text, data) == wanted
 
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.printctl.web.serving import server_process
 
@@ -36,18 +36,24 @@ def browser() -> Iterator[Browser]:
         chromium.close()
 
 
+@pytest.fixture(scope="module")
+def operator(browser: Browser) -> Iterator[BrowserContext]:
+    """The one browser that holds the controls."""
+    context = browser.new_context()
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def visit(browser: Browser, url: str) -> Iterator[Open]:
-    """Open the page; the tests share a server, and each brings the printer to where it begins."""
+def visit(operator: BrowserContext, url: str) -> Iterator[Open]:
+    """Open the page as the operator; the tests share server and printer."""
     pages: list[Page] = []
     wrong: list[str] = []
 
     def open_page(width: int = 1400, height: int = 1000, scheme: str = "light") -> Page:
-        context = browser.new_context(
-            viewport={"width": width, "height": height},
-            color_scheme="dark" if scheme == "dark" else "light",
-        )
-        page = context.new_page()
+        page = operator.new_page()
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(f"{url.rstrip('/')}/printer")
         expect(page.get_by_role("heading", name="Connection")).to_be_visible(timeout=30_000)
@@ -56,7 +62,7 @@ def visit(browser: Browser, url: str) -> Iterator[Open]:
 
     yield open_page
     for page in pages:
-        page.context.close()
+        page.close()
     assert wrong == []
 
 
@@ -94,9 +100,9 @@ def chosen(page: Page, label: str, option: str) -> None:
     page.get_by_role("option", name=option, exact=True).click()
 
 
-def grave(page: Page) -> list[str]:
+def grave(page: Page, within: str | None = None) -> list[str]:
     """What axe finds that is serious or worse."""
-    found = Axe().run(page).response["violations"]
+    found = Axe().run(page, context=within).response["violations"]
     return [
         f"{one['id']}: {node['html'][:160]}"
         for one in found
@@ -153,14 +159,24 @@ def test_console_shows_replies_and_refusals_and_remembers(visit: Open) -> None:
     expect(line).to_have_value("M115")
 
 
-def test_what_is_typed_is_shown_as_text_and_by_another_browser_too(visit: Open) -> None:
-    page, other = connected(visit()), visit()
-    typed(page, "M117 <b id=evil>hello</b>")
-    for one in (page, other):
-        expect(one.get_by_role("log").get_by_text("<b id=evil>").first).to_be_visible(
-            timeout=10_000
-        )
-        assert one.locator("#evil").count() == 0
+def test_another_browser_sees_what_is_typed_as_text_and_moves_nothing(
+    visit: Open, browser: Browser, url: str
+) -> None:
+    page, other = connected(visit()), browser.new_page()
+    try:
+        other.goto(f"{url.rstrip('/')}/printer")
+        typed(page, "M117 <b id=evil>hello</b>")
+        for one in (page, other):
+            expect(one.get_by_role("log").get_by_text("<b id=evil>").first).to_be_visible(
+                timeout=20_000
+            )
+            assert one.locator("#evil").count() == 0
+        before = place(page)
+        other.get_by_role("button", name="X +").click()
+        expect(other.get_by_text("holds the controls").first).to_be_visible(timeout=10_000)
+        assert place(page) == before
+    finally:
+        other.close()
 
 
 def test_a_macro_is_written_run_and_seen_in_the_console(visit: Open) -> None:
@@ -254,8 +270,11 @@ def test_page_is_accessible_and_fits(visit: Open, width: int, height: int, schem
 def test_dialogs_are_accessible(visit: Open, opener: str) -> None:
     page = connected(visit(820, 1180))
     page.get_by_role("button", name=opener).first.click()
-    page.wait_for_timeout(600)
-    assert grave(page) == []
+    page.wait_for_timeout(1200)  # it fades in, and axe measures what it sees
+    # What lies dimmed behind a modal dialog is out of reach, and not to be read. Axe takes the
+    # shade to lie above the dialog, and would measure white text against it.
+    page.add_style_tag(content=".q-dialog__backdrop { display: none }")
+    assert grave(page, "[role=dialog]") == []
 
 
 def test_page_of_a_new_server_finds_the_printer_again(browser: Browser, tmp_path: Path) -> None:

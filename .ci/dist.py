@@ -1,0 +1,121 @@
+"""Build wheel and sdist, and try the wheel in an environment that has nothing else.
+
+    python .ci/dist.py build            # into dist/
+    python .ci/dist.py try              # build, compare, install, run
+
+The sdist builds the wheel; one built from the tree must hold the same. Downloads come from pip's
+cache where they are in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DIST = ROOT / "dist"
+SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
+START = "10,10,10"
+WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
+def build(scratch: Path) -> Path:
+    """Write sdist and, from it, the wheel; return the wheel."""
+    shutil.rmtree(DIST, ignore_errors=True)
+    run(sys.executable, "-m", "build", "--outdir", DIST, tree(scratch))
+    (wheel,) = DIST.glob("*.whl")
+    return wheel
+
+
+def tree(scratch: Path) -> Path:
+    """A copy of the sources, as setuptools leaves folders of its own behind."""
+    copy = scratch / "tree"
+    if not copy.exists():
+        unwanted = shutil.ignore_patterns(
+            ".*", "*.egg-info", "build", "dist", "runs", "site", "__pycache__"
+        )
+        shutil.copytree(ROOT, copy, ignore=unwanted)
+    return copy
+
+
+def contents(wheel: Path) -> dict[str, str]:
+    """Every file of a wheel but the list of them, with its hash."""
+    with zipfile.ZipFile(wheel) as opened:
+        return {
+            name: hashlib.sha256(opened.read(name)).hexdigest()
+            for name in opened.namelist()
+            if not name.endswith("RECORD")
+        }
+
+
+def same_from_tree(wheel: Path, scratch: Path) -> None:
+    """Refuse a wheel of the sdist that differs from one of the tree."""
+    run(sys.executable, "-m", "build", "--wheel", "--outdir", scratch / "wheel", tree(scratch))
+    (other,) = (scratch / "wheel").glob("*.whl")
+    one, two = contents(wheel), contents(other)
+    if one != two:
+        wrong = sorted(name for name in one.keys() | two.keys() if one.get(name) != two.get(name))
+        sys.exit(f"wheels of sdist and tree differ in {len(wrong)} files: {', '.join(wrong[:10])}")
+    print(f"sdist and tree build the same wheel: {len(one)} files")
+
+
+def try_out(wheel: Path, scratch: Path) -> None:
+    """Install the wheel alone, and use it away from the sources."""
+    begun = time.monotonic()
+    home = scratch / "environment"
+    venv.create(home, with_pip=True, system_site_packages=False)
+    bin_folder = home / ("Scripts" if os.name == "nt" else "bin")
+    pip = (bin_folder / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "install", "--constraint", ROOT / "constraints.txt", wheel)
+    print(f"installed in {time.monotonic() - begun:.0f} s, downloads included")
+    away = scratch / "away"
+    away.mkdir()
+    (away / "smallest.gcode").write_bytes(SMALLEST)
+    clean = WITHOUT_SOURCES | {
+        "PRINTCTL_CACHE": str(scratch / "cache"),
+        "PRINTCTL_DATA": str(scratch / "data"),
+    }
+    printctl = bin_folder / "printctl"
+    for words in (
+        ("--help",),
+        ("doctor",),
+        ("init", "recipe.yaml"),
+        ("recipe", "migrate", "recipe.yaml"),
+        ("simulate", "smallest.gcode", "--start", START),
+        ("print", "smallest.gcode", "--port", "simulated", "--start", START, "--out", "run"),
+        ("status", "run"),
+    ):
+        print("printctl", *words, flush=True)
+        done = subprocess.run(
+            [printctl, *words], cwd=away, env=clean, capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            said = f"{done.stdout}{done.stderr}"
+            sys.exit(f"printctl {' '.join(words)} ended with {done.returncode}:\n{said}")
+    if str(ROOT) in subprocess.check_output([printctl, "doctor"], cwd=away, env=clean, text=True):
+        sys.exit("the installed printctl loads packages from the sources")
+    print("the wheel works in an empty environment")
+
+
+def run(*command: object) -> None:
+    """Run quietly; show what it said when it fails."""
+    words = [str(word) for word in command]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=WITHOUT_SOURCES)
+    if done.returncode:
+        sys.exit(f"{' '.join(words)} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        made = build(Path(folder))
+        if sys.argv[1:] == ["try"]:
+            same_from_tree(made, Path(folder))
+            try_out(made, Path(folder))

@@ -1,0 +1,206 @@
+"""The live view of a job of a million moves: ``python -m benchmarks.operator_view``.
+
+The page is served from a process of its own and opened in a headless Chromium without a graphics
+card: WebGL is SwiftShader's and the page is put together by the processor, as Chromium does by
+itself where there is none. First pictures count from the navigation until the drawing of all moves
+is done (a fence behind it), cold with the scene still to be made from the G-code, cached with it on
+the disk. Updates come over the page's WebSocket as a print of 20 mm/s would send them; processor
+time is the browser's, all its processes, less that of the same page left alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import psutil
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from benchmarks.machine import commit, machine, row
+
+Row = dict[str, Any]
+MOVES: Final = 1_000_000
+RATE_HZ: Final = 4.0
+MOVES_A_SECOND: Final = 48
+CHROMIUM: Final = "/usr/bin/chromium"
+ARGUMENTS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader")
+
+
+def write_job(path: Path, moves: int) -> None:
+    """Wavy lines of 0.4 mm moves, 10,000 a layer of 40 by 40 mm."""
+    k = np.arange(moves)
+    layer, i = np.divmod(k, 10_000)
+    line, t = np.divmod(i, 100)
+    along = np.where(line % 2 == 0, t, 99 - t) / 99.0
+    across = 20 + 0.4 * line + 0.15 * np.sin(24 * np.pi * along + line)
+    along = 20 + 40 * along
+    x, y = np.where(layer % 2 == 0, [along, across], [across, along])
+    ends = np.column_stack([x, y, 0.2 + 0.2 * layer, 0.0024 * (k + 1)]).tolist()
+    head = "G21\nG90\nM82\nG92 X20 Y20 Z0.2 E0\n"
+    path.write_text(
+        head + "".join(f"G1 X{x:.3f} Y{y:.3f} Z{z:.3f} E{e:.5f} F1200\n" for x, y, z, e in ends)
+    )
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """The page's address, and the process that serves it."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "benchmarks.operator_view", "--serve", str(folder), str(port)]
+    server = subprocess.Popen(command)
+    address = f"http://127.0.0.1:{port}"
+    try:
+        for _ in range(600):
+            try:
+                urllib.request.urlopen(f"{address}/live/static/scene.js").close()
+                break
+            except OSError:
+                time.sleep(0.1)
+        time.sleep(8.0)  # the process that makes scenes has loaded what it needs
+        yield address, psutil.Process(server.pid)
+    finally:
+        server.terminate()
+        server.wait(20)
+
+
+def serve(folder: Path, port: int) -> None:
+    """Run the page's server."""
+    import uvicorn
+
+    from printctl.web.live import JobSource
+    from tests.printctl.web.live.page import application
+
+    jobs = {"million": JobSource(folder / "million.gcode", folder / "cache")}
+    uvicorn.run(application(jobs), port=port, log_level="error", ws="websockets-sansio")
+
+
+def processor_s(process: psutil.Process, named: str = "") -> float:
+    """Processor time of a process's children (and theirs) with this in their name, s."""
+    total = 0.0
+    for each in process.children(recursive=True):
+        try:
+            if named in each.name():
+                total += sum(each.cpu_times()[:2])
+        except psutil.Error:
+            continue
+    return total
+
+
+def first_picture_s(browser: Browser, url: str) -> float:
+    """From the navigation until all moves are drawn."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.goto(url)
+    page.wait_for_selector("[data-drawn]", timeout=60_000)
+    mark = "performance.getEntriesByName('live-view:drawn')[0].startTime"
+    found = float(page.evaluate(mark)) / 1000
+    page.close()
+    return found
+
+
+def picture_rows(address: str, folder: Path, tries: int) -> Iterator[Row]:
+    """First pictures, each in a browser that has seen nothing before."""
+    found: dict[str, list[float]] = {"cold": [], "cached": []}
+    for _ in range(tries):
+        shutil.rmtree(folder / "cache", ignore_errors=True)
+        for kind, times in found.items():
+            with sync_playwright() as started, launched(started) as browser:
+                times.append(first_picture_s(browser, f"{address}/job/million?live=true"))
+            print(f"{kind}: {times[-1]:.2f} s, load {os.getloadavg()[0]:.1f}", file=sys.stderr)
+    for kind, times in found.items():
+        value = round(statistics.median(times), 2)
+        yield row(f"first picture of {MOVES} moves, {kind}", value, "s", "<= 3", value <= 3.0)
+
+
+@contextmanager
+def launched(started: Any) -> Iterator[Browser]:
+    """A browser."""
+    browser = started.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+    try:
+        yield browser
+    finally:
+        browser.close()
+
+
+def update_rows(address: str, server: psutil.Process, seconds: float) -> Iterator[Row]:
+    """What updates cost, as a share of one core."""
+    with sync_playwright() as started, launched(started) as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(f"{address}/job/million?source=/events")
+        page.wait_for_selector("[data-drawn]", timeout=60_000)
+        me = psutil.Process()
+        send(page, address, 300_000, 0.0)
+        time.sleep(6.0)
+        shares = {}
+        for kind, rate in (("idle", 0.0), ("live", RATE_HZ)):
+            before, own = processor_s(me, "chrom"), sum(server.cpu_times()[:2])
+            begin = time.monotonic()
+            send_for(page, address, seconds, rate)
+            took = time.monotonic() - begin
+            shares[kind] = (processor_s(me, "chrom") - before) / took
+            shares[f"server, {kind}"] = (sum(server.cpu_times()[:2]) - own) / took
+    share = round(100 * (shares["live"] - shares["idle"]), 2)
+    yield row(f"live updates at {RATE_HZ:g} Hz, browser", share, "% of a core", "<= 5", share <= 5)
+    share = round(100 * (shares["server, live"] - shares["server, idle"]), 2)
+    yield row(f"live updates at {RATE_HZ:g} Hz, server", share, "% of a core")
+
+
+def send_for(page: Page, address: str, seconds: float, rate: float) -> None:
+    """Send events at a rate for a time; none at 0."""
+    end, done = time.monotonic() + seconds, 300_000.0
+    while time.monotonic() < end:
+        time.sleep(1.0 / rate if rate else seconds)
+        if rate:
+            done += MOVES_A_SECOND / rate
+            send(page, address, int(done), done)
+
+
+def send(page: Page, address: str, commands: int, place: float) -> None:
+    """One event of the print to all who listen."""
+    at = [20 + (0.4 * place) % 40, 40.0, 6.2]
+    said = {"event": "print", "lines_done": commands + 16, "lines_executed": commands}
+    data = json.dumps(said | {"position": at}).encode()
+    asked = urllib.request.Request(
+        f"{address}/tell", data, {"Content-Type": "application/json"}, method="POST"
+    )
+    urllib.request.urlopen(asked).close()
+
+
+def main() -> None:
+    """Measure and print the benchmark's one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--serve", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--quick", action="store_true", help="one try each instead of five")
+    asked = parser.parse_args()
+    if asked.serve:
+        serve(Path(asked.serve[0]), int(asked.serve[1]))
+        return
+    measured, load = commit(), os.getloadavg()[0]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_job(folder / "million.gcode", MOVES)
+        with served(folder) as (address, server):
+            rows = list(picture_rows(address, folder, 1 if asked.quick else 5))
+            rows += update_rows(address, server, 20.0)
+    about = machine() | {"load_before_and_after": [load, os.getloadavg()[0]]}
+    about["browser"] = f"Chromium, headless, {' '.join(ARGUMENTS)}: no graphics card"
+    print(json.dumps({"machine": about, "commit": measured, "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

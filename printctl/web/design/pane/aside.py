@@ -1,0 +1,15 @@
+"""Run what may block in a thread, and give what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from nicegui import run
+
+T = TypeVar("T")
+
+
+async def aside(work: Callable[..., T], *args: Any) -> T:
+    """Call ``work`` in a thread; what it raises is raised here."""
+    return cast(T, await run.io_bound(work, *args))

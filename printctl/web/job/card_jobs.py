@@ -1,0 +1,76 @@
+"""The card of the jobs: upload one, choose one."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import quote
+
+from nicegui import events, run, ui
+
+from printctl.web.job.jobs import ENDINGS, JobEntry
+from printctl.web.job.parts import card, live, size, small, span, tried, when
+from printctl.web.job.service import JobService
+
+
+async def add_jobs(service: JobService, chosen: str) -> None:
+    """A list, each a link to its own page, and a place to drop a file."""
+    with card("Jobs"):
+        said = live().classes("job-problem")
+
+        async def take(event: events.UploadEventArguments) -> None:
+            entry, problem = await keep(service, event)
+            said.set_text(problem)
+            if entry is not None:
+                ui.navigate.to(way(entry.id))
+
+        ui.upload(label="Upload G-code", auto_upload=True, on_upload=take, max_files=1).props(
+            f'accept="{",".join(ENDINGS)}" flat bordered'
+        ).classes("w-full").mark("upload")
+        jobs = await run.io_bound(service.jobs) or []
+        if not jobs:
+            small("No job yet: upload a G-code file, or run a recipe on the page Design.")
+        with ui.element("ul").classes("job-list"):
+            for one in jobs:
+                _row(one, chosen)
+
+
+async def keep(
+    service: JobService, event: events.UploadEventArguments
+) -> tuple[JobEntry | None, str]:
+    """Keep what a browser sent."""
+
+    async def work() -> bytes:
+        return await event.file.read()
+
+    data = await work()
+    entry: JobEntry | None
+    entry, problem = await tried(service.upload, event.file.name, [data])
+    return entry, problem
+
+
+def way(job: str) -> str:
+    """The page of a job."""
+    return f"/job?job={quote(job, safe='~')}"
+
+
+def _row(one: JobEntry, chosen: str) -> None:
+    with ui.element("li"):
+        link = ui.link(target=way(one.id)).classes("job-row")
+        if one.id == chosen:
+            link.props('aria-current="true"')
+        with link:
+            ui.label(one.name).classes("font-semibold break-all")
+            small(_facts(one))
+            small(f"{when(one.changed)} · {size(one.size)} · SHA-256 {one.sha256[:12]}…")
+
+
+def _facts(one: JobEntry) -> str:
+    kind = "from a run" if one.id.startswith("run~") else "uploaded"
+    known: list[Any] = [kind]
+    if one.layers:
+        known.append(f"{one.layers} layers")
+    if one.duration_s is not None:
+        known.append(span(one.duration_s))
+    if one.ink_ul is not None:
+        known.append(f"{one.ink_ul:.1f} µL of ink")
+    return " · ".join(known if len(known) > 1 else [*known, "not checked yet"])

@@ -1,0 +1,113 @@
+"""The job's page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from nicegui import run, ui
+
+from printctl.link.states import ENDED
+from printctl.web.errors import WebError
+from printctl.web.job.card_after import add_after
+from printctl.web.job.card_jobs import add_jobs
+from printctl.web.job.card_preflight import add_preflight
+from printctl.web.job.card_print import add_print, heard
+from printctl.web.job.card_start import add_start
+from printctl.web.job.parts import card, small, tried
+from printctl.web.job.service import JobService
+from printctl.web.live.element import LiveView, live_view
+from printctl.web.shell.frame import frame
+from printctl.web.shell.who import this_browser
+
+REFRESH_S: Final = 0.5
+BLUE: Final = "#0b5cad"
+_STYLE: Final = Path(__file__).with_name("job.css")
+_ENDED: Final = {state.value for state in ENDED}
+
+
+def register(service: JobService) -> None:
+    """Define the page."""
+    style = _STYLE.read_text(encoding="utf-8")
+
+    @ui.page("/job")
+    async def job_page(job: str = "") -> None:
+        chosen = await run.io_bound(first_job, service, job) or ""
+        with frame("/job"):
+            ui.add_css(style)
+            ui.colors(primary=BLUE)
+            with ui.element("div").classes("job-cards"):
+                with ui.element("div").classes("job-column"):
+                    await add_jobs(service, chosen)
+                if chosen:
+                    await _cards(service, chosen)
+
+
+def first_job(service: JobService, asked: str) -> str:
+    """The job that is asked for, else that of the print that goes on, else the newest."""
+    if asked:
+        try:
+            return service.job(asked).id
+        except WebError:
+            pass
+    current = service.current()
+    if current is not None:
+        return current.job
+    return next((one.id for one in service.jobs()), "")
+
+
+def _live_view(service: JobService, job: str) -> LiveView:
+    """What has been written, the needle, what comes next; all of a job that wasn't printed."""
+    current = service.current()
+    with card("Live view"), ui.element("div").classes("job-live"):
+        return live_view(job, live=current is not None and current.job == job)
+
+
+def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
+    """Tells the view of what was executed, unless it knows."""
+    known = 0, 0
+
+    def tell(told: dict[str, Any]) -> None:
+        nonlocal known
+        now = int(told["lines_executed"]), int(told["lines_done"])
+        if now != known:
+            known = now
+            view.tell({"lines_executed": now[0], "lines_done": now[1]})
+
+    return tell
+
+
+async def _cards(service: JobService, job: str) -> None:
+    who = this_browser()
+    first, problem = await tried(service.set_up, job)
+    if first is None:
+        with card("Job"):
+            small(problem)
+        return
+    machine, _ = await tried(service.machine)
+    record, _ = await tried(service.record, job)
+    with ui.element("div").classes("job-column"):
+        ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
+        show_print = add_print(service, who, job)
+        tell_view = _teller(_live_view(service, job))
+        said = add_preflight(service, job, first, machine)
+    with ui.element("div").classes("job-column"):
+        show_start = add_start(service, who, job, record, said)
+        await add_after(service, who, job)
+
+    def show(told: dict[str, Any] | None) -> None:
+        show_print(told)
+        show_start(told is not None and told["state"] not in _ENDED)
+
+    def refresh() -> None:
+        told = service.core.events.latest.get("print")
+        if told is not None and told["job"] == job:
+            show(told)
+            tell_view(told)
+
+    first_told = await heard(service, job)
+    show(first_told)
+    if first_told is not None:
+        tell_view(first_told)
+    ui.timer(REFRESH_S, refresh)

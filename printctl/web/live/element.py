@@ -1,0 +1,52 @@
+"""The live view as an element of a NiceGUI page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote
+
+from nicegui.element import Element
+
+
+class LiveView(Element, component="static/element.js"):
+    """The live view of one job.
+
+    The browser fetches the moves and listens to ``source`` by itself, so that an open page costs
+    the server no more than the messages.
+    """
+
+    def __init__(self, job: str, *, source: str = "", live: bool = False) -> None:
+        """Put the view where the page stands.
+
+        Parameters
+        ----------
+        job : str
+            Name of the job in the URL, as `printctl.web.live.routes.router` knows it.
+        source : str
+            WebSocket whose messages ``{"event": "print", "lines_done": ..., "lines_executed": ...,
+            "position": [x, y, z]}`` the view follows, from the page's root; empty for none.
+        live : bool
+            Whether the job is being printed, and nothing of it has been told yet; with neither this
+            nor ``source`` all of it is shown as planned.
+        """
+        super().__init__()
+        self._props["scene"] = f"/live/{quote(job, safe='')}/scene"
+        self._props["source"] = source
+        self._props["live"] = live
+        self.classes("w-full h-full")
+
+    def tell(self, status: Mapping[str, Any]) -> None:
+        """Send this page how far the print is.
+
+        Parameters
+        ----------
+        status : mapping
+            ``lines_executed``, ``lines_done`` and ``position``, each only if it is known.
+        """
+        self.run_method("update", dict(status))
+
+
+def live_view(job: str, *, source: str = "", live: bool = False) -> LiveView:
+    """Put the live view of a job into the page; as `LiveView`."""
+    return LiveView(job, source=source, live=live)

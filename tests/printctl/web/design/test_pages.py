@@ -1,0 +1,127 @@
+"""The Design room in a real browser: from a new recipe to its network and layers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.shell.browsers import PHONE, TABLET, chromium, shown
+
+pytestmark = pytest.mark.browser
+_LONG_MS = 240_000
+_TOOLPATH = "toolpath: {method: fresh, needle: 22g, layer_um: 150, line_um: 400}\n"
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Process]:
+    with server_process(tmp_path_factory.mktemp("design") / "workspace") as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+def _serious(page: Any) -> list[str]:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    found = axe.run(page).response["violations"]
+    return [f"{v['id']}: {v['nodes'][0]['html']}" for v in found if v["impact"] in _BAD]
+
+
+_BAD = ("serious", "critical")
+
+
+def _new_recipe(page: Any, name: str) -> None:
+    page.get_by_role("button", name="New", exact=True).click()
+    page.get_by_label("Name", exact=True).fill(name)
+    page.get_by_role("button", name="Make", exact=True).click()
+    page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
+
+
+def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -> None:
+    page = shown(browser, f"{served.url}/design")
+    _new_recipe(page, "one")
+    text = page.get_by_label("Recipe as YAML")
+    quick = re.sub(r"toolpath:\n(?:  .*\n)+", _TOOLPATH, text.input_value())
+    text.fill(quick)
+    page.get_by_text("toolpath", exact=True).first.click()
+    layer = page.get_by_label("layer (µm)")
+    assert layer.input_value() == "150"
+    layer.fill("1")
+    page.get_by_text("Input should be greater than or equal to 10 (is 1)", exact=True).wait_for()
+    page.get_by_text("one: 1 to mend · saved").wait_for()
+    assert "layer_um: 1, line_um: 400}" in text.input_value()
+    assert _serious(page) == []
+    layer.fill("150")
+    page.get_by_text("one: ready to be made · saved").wait_for()
+    _make(page)
+    _look(page)
+
+
+def _make(page: Any) -> None:
+    page.get_by_role("tab", name="Make").click()
+    page.get_by_role("button", name="Make the design").click()
+    page.get_by_text("one: made as far as lumens").wait_for(timeout=_LONG_MS)
+    assert page.get_by_role("progressbar").count() >= 7
+    assert _serious(page) == []
+
+
+def _look(page: Any) -> None:
+    page.get_by_role("tab", name="Look").click()
+    page.get_by_text("Ink needed").wait_for()
+    network = page.frame_locator('iframe[title="Network in 3D of one"]')
+    network.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    names = network.locator("select option").all_inner_texts()
+    assert {"Radius / mm", "Lumen error by the G-code / µm"} <= set(names)
+    page.get_by_role("button", name="Layers and passes").click()
+    layers = page.frame_locator('iframe[title="Layers and passes of one"]')
+    layers.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    slider = layers.locator("input[type=range]").first
+    before = slider.input_value()
+    slider.focus()
+    slider.press("ArrowRight")
+    assert slider.input_value() != before
+    assert _serious(page) == []
+
+
+def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None:
+    page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
+    frame = page.wait_for_selector("iframe[src]", timeout=30_000).content_frame()
+    frame.wait_for_load_state()
+    assert frame.evaluate("origin") == "null"
+    asked = "fetch('/api/v1/runs').then(() => 'reached', () => 'refused')"
+    assert frame.evaluate(asked) == "refused"
+
+
+@pytest.mark.parametrize("viewport", [PHONE, TABLET], ids=["phone", "tablet"])
+@pytest.mark.parametrize("colours", ["light", "dark"])
+def test_the_page_fits_small_screens(
+    served: Process, browser: Any, viewport: dict[str, int], colours: str
+) -> None:
+    for tab in ("recipe", "make", "look", "compare"):
+        url = f"{served.url}/design?recipe=one&tab={tab}"
+        page = shown(browser, url, viewport=viewport, color_scheme=colours)
+        page.wait_for_timeout(1500)
+        assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
+        assert _serious(page) == []
+        page.context.close()
+
+
+def test_markup_in_a_file_s_name_is_shown_as_text(
+    served: Process, browser: Any, tmp_path: Path
+) -> None:
+    page = shown(browser, f"{served.url}/design")
+    page.get_by_role("button", name="Import").click()
+    bad = tmp_path / "<img src=x onerror=window.bad=1>.yaml"
+    bad.write_text("schema: 1\nname: <img src=x onerror=window.bad=1>\n")
+    page.locator("input[type=file]").set_input_files(str(bad))
+    page.get_by_text(re.compile("to mend")).first.wait_for()
+    page.get_by_text(re.compile("<img src=x")).first.wait_for()
+    assert page.evaluate("window.bad") is None

@@ -1,0 +1,128 @@
+"""The API of recipes and runs: what it gives, and what it gives to nobody."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from printctl.pipeline.manifest import Manifest, StageRecord
+from printctl.web.app import build_app
+from printctl.web.core import Core
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    (tmp_path / "secret.txt").write_text("secret")
+    made = Workspace(tmp_path / "ws").make()
+    _run(made, "one", vessels=14, print_time_s=600.0, recipe={"toolpath": {"layer_um": 60.0}})
+    _run(made, "two", vessels=14, print_time_s=900.0, recipe={"toolpath": {"layer_um": 40.0}})
+    return made
+
+
+def _run(
+    workspace: Workspace, name: str, vessels: int, print_time_s: float, recipe: object
+) -> None:
+    folder = workspace.run(name)
+    folder.mkdir()
+    stages = {
+        "vasculature": StageRecord("k", {}, {"vessels": vessels}, 1.0, 1.0),
+        "dry run": StageRecord("k", {}, {"print_time_s": print_time_s}, 1.0, 1.0),
+    }
+    Manifest(folder, {"recipe": recipe}, stages).save()
+    (folder / "flow.csv").write_text("vessel\n0\n")
+    (folder / "report.html").write_text('<!doctype html><html lang="en"><head></head></html>')
+    (folder / "secret.key").write_text("secret")
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    app = build_app(Core(ServeSettings(workspace.root), workspace), pages=False)
+    return TestClient(app, raise_server_exceptions=True)
+
+
+def test_a_recipe_is_made_changed_checked_and_thrown_away(client: TestClient) -> None:
+    made = client.post("/api/v1/recipes", json={"name": "a"}).json()
+    assert made["problems"] == []
+    text = made["text"].replace("layer_um: 60", "layer_um: 1")
+    body = {"text": text, "version": made["version"]}
+    wrong = client.put("/api/v1/recipes/a", json=body).json()
+    assert wrong["problems"][0]["path"] == ["toolpath", "layer_um"]
+    assert client.put("/api/v1/recipes/a", json=body).status_code == 409
+    assert client.delete("/api/v1/recipes/a").status_code == 204
+    assert client.get("/api/v1/recipes/a").status_code == 404
+    assert client.post("/api/v1/recipes/a/restore").json()["text"] == text
+
+
+def test_a_text_is_checked_without_being_kept(client: TestClient) -> None:
+    found = client.post("/api/v1/recipes/validate", json={"text": "a: *x"}).json()
+    assert not found["valid"]
+    assert client.get("/api/v1/recipes").json() == []
+
+
+def test_the_schema_is_given(client: TestClient) -> None:
+    keys = [field["key"] for field in client.get("/api/v1/recipes/schema").json()["fields"]]
+    assert keys[:3] == ["schema", "name", "seed"]
+
+
+def test_a_file_of_a_run_comes_as_a_download(client: TestClient) -> None:
+    answer = client.get("/api/v1/runs/one/files/flow.csv")
+    assert answer.text == "vessel\n0\n"
+    assert answer.headers["content-disposition"].startswith("attachment")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "runs/one/files/secret.key",
+        "runs/one/files/..%2F..%2F..%2Fsecret.txt",
+        "runs/one/files/%2e%2e",
+        "runs/..%2F..%2F/files/secret.txt",
+        "runs/%2e%2e/files/secret.txt",
+        "runs/one/pages/..%2Freport",
+        "runs/one/pages/manifest",
+        "recipes/..%2F..%2Fsecret",
+        "recipes/%2e%2e",
+        "runs/.hidden/progress",
+    ],
+)
+def test_nothing_beyond_the_list_is_given(client: TestClient, path: str) -> None:
+    answer = client.get(f"/api/v1/{path}")
+    assert answer.status_code in (404, 422)
+    assert "secret" not in answer.text.replace("secret.key", "").replace("secret.txt", "")
+
+
+def test_a_link_that_leads_out_isnt_followed(client: TestClient, workspace: Workspace) -> None:
+    (workspace.run("one") / "run.log").symlink_to(workspace.root.parent / "secret.txt")
+    assert client.get("/api/v1/runs/one/files/run.log").status_code == 404
+
+
+def test_a_page_of_a_run_is_shut_in(client: TestClient) -> None:
+    answer = client.get("/api/v1/runs/one/pages/report?theme=dark")
+    policy = answer.headers["content-security-policy"]
+    assert "sandbox allow-scripts" in policy
+    assert "allow-same-origin" not in policy
+    assert "default-src 'none'" in policy
+    assert answer.headers["x-frame-options"] == "SAMEORIGIN"
+    assert '<html lang="en" data-theme="dark">' in answer.text
+    assert client.get("/api/v1/runs/one/pages/report?theme=x").status_code == 422
+
+
+def test_two_runs_are_compared(client: TestClient) -> None:
+    found = client.get("/api/v1/runs/compare?one=one&other=two").json()
+    assert found["recipe"] == [
+        {"name": "toolpath.layer_um", "one": "60.0", "other": "40.0", "change": ""}
+    ]
+    time = next(row for row in found["figures"] if row["name"] == "Print time")
+    assert (time["one"], time["other"], time["change"]) == ("10 min", "15 min", "+50 %")
+
+
+def test_an_upload_that_is_no_recipe_is_refused(client: TestClient) -> None:
+    for data in (b"\xff\xfe", b"- 1", b"a: &x 1", b"x" * 300_000):
+        answer = client.post("/api/v1/recipes/import", files={"file": ("r.yaml", data)})
+        assert answer.status_code == 422, data[:10]
+    assert json.loads(client.get("/api/v1/recipes").text) == []

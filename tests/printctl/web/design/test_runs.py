@@ -1,0 +1,145 @@
+"""Runs as processes of their own: started, found by another server, cancelled, refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from printctl.errors import UsageError
+from printctl.web.core import Core
+from printctl.web.design.making import RunProgress, read_progress
+from printctl.web.design.making.detached import LOG, PROGRESS
+from printctl.web.design.service import DesignService
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.settings import ServeSettings
+from printctl.web.workspace import Workspace
+
+_LIMIT_S = 60.0
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return Workspace(tmp_path / "ws").make()
+
+
+def _server(workspace: Workspace) -> DesignService:
+    return DesignService(Core(ServeSettings(workspace.root), workspace))
+
+
+@pytest.fixture
+def service(workspace: Workspace) -> DesignService:
+    made = _server(workspace)
+    made.recipes.new("one")
+    return made
+
+
+def _until(service: DesignService, *states: str) -> RunProgress:
+    deadline = time.monotonic() + _LIMIT_S
+    while time.monotonic() < deadline:
+        run = service.runs.progress("one")
+        if run.state in states:
+            return run
+        time.sleep(0.05)
+    raise AssertionError(f"never {states}: {service.runs.progress('one')}")
+
+
+def test_a_design_is_made_as_far_as_asked(service: DesignService) -> None:
+    assert service.runs.progress("one").state == "never"
+    service.runs.start("one", "flow")
+    with pytest.raises(ConflictError, match="going on"):
+        service.runs.start("one", "flow")
+    run = _until(service, "done", "failed", "interrupted")
+    assert (run.state, run.until) == ("done", "flow")
+    assert [(stage.name, stage.state) for stage in run.stages] == [
+        ("tissue", "done"),
+        ("vasculature", "done"),
+        ("flow", "done"),
+    ]
+    assert {figure.key for figure in service.figures("one")} >= {"vessels", "drop_pa", "shear_max"}
+    assert "network.csv" in service.artefacts("one")
+    assert "lumens" not in {figure.key for figure in service.figures("one")}
+
+
+def test_another_server_finds_a_run_and_cancels_it(
+    service: DesignService, workspace: Workspace
+) -> None:
+    service.runs.start("one")
+    _until(service, "running")
+    other = _server(workspace)
+    found = other.runs.progress("one")
+    assert found.going_on
+    assert found.stages
+    with pytest.raises(ConflictError, match="going on"):
+        other.runs.start("one")
+    other.runs.cancel("one")
+    assert _until(other, "interrupted").message
+    with pytest.raises(ConflictError, match="isn't going on"):
+        other.runs.cancel("one")
+    assert _until(service, "interrupted") == other.runs.progress("one")
+
+
+def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Workspace) -> None:
+    service.runs.start("one")
+    run = _until(service, "running")
+    os.killpg(run.pid, signal.SIGKILL)
+    found = _until(service, "interrupted")
+    assert "process is gone" in found.message
+    assert _until(_server(workspace), "interrupted").message == found.message
+
+
+def test_a_failed_stage_says_why(service: DesignService) -> None:
+    service.recipes.take_file("n.csv", b"vessel,node0\n1,2\n")
+    text = service.recipes.read("one")
+    given = "{network: n.csv, unit: mm}\n"
+    wrong = text.text.replace("\n  design: planar_four_vessel", f" {given}#")
+    service.recipes.write("one", wrong, text.version)
+    service.runs.start("one", "flow")
+    run = _until(service, "failed")
+    assert [stage.name for stage in run.stages if stage.state == "failed"] == ["vasculature"]
+    assert run.message
+    assert "Traceback" not in run.message
+
+
+def test_what_prints_isnt_started_here(service: DesignService) -> None:
+    with pytest.raises(BadRequestError, match="Job room"):
+        service.runs.start("one", "print")
+    with pytest.raises(UsageError, match="no stage"):
+        service.runs.start("one", "--yes")
+    with pytest.raises(ConflictError, match="no finished print"):
+        service.runs.go_on("one")
+
+
+def test_a_wrong_recipe_isnt_started(service: DesignService) -> None:
+    text = service.recipes.read("one")
+    service.recipes.write("one", text.text + "colour: red\n", text.version)
+    with pytest.raises(BadRequestError, match="colour"):
+        service.runs.start("one")
+    with pytest.raises(NotFoundError):
+        service.runs.start("two")
+
+
+def test_a_half_written_line_is_passed_over(tmp_path: Path) -> None:
+    begin = {"event": "begin", "time": 5.0, "pid": 1, "stages": ["a", "b"], "until": "b"}
+    steps = [begin, {"event": "stage", "time": 6.0, "name": "a", "fraction": 0.5, "note": "n"}]
+    text = "\n".join(json.dumps(step) for step in steps) + '\n{"event": "do'
+    (tmp_path / PROGRESS).write_text(text)
+    run = read_progress("r", tmp_path / PROGRESS)
+    assert (run.state, run.fraction, run.begun, run.told) == ("running", 0.25, 5.0, 6.0)
+    assert run.stages[0].note == "n"
+
+
+def test_a_run_that_never_began_says_its_last_words(
+    service: DesignService, workspace: Workspace
+) -> None:
+    folder = workspace.run("one")
+    folder.mkdir()
+    (folder / LOG).write_text("first\nprintctl: the disk is full\n")
+    (folder / PROGRESS).write_text(
+        json.dumps({"event": "begin", "time": 1.0, "pid": 2**22 + 5, "stages": [], "until": ""})
+    )
+    assert "the disk is full" in service.runs.progress("one").message

@@ -1,0 +1,192 @@
+"""The view in a real browser; `make test-browser` runs these."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import uvicorn
+from PIL import Image
+
+from tests.printctl.web.live import jobs
+from tests.printctl.web.live.page import application
+
+playwright = pytest.importorskip("playwright.sync_api")
+CHROMIUM = Path("/usr/bin/chromium")
+NASTY = jobs.HEAD + b";<img src=x onerror=alert(1)>\nG1 X5 F600\n"
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason="no Chromium at /usr/bin/chromium"),
+]
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where a page with the view is served."""
+    known = {"squares": jobs.squares(12, 5), "nasty": NASTY}
+    sources = {
+        name: jobs.source(tmp_path_factory.mktemp(name), data) for name, data in known.items()
+    }
+    config = uvicorn.Config(application(sources), port=0, log_level="error", ws="websockets-sansio")
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        thread.join(0.05)
+        assert thread.is_alive()
+    port = server.servers[0].sockets[0].getsockname()[1]
+    yield f"http://127.0.0.1:{port}"
+    server.should_exit = True
+    thread.join(10)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        arguments = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+        found = started.chromium.launch(executable_path=str(CHROMIUM), args=arguments)
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    context = browser.new_context(viewport={"width": 900, "height": 700})
+    found = context.new_page()
+    problems: list[str] = []
+    found.on("pageerror", lambda problem: problems.append(str(problem)))
+    yield found
+    context.close()
+    assert not problems
+
+
+def opened(page: Any, url: str) -> Any:
+    page.goto(url)
+    page.wait_for_selector("[data-drawn]")
+    return page
+
+
+def picture(page: Any) -> np.ndarray[Any, Any]:
+    """The stage as it is seen, (h, w, 3), without the ring that shows the focus."""
+    shot = page.locator(".live-stage").screenshot()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)[6:-6, 6:-6]
+
+
+def coloured(image: np.ndarray[Any, Any]) -> float:
+    """Share of the picture in strong colours, as only what is written or comes next has them."""
+    return float((image.max(axis=2) - image.min(axis=2) > 40).mean())
+
+
+def executed(page: Any, commands: int) -> None:
+    page.evaluate("n => view.update({ executed: n, acknowledged: n, position: null })", commands)
+    page.wait_for_function("n => view.last.words > 0 && view.status.executed === n", arg=commands)
+    page.wait_for_timeout(1500)
+
+
+@pytest.mark.parametrize("plain", ["false", "true"])
+def test_a_job_as_planned_is_seen_at_once(page: Any, address: str, plain: str) -> None:
+    opened(page, f"{address}/job/squares?plain={plain}")
+    assert page.evaluate("view.flat") == (plain == "true")
+    assert coloured(picture(page)) > 0.05
+
+
+@pytest.mark.parametrize("plain", ["false", "true"])
+def test_only_what_was_executed_is_drawn_as_written(page: Any, address: str, plain: str) -> None:
+    opened(page, f"{address}/job/squares?live=true&plain={plain}")
+    page.evaluate("view.options.ahead = 0")
+    page.evaluate("view.needle.svg.remove()")
+    page.evaluate("view.choose({ layers: [0, 0] })")
+    shares = []
+    for commands in (4, 14, 27):
+        executed(page, commands)
+        shares.append(coloured(picture(page)))
+    assert shares[0] < 0.005
+    assert shares[0] + 0.002 < shares[1]
+    assert shares[1] + 0.002 < shares[2]
+
+
+def test_updates_draw_the_new_moves_alone(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares?live=true")
+    executed(page, 20)
+    drawn = page.evaluate("view.root.dataset.drawn")
+    executed(page, 60)
+    assert page.evaluate("view.painter.painted.written") == page.evaluate("view.state.written")
+    assert page.evaluate("view.root.dataset.drawn") == drawn
+
+
+def test_an_appended_picture_is_the_one_drawn_anew(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares?live=true")
+    page.evaluate("view.options.ahead = 0")
+    for commands in (40, 80, 120):
+        executed(page, commands)
+    appended = picture(page)
+    page.evaluate("view.choose({})")
+    page.wait_for_timeout(1000)
+    differ = (np.abs(appended - picture(page)).max(axis=2) > 30).mean()
+    assert differ < 0.002
+
+
+def test_the_page_follows_the_servers_events(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares?source=/events")
+    said = {"event": "print", "lines_done": 60, "lines_executed": 50, "position": [3, 4, 0.6]}
+    page.wait_for_function("view.feed.socket.readyState === 1")
+    httpx.post(f"{address}/tell", json={"event": "other"}).raise_for_status()
+    httpx.post(f"{address}/tell", json=said).raise_for_status()
+    page.wait_for_function("view.status.executed === 50")
+    page.wait_for_timeout(1500)
+    assert page.evaluate("view.needle.place") == [3, 4, 0.6]
+    assert "50 of" in page.locator(".live-words").inner_text()
+
+
+def test_the_slider_hides_layers(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares")
+    everything = coloured(picture(page))
+    page.get_by_label("Last layer shown").fill("2")
+    page.wait_for_timeout(800)
+    assert coloured(picture(page)) < 0.8 * everything
+    assert "layers 1 to 2 of 12" in page.locator(".live-range").inner_text()
+
+
+def test_keys_turn_and_fit_the_picture(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares")
+    before = picture(page)
+    page.locator(".live-stage").focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(800)
+    assert (np.abs(before - picture(page)).max(axis=2) > 30).mean() > 0.02
+    page.keyboard.press("f")
+    page.wait_for_timeout(800)
+    assert (np.abs(before - picture(page)).max(axis=2) > 30).mean() < 0.005
+
+
+def test_a_job_that_cannot_be_shown_says_why_as_text(page: Any, address: str) -> None:
+    page.goto(f"{address}/job/nasty")
+    page.wait_for_selector(".live-problem")
+    assert "writes" in page.locator(".live-problem").inner_text()
+    assert page.locator(".live-view img").count() == 0
+
+
+def test_nothing_is_drawn_while_nothing_changes(page: Any, address: str) -> None:
+    opened(page, f"{address}/job/squares?live=true")
+    executed(page, 30)
+    page.evaluate(
+        "() => { window.frames_asked = 0; const ask = requestAnimationFrame;"
+        " window.requestAnimationFrame = (go) => { window.frames_asked += 1; return ask(go); }; }"
+    )
+    page.wait_for_timeout(1500)
+    assert page.evaluate("window.frames_asked") == 0
+
+
+def test_without_serious_findings_of_axe(page: Any, address: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    opened(page, f"{address}/job/squares?live=true")
+    found = axe.Axe().run(page).response["violations"]
+    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []

@@ -1,0 +1,122 @@
+import asyncio
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from printctl.web.live import JobSource, SceneError
+from printctl.web.live.maker import SceneMaker
+from printctl.web.live.modules import static_files
+from printctl.web.live.pack import unpack_scene
+from printctl.web.live.routes import router
+from tests.printctl.web.live import jobs
+
+
+def answers(
+    sources: dict[str, JobSource], *asked: tuple[str, dict[str, str]]
+) -> list[httpx.Response]:
+    """Answers of an application that makes scenes in its own process."""
+
+    async def ask() -> list[httpx.Response]:
+        maker, app = SceneMaker(), FastAPI()
+        app.include_router(router(sources.__getitem__, maker))
+        try:
+            async with httpx.AsyncClient(
+                transport=httpx.ASGITransport(app), base_url="http://test"
+            ) as client:
+                return [await client.get(url, headers=headers) for url, headers in asked]
+        finally:
+            await maker.close()
+
+    return asyncio.run(ask())
+
+
+def test_moves_are_sent_once_and_then_known_by_their_tag(tmp_path: Path) -> None:
+    source = jobs.source(tmp_path, jobs.squares(2))
+    [first] = answers({"a": source}, ("/live/a/scene", {}))
+    assert first.status_code == 200
+    assert len(unpack_scene(first.content)) > 20
+    known = {"If-None-Match": f'"other", W/{first.headers["etag"]}'}
+    other = {"If-None-Match": '"other"'}
+    again, anew = answers({"a": source}, ("/live/a/scene", known), ("/live/a/scene", other))
+    assert (again.status_code, again.content) == (304, b"")
+    assert anew.content == first.content
+
+
+def test_what_cannot_be_shown_is_said_not_raised(tmp_path: Path) -> None:
+    empty = jobs.source(tmp_path, b"; nothing\n")
+    gone = JobSource(tmp_path / "gone.gcode", tmp_path / "cache")
+    nothing, missing, unknown = answers(
+        {"empty": empty, "gone": gone},
+        ("/live/empty/scene", {}),
+        ("/live/gone/scene", {}),
+        ("/live/other/scene", {}),
+    )
+    assert nothing.status_code == missing.status_code == 422
+    assert "no move" in nothing.json()["detail"]
+    assert "gone.gcode can't be read" in missing.json()["detail"]
+    assert unknown.status_code == 404
+
+
+def test_a_failed_job_leaves_the_process_ready_for_the_next(tmp_path: Path) -> None:
+    (tmp_path / "bad").mkdir()
+    bad = jobs.source(tmp_path / "bad", b"\0")
+    good = jobs.source(tmp_path, jobs.squares(1))
+    failed, made = answers(
+        {"bad": bad, "good": good}, ("/live/bad/scene", {}), ("/live/good/scene", {})
+    )
+    assert (failed.status_code, made.status_code) == (422, 200)
+
+
+def test_a_maker_that_died_begins_again(tmp_path: Path) -> None:
+    async def die_and_ask() -> Path:
+        maker = SceneMaker()
+        await maker.start()
+        process = maker._process
+        assert process is not None
+        process.kill()
+        await process.wait()
+        try:
+            return await maker.scene_file(jobs.source(tmp_path, jobs.squares(1)))
+        finally:
+            await maker.close()
+
+    assert asyncio.run(die_and_ask()).is_file()
+
+
+def test_a_job_that_takes_too_long_is_given_up(tmp_path: Path) -> None:
+    async def hurry() -> None:
+        maker = SceneMaker(longest_s=1e-3)
+        try:
+            await maker.scene_file(jobs.source(tmp_path, jobs.squares(1)))
+        finally:
+            await maker.close()
+
+    with pytest.raises(SceneError, match=r"wasn't made in 0\.001 s"):
+        asyncio.run(hurry())
+
+
+def test_scripts_name_each_other_by_files_that_are_there() -> None:
+    files = static_files()
+    for name, file in files.items():
+        if name == "three.js" or not name.endswith(".js"):
+            continue
+        text = file.data.decode()
+        named = re.findall(r"""^(?:import|}) .*from ['"]([^'"]+)['"];$""", text, re.MULTILINE)
+        named += re.findall(r'import\("([^"]+)"\)', text)
+        assert named or "import " not in text
+        assert [one for one in named if one.removeprefix("./") not in files] == [], name
+
+
+@pytest.mark.parametrize("name", ["live_view.js", "three.js", "live_view.css"])
+def test_scripts_and_styles_come_with_type_and_tag(name: str) -> None:
+    [found, escaped] = answers(
+        {}, (f"/live/static/{name}", {}), ("/live/static/..%2F..%2Fscene.py", {})
+    )
+    assert found.status_code == 200
+    assert found.headers["content-type"].startswith("text/")
+    assert found.headers["x-content-type-options"] == "nosniff"
+    assert found.headers["etag"]
+    assert escaped.status_code == 404

@@ -1,0 +1,162 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from printctl.gcode_view import LineMap, read_line_map
+from printctl.link.job import parse_job
+from printctl.web.live import LiveScene, SceneError, make_scene
+from printctl.web.live.make import write_scene
+from printctl.web.live.pack import pack_scene, unpack_scene
+from printctl.web.live.scene import ACT, HEAD, LAYER, NONE, VESSEL, WIDTH
+from registration.report.gcode import Act
+from tests.printctl.web.live import jobs
+from tests.printctl.web.live.oracle import moves_of, read_packed
+
+
+def scene_of(folder: Path, gcode: bytes, line_map: LineMap | None = None) -> LiveScene:
+    return make_scene(jobs.source(folder, gcode), gcode, line_map)
+
+
+def test_packed_numbers_are_those_of_a_plain_reader(tmp_path: Path) -> None:
+    gcode = jobs.squares(4)
+    header, points, commands, times = read_packed(pack_scene(scene_of(tmp_path, gcode)))
+    about = json.loads(header)
+    expected = moves_of(gcode)
+    assert about["moves"] == len(expected) == len(commands)
+    assert commands == [move.command for move in expected]
+    for point, move in zip(points[1:], expected, strict=True):
+        for axis in range(3):
+            mm = about["low_mm"][axis] + about["step_mm"][axis] * point[axis]
+            assert mm == pytest.approx(move.end[axis], abs=0.51 * about["step_mm"][axis])
+        assert (point[ACT] == Act.WRITE) == move.writes
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(about["duration_s"], rel=1e-6)
+    assert about["layers"] == pytest.approx([0.2, 0.4, 0.6, 0.8])
+
+
+def test_unpacking_gives_back_what_was_packed(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, jobs.squares(3))
+    again = unpack_scene(pack_scene(scene))
+    assert np.array_equal(again.points, scene.points)
+    assert np.array_equal(again.command, scene.command)
+    assert np.array_equal(again.time_s, scene.time_s)
+    assert again.about == scene.about
+
+
+@pytest.mark.parametrize("harm", ["cut", "other", "version"])
+def test_bytes_that_are_no_scene_are_refused(tmp_path: Path, harm: str) -> None:
+    data = pack_scene(scene_of(tmp_path, jobs.squares(1)))
+    broken = {"cut": data[:-3], "other": b"PNG" + data[3:], "version": data[:8] + b"\2" + data[9:]}
+    with pytest.raises(SceneError, match="delete"):
+        unpack_scene(broken[harm])
+
+
+COMMENTED = (
+    b"; begin\n(by hand)\n\nG21\nG90 (absolute)\n// aerotech's\nM82\n  \nG92 X0 Y0 Z0 E0\n"
+    b"G1 X5 E1 F600 ; one\n;G1 X9\nG1 Y5 (two) E2\n(G1 X7)\n\tM400\nG1 X0 E3\n"
+)
+
+
+def test_commands_are_counted_as_the_link_counts_them(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, COMMENTED)
+    job = parse_job(COMMENTED, "job.gcode")
+    assert scene.about["commands"] == len(job)
+    sent = [job.lines[k].split()[0:2] for k in scene.command]
+    assert sent == [[b"G1", b"X5"], [b"G1", b"Y5"], [b"G1", b"X0"]]
+
+
+LINES = st.sampled_from(
+    [b"G1 X%d Y1 E%d", b"; c", b"", b"(c)", b"M400", b"G4 P1", b"  ", b"G0 Z%d.5", b"//c"]
+    + [b"M105 (c)"]
+)
+
+
+@given(st.lists(LINES, max_size=30), st.sampled_from([b"\n", b"\r\n", b"\r"]))
+def test_commands_agree_with_the_link_whatever_stands_between(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[bytes], end: bytes
+) -> None:
+    filled = [raw.replace(b"%d", b"%d" % k) for k, raw in enumerate(lines, start=2)]
+    head = jobs.HEAD.split(b"\n")
+    gcode = end.join([*head, b"G1 X1 Y1 E1", *filled, b"G1 X99 Y9 E99"]) + end
+    scene = scene_of(tmp_path_factory.mktemp("job"), gcode)
+    job = parse_job(gcode, "job.gcode")
+    assert scene.about["commands"] == len(job)
+    assert {job.lines[k][:2] for k in scene.command.tolist()} <= {b"G0", b"G1"}
+    assert scene.command[-1] == len(job) - 1
+
+
+def test_an_arc_is_several_moves_of_one_command(tmp_path: Path) -> None:
+    gcode = jobs.HEAD + b"G1 X10 E1 F600\nG2 X20 Y0 I5 J0 E2\nG1 X30 E3\n"
+    scene = scene_of(tmp_path, gcode)
+    of_arc = scene.command == 5
+    assert of_arc.sum() > 5
+    place = scene.about["low_mm"] + scene.points[:, :3] * np.array(scene.about["step_mm"])
+    reach = np.hypot(place[1:][of_arc, 0] - 15, place[1:][of_arc, 1])
+    assert reach == pytest.approx(5.0, abs=2e-3)
+
+
+def test_homing_leaves_a_gap_instead_of_a_line(tmp_path: Path) -> None:
+    gcode = b"G28\nG90\nM82\nG1 X10 Y10 Z1 F600\nG1 X20 E1\n"
+    act = scene_of(tmp_path, gcode).points[1:, ACT]
+    assert act[-1] == Act.WRITE
+    assert (act[:-1] == Act.JUMP).all()
+
+
+def test_vessels_come_from_the_map_beside_the_file(tmp_path: Path) -> None:
+    gcode = jobs.squares(2)
+    lines = gcode.count(b"\n")
+    of = np.where(np.arange(lines) < lines // 2, 3, -1)
+    np.savez(tmp_path / "job.map.npz", source=of, source_kind="vessel")
+    line_map, _ = read_line_map(tmp_path / "job.gcode", lines)
+    scene = scene_of(tmp_path, gcode, line_map)
+    assert set(scene.points[1:, VESSEL].tolist()) == {3, NONE}
+    assert scene.about["vessels"] == 1
+    assert scene.about["passes"]
+
+
+def test_layers_heads_and_widths_stand_at_each_move(tmp_path: Path) -> None:
+    points = scene_of(tmp_path, jobs.squares(3)).points[1:]
+    writes = points[:, ACT] == Act.WRITE
+    assert set(points[writes, LAYER].tolist()) == {0, 1, 2}
+    assert (points[writes, WIDTH] > 0).all()
+    assert (points[~writes, WIDTH] == 0).all()
+    assert not points[:, HEAD].any()
+
+
+@pytest.mark.parametrize(
+    ("gcode", "said"),
+    [
+        (b"", "no move"),
+        (b"; only words\n", "no move"),
+        (jobs.HEAD + b"G1 X5 F600\nG1 Y5\n", "none of its 2 moves writes"),
+        (b"\0\1\2\3", "binary"),
+        (b"G2 X\n<script>alert(1)</script>\n", "no move"),
+    ],
+)
+def test_a_file_that_cannot_be_shown_says_why(tmp_path: Path, gcode: bytes, said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        write_scene(jobs.source(tmp_path, gcode))
+    assert not list((tmp_path / "cache").glob("*"))
+
+
+def test_numbers_that_are_none_dont_reach_the_scene(tmp_path: Path) -> None:
+    gcode = jobs.HEAD + b"G1 Xnan E1 F600\nG1 X1e400 E2\nG1 X5 E3\n"
+    scene = scene_of(tmp_path, gcode)
+    packed = pack_scene(scene)  # refuses what JSON has no number for
+    assert np.isfinite(scene.time_s).all()
+    assert unpack_scene(packed).about == scene.about
+
+
+def test_a_scene_is_made_once_and_again_for_another_file(tmp_path: Path) -> None:
+    source = jobs.source(tmp_path, jobs.squares(1))
+    first = write_scene(source)
+    made = first.stat().st_mtime_ns
+    assert write_scene(source) == first
+    assert first.stat().st_mtime_ns == made
+    other = write_scene(jobs.source(tmp_path, jobs.squares(2)))
+    assert other != first
+    assert sorted(source.cache.iterdir()) == sorted([first, other])

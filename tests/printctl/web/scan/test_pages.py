@@ -1,0 +1,88 @@
+"""The Scan room in a real browser: a volume is added, looked at and registered."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from printctl.pipeline.run import How, run_recipe
+from printctl.recipe import parse_recipe
+from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.shell.browsers import PHONE, chromium, shown
+
+pytestmark = pytest.mark.browser
+_LONG_MS = 400_000
+_RECIPE = {
+    "schema": 1,
+    "name": "small",
+    "tissue": {"shape": "block", "size_mm": [16, 8, 3]},
+    "vasculature": {"design": "planar_four_vessel"},
+    "toolpath": {"method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400},
+    "scan": {"simulated": "oct", "voxel_um": [60, 60, 30]},
+    "registration": {"tolerance_um": 1000},
+}
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
+    root = tmp_path_factory.mktemp("scan")
+    run = root / "workspace" / "runs" / "small"
+    how = How(until="scan")
+    run_recipe(parse_recipe(_RECIPE, "test"), root, run, Console(file=io.StringIO()), how)
+    scan = root / "fresh scan.tif"
+    shutil.move(run / "scan.tif", scan)
+    with server_process(root / "workspace") as server:
+        yield server, scan
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+def _serious(page: Any) -> list[str]:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    found = axe.run(page).response["violations"]
+    bad = [one for one in found if one["impact"] in ("serious", "critical")]
+    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in bad]
+
+
+def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
+    server, scan = served
+    page = shown(browser, f"{server.url}/scan")
+    page.get_by_text("No scan yet").wait_for()
+    page.get_by_role("button", name="Add a scan").click()
+    page.locator("input[type=file]").set_input_files(str(scan))
+    page.get_by_text("file~fresh_scan.tif: ").wait_for(timeout=60_000)
+    image = page.get_by_alt_text("of the scan along z")
+    first = image.get_attribute("src")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.pc-slice img')].every(one => one.naturalWidth > 10)"
+    )
+    page.get_by_label("Slice along z").press("ArrowRight")
+    page.wait_for_function(
+        "first => document.querySelector('.pc-slice img').getAttribute('src') !== first", arg=first
+    )
+    page.get_by_text("Tint what is above the threshold").click()
+    page.wait_for_function(
+        "document.querySelector('.pc-slice img').getAttribute('src').includes('threshold')"
+    )
+    assert _serious(page) == []
+    page.get_by_role("button", name="Register", exact=True).click()
+    page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
+    assert page.locator("tbody tr").count() >= 14
+    report = page.frame_locator('iframe[title="Report of the registration"]')
+    page.locator("iframe").scroll_into_view_if_needed()
+    report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    assert _serious(page) == []
+    small = shown(browser, f"{server.url}/scan", viewport=PHONE, color_scheme="dark")
+    small.get_by_text("Shifted by x, y, z").wait_for(timeout=60_000)
+    assert small.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    assert _serious(small) == []

@@ -1,0 +1,150 @@
+"""Scans as they arrive: named, unpacked, refused."""
+
+from __future__ import annotations
+
+import io
+import stat
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.scan.store import ScanStore, scan_name
+from printctl.web.workspace import Workspace
+from registration.readers import ScanOverrides
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> ScanStore:
+    return ScanStore(Workspace(tmp_path / "ws").make(), upload_mb=2.0)
+
+
+def _zip(members: dict[str, bytes]) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return out.getvalue()
+
+
+def _tiff(image: np.ndarray[tuple[int, int], np.dtype[np.uint8]]) -> bytes:
+    out = io.BytesIO()
+    tifffile.imwrite(out, image)
+    return out.getvalue()
+
+
+def _files(store: ScanStore) -> list[str]:
+    return sorted(p.name for p in store.folder.rglob("*") if p.is_file())
+
+
+def test_a_volume_keeps_its_bytes(store: ScanStore) -> None:
+    assert store.take("my scan.tif", [b"II*\0", b"rest"]) == "file~my_scan.tif"
+    assert store.path("file~my_scan.tif").read_bytes() == b"II*\0rest"
+    assert [row.scan for row in store.rows()] == ["file~my_scan.tif"]
+
+
+def test_slices_in_a_zip_become_a_volume_in_their_order(store: ScanStore) -> None:
+    images = [np.full((4, 6), n, np.uint8) for n in range(12)]
+    data = _zip({f"slices/s_{n}.tif": _tiff(image) for n, image in enumerate(images)})
+    scan = store.take("stack.zip", [data])
+    assert scan == "file~stack.tif"
+    np.testing.assert_array_equal(tifffile.imread(store.path(scan)), np.stack(images))
+    assert _files(store) == ["stack.tif"]
+
+
+@pytest.mark.parametrize(
+    "name", ["../x.tif", "/etc/x.tif", "a/../../x.tif", "a\\..\\x.tif", "C:/x.tif", "a//x.tif"]
+)
+def test_a_name_that_leads_elsewhere_is_refused(store: ScanStore, name: str) -> None:
+    with pytest.raises(BadRequestError):
+        store.take("bad.zip", [_zip({name: b"x", "b.tif": b"y"})])
+    assert _files(store) == []
+    assert not list(store.folder.parent.parent.glob("x.tif"))
+
+
+def test_a_link_in_an_archive_is_refused(store: ScanStore) -> None:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        link = zipfile.ZipInfo("a.tif")
+        link.external_attr = (stat.S_IFLNK | 0o777) << 16
+        archive.writestr(link, "/etc/passwd")
+    with pytest.raises(BadRequestError, match="isn't unpacked"):
+        store.take("bad.zip", [out.getvalue()])
+
+
+def test_a_zip_bomb_is_refused(store: ScanStore) -> None:
+    data = _zip({f"{n}.dcm": bytes(400_000) for n in range(10)})
+    assert len(data) < 50_000
+    with pytest.raises(BadRequestError, match="at most 2 MB"):
+        store.take("bomb.zip", [data])
+    assert _files(store) == []
+
+
+def test_an_archive_that_lies_about_its_size_is_refused(store: ScanStore) -> None:
+    data = _zip({"1.dcm": bytes(3_000_000)})
+    said = (3_000_000).to_bytes(4, "little")
+    assert data.count(said) == 2
+    with pytest.raises(BadRequestError):
+        store.take("liar.zip", [data.replace(said, (1000).to_bytes(4, "little"))])
+    assert _files(store) == []
+
+
+def test_too_many_files_are_refused(store: ScanStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("printctl.web.scan.unpacking.MOST_FILES", 3)
+    with pytest.raises(BadRequestError, match="at most 3"):
+        store.take("many.zip", [_zip({f"{n}.dcm": b"x" for n in range(4)})])
+
+
+def test_more_than_is_taken_is_refused_as_it_comes(store: ScanStore) -> None:
+    with pytest.raises(BadRequestError, match="larger than 2 MB"):
+        store.take("big.tif", (bytes(500_000) for _ in range(5)))
+    assert _files(store) == []
+
+
+def test_slices_that_differ_are_refused(store: ScanStore) -> None:
+    one, two = np.zeros((4, 6), np.uint8), np.zeros((4, 7), np.uint8)
+    with pytest.raises(BadRequestError, match="slices of a volume are alike"):
+        store.take("s.zip", [_zip({"1.tif": _tiff(one), "2.tif": _tiff(two)})])
+
+
+def test_a_taken_name_is_refused(store: ScanStore) -> None:
+    store.take("a.tif", [b"x"])
+    with pytest.raises(ConflictError, match="already"):
+        store.take("a.tif", [b"y"])
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"),
+    [
+        ("../../a.tif", "a.tif"),
+        ("c:\\scans\\a.tif", "a.tif"),
+        ("<script>alert(1)</script>.tif", "script_.tif"),
+        (".hidden.tif", "hidden.tif"),
+    ],
+)
+def test_a_files_name_becomes_one_of_ours(name: str, ours: str) -> None:
+    assert scan_name(name) == ours
+
+
+@pytest.mark.parametrize("name", ["", "..", "a.json", "x.yaml"])
+def test_what_cant_be_a_scans_name_is_refused(name: str) -> None:
+    with pytest.raises(BadRequestError):
+        scan_name(name)
+
+
+@pytest.mark.parametrize("scan", ["file~../x", "file~", "run~../..", "x", "file~a/b", "file~.x"])
+def test_scans_elsewhere_arent_found(store: ScanStore, scan: str) -> None:
+    with pytest.raises((BadRequestError, NotFoundError)):
+        store.path(scan)
+
+
+def test_what_is_said_goes_with_the_scan(store: ScanStore) -> None:
+    scan = store.take("a.tif", [b"x"])
+    store.say(scan, ScanOverrides(voxel_mm=(0.03, 0.02, 0.01), modality="oct"))
+    assert store.said(scan) == {"voxel_mm": [0.03, 0.02, 0.01], "modality": "oct"}
+    assert [row.scan for row in store.rows()] == [scan]
+    store.delete(scan)
+    assert _files(store) == []
