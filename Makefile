@@ -87,6 +87,10 @@ test-dist: $(VENV)/.ready-release
 audit: $(VENV)/.ready-release
 	$(BIN)/python .ci/audit.py
 
+# The page while it prints: the stop's way to the wire, what browsers cost; BENCH="--quick" for few tries.
+bench-operator: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks.operator $(BENCH)
+
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)

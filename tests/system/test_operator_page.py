@@ -1,0 +1,129 @@
+"""The operator's page as a person uses it: from a new recipe to the report, by clicks alone."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from printctl.station import attach
+from tests.printctl.web.serving import Process, server_process
+from tests.printctl.web.shell.browsers import PHONE, chromium, shown
+
+pytestmark = pytest.mark.browser
+_LONG_MS = 600_000
+_TOOLPATH = "toolpath: {method: fresh, needle: 22g, layer_um: 150, line_um: 400}\n"
+_SCAN = "scan: {simulated: oct, voxel_um: [60, 60, 30]}\n"
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("operator") / "workspace"
+    yield folder
+    attach(folder / "station").close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+def _serve(workspace: Path, *more: str) -> Any:
+    return server_process(workspace, "--sim-speed", "30", *more)
+
+
+def test_from_a_recipe_to_its_report_by_clicks_alone(workspace: Path, browser: Any) -> None:
+    with _serve(workspace) as server:
+        port = server.url.rsplit(":", 1)[1].strip("/")
+        page = shown(browser, f"{server.url}/design")
+        _design(page)
+        _connect(page, server)
+        _begin(page, server)
+        _pause_and_go_on(page, workspace)
+        _seen_by_another(browser, server)
+        server.process.send_signal(signal.SIGKILL)
+        server.process.wait()
+    page.get_by_text(re.compile("connection to the server", re.I)).first.wait_for()
+    with _serve(workspace, "--port", port) as server:
+        page = shown(browser, f"{server.url}/job?job=run~one")
+        page.get_by_text(re.compile("^(Printing|Done) ·")).wait_for()
+        page.get_by_text(re.compile("^Done ·")).wait_for(timeout=_LONG_MS)
+        _scan(page, server)
+    assert (workspace / "runs" / "one" / "report.html").is_file()
+
+
+def _design(page: Any) -> None:
+    page.get_by_role("button", name="New", exact=True).click()
+    page.get_by_label("Name", exact=True).fill("one")
+    page.get_by_role("button", name="Make", exact=True).click()
+    page.get_by_text(re.compile("^one: ready to be made")).wait_for()
+    text = page.get_by_label("Recipe as YAML")
+    quick = re.sub(r"toolpath:\n(?:  .*\n)+", _TOOLPATH, text.input_value())
+    text.fill(re.sub(r"scan:\n(?:  .*\n)+", _SCAN, quick))
+    page.get_by_text("one: ready to be made · saved").wait_for()
+    page.get_by_role("tab", name="Make").click()
+    page.get_by_role("button", name="Make the design").click()
+    page.get_by_text("one: made as far as lumens").wait_for(timeout=_LONG_MS)
+
+
+def _connect(page: Any, server: Process) -> None:
+    page.goto(f"{server.url}/printer")
+    page.get_by_role("button", name="Connect", exact=True).click()
+    page.get_by_text("ready: connected, checked").wait_for(timeout=_LONG_MS)
+
+
+def _begin(page: Any, server: Process) -> None:
+    page.goto(f"{server.url}/job?job=run~one")
+    page.get_by_role("button", name="Move the tip to the start").click()
+    page.get_by_text(re.compile("^The tip stands at the start")).wait_for(timeout=_LONG_MS)
+    page.get_by_role("button", name="Check", exact=True).click()
+    page.get_by_text(re.compile("^All checks passed")).wait_for(timeout=_LONG_MS)
+    page.get_by_label("Operator's name").fill("Ada")
+    page.keyboard.press("Tab")
+    page.get_by_text(re.compile("^Written down at")).wait_for()
+    points = page.locator(".job-point[role=checkbox]")
+    for number in range(7):
+        points.nth(number).click()
+    page.get_by_role("button", name="Start print").click()
+    page.get_by_role("button", name="Yes, start it").click()
+    page.get_by_text(re.compile("^Printing ·")).wait_for(timeout=_LONG_MS)
+
+
+def _pause_and_go_on(page: Any, workspace: Path) -> None:
+    """Held on the page, looked at from the command line, gone on with after a reload."""
+    page.get_by_role("button", name="Pause now").click()
+    page.get_by_text(re.compile("^Paused ·")).wait_for(timeout=60_000)
+    command = [sys.executable, "-m", "printctl", "status", str(workspace / "runs" / "one")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert "paused" in said.stdout
+    page.reload()
+    page.get_by_text(re.compile("^Paused ·")).wait_for()
+    page.get_by_role("button", name="Resume", exact=True).click()
+    page.get_by_text(re.compile("^Printing ·")).wait_for(timeout=60_000)
+
+
+def _seen_by_another(browser: Any, server: Process) -> None:
+    """Another browser, as narrow as a phone, sees the same print and doesn't hold the controls."""
+    other = shown(browser, f"{server.url}/job?job=run~one", viewport=PHONE)
+    other.get_by_text(re.compile("^Printing ·")).wait_for()
+    assert other.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    other.get_by_role("button", name="Pause now").click()
+    other.get_by_text(re.compile("holds the controls")).first.wait_for()
+    other.get_by_text(re.compile("^Printing ·")).wait_for()
+    other.context.close()
+
+
+def _scan(page: Any, server: Process) -> None:
+    page.goto(f"{server.url}/scan?run=one")
+    page.get_by_role("button", name="Simulate the scan of this run's print").click()
+    page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
+    report = page.frame_locator('iframe[title="Report of the registration"]')
+    page.locator("iframe").scroll_into_view_if_needed()
+    report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
