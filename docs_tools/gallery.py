@@ -110,7 +110,7 @@ def about(path: Path) -> str:
 def _section(path: Path, known: Mapping[str, Any] | None) -> str:
     parts = [f"## {path.stem}", "", about(path), ""]
     if known is None:
-        parts += [f"Takes longer than the gallery waits; `printctl run examples/{path.name}`.", ""]
+        parts += [f"Not in the gallery yet: `make gallery NAMES={path.stem}` makes it.", ""]
         return "\n".join(parts)
     names = list(known["figures"])
     parts += [f"![{path.stem}: vessels in colour](images/gallery/{path.stem}.png)", ""]

@@ -169,6 +169,31 @@ MANUAL: Final[Mapping[str, Manual]] = {
             "printctl serve work --host 0.0.0.0 --password",
         )
     ),
+    "station": Manual(("printctl station connect --printer mine.yaml --port auto",), REACHES),
+    "station connect": Manual(
+        (
+            "printctl station connect --printer mine.yaml --port /dev/ttyACM0",
+            "printctl station connect --printer generic_marlin --port simulated",
+        ),
+        REACHES,
+    ),
+    "station status": Manual(("printctl station status --json",)),
+    "station mount": Manual(
+        ("printctl station mount --needle 25g --syringe bd_1ml --dish petri_60mm",), REACHES
+    ),
+    "station jog": Manual(
+        ("printctl station jog --z 1", "printctl station jog --x 100 --y 100 --to"), REACHES
+    ),
+    "station home": Manual(("printctl station home xy --needle-off",), REACHES),
+    "station where": Manual(("printctl station where --x 100 --y 100 --z 30",), REACHES),
+    "station touch-off": Manual(("printctl station touch-off --foil 0.05",), REACHES),
+    "station push": Manual(("printctl station push --ul 2",), REACHES),
+    "station heat": Manual(("printctl station heat bed 24",), REACHES),
+    "station send": Manual(("printctl station send M503",), REACHES),
+    "station stop": Manual(("printctl station stop",), REACHES),
+    "station kill": Manual(("printctl station kill",), REACHES),
+    "station reconnect": Manual(("printctl station reconnect",), REACHES),
+    "station disconnect": Manual(("printctl station disconnect",), REACHES),
     "init": Manual(("printctl init my_print.yaml",)),
     "recipe": Manual(("printctl recipe migrate old.yaml",)),
     "recipe schema": Manual(("printctl recipe schema",)),

@@ -22,7 +22,10 @@ def connect(
         str | None, typer.Option("--baud", help="In place of the profile's; auto tries its list.")
     ] = None,
     speed: Annotated[
-        float, typer.Option("--speed", help="Of a simulated printer; 0 is as fast as it can.")
+        float,
+        typer.Option(
+            "--speed", help="Of a simulated printer, in times real time; 0 is all it can."
+        ),
     ] = 1.0,
     start: Annotated[
         str,

@@ -7,7 +7,10 @@ from printctl.cli.station_options import FolderOption, the_station
 
 
 def disconnect(folder: FolderOption = None) -> None:
-    """Switch the heaters off and let go of the port; refused while something moves or prints."""
+    """Switch the heaters off and let go of the port; refused while something moves or prints.
+
+    A heater that the profile keeps on (safe_state_on) stays on, and is named.
+    """
     station = the_station(folder)
     station.close()
     print_lines(station.status.message)

@@ -16,5 +16,9 @@ def heat(
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Set a heater's target, within what ink and bath bear; doesn't wait until it is warm."""
+    """Set a heater's target, within what ink and bath bear; doesn't wait until it is warm.
+
+    Heaters keep their target when this command ends, until it is set to 0 or the station is
+    disconnected.
+    """
     tell(the_station(folder).heat(name, celsius), as_json)

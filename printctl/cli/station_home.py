@@ -18,5 +18,8 @@ def home(
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Home axes; refused as long as a needle is mounted: it would be driven into what is below."""
+    """Home axes; refused as long as a needle is mounted: it would be driven into what is below.
+
+    Axes that are homed are trusted from then on; what the needle may do follows from that.
+    """
     tell(the_station(folder).home(list(axes), needle_off=needle_off), as_json)

@@ -7,6 +7,9 @@ from printctl.cli.station_options import FolderOption, the_station
 
 
 def kill(folder: FolderOption = None) -> None:
-    """Halt the firmware at once (M112), whatever it does; its position is lost."""
+    """Halt the firmware at once (M112), whatever it does; its position is lost.
+
+    `printctl station reconnect` comes back from it, once the machine was looked at.
+    """
     the_station(folder).kill()
     print_lines("M112 is sent; `printctl station status` tells whether the printer has halted")

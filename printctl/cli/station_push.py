@@ -18,5 +18,8 @@ def push(
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Push ink, or draw the plunger back, within what the syringe mounted has left."""
+    """Push ink, or draw the plunger back, within what the syringe mounted has left.
+
+    The station counts what is left; a full syringe is told it by `printctl station mount`.
+    """
     tell(the_station(folder).plunger(ul, speed), as_json)

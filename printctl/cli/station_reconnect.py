@@ -7,5 +7,8 @@ from printctl.cli.station_options import FolderOption, tell, the_station
 
 
 def reconnect(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
-    """Open the port again and check the printer; see first what its needle stands in."""
+    """Open the port again and check the printer; see first what its needle stands in.
+
+    After a kill or a lost port. The position isn't trusted until it is homed or said again.
+    """
     tell(the_station(folder).reconnect(), as_json)

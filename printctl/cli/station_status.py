@@ -7,5 +7,8 @@ from printctl.cli.station_options import FolderOption, tell, the_station
 
 
 def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
-    """Say where the tip is, how warm it is, what is mounted, and what goes on."""
+    """Say where the tip is, how warm it is, what is mounted, and what goes on.
+
+    Only looks. Exit code 0 whatever the state is, so that a script can read it with --json.
+    """
     tell(the_station(folder).status, as_json)

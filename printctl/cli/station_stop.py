@@ -7,5 +7,8 @@ from printctl.cli.station_options import FolderOption, tell, the_station
 
 
 def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
-    """End the move that goes on, after at most half a second of it; the position stays known."""
+    """End the move that goes on, after at most half a second of it; the position stays known.
+
+    Sending it twice does no harm. For a halt at once there is `printctl station kill`.
+    """
     tell(the_station(folder).stop_motion(), as_json)

@@ -17,5 +17,8 @@ def touch_off(
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Take the tip's height for the dish's floor, below which it isn't let from now on."""
+    """Take the tip's height for the dish's floor, below which it isn't let from now on.
+
+    Another needle or another dish forgets the floor; touch off again.
+    """
     tell(the_station(folder).touch_off(foil_mm=foil), as_json)

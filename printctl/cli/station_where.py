@@ -19,5 +19,8 @@ def where(
     folder: FolderOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Tell the printer where its tip stands; nothing moves. Nobody can check it for you."""
+    """Tell the printer where its tip stands; nothing moves. Nobody can check it for you.
+
+    Said by a person who looked: nothing moves, and the soft limits go by it from then on.
+    """
     tell(the_station(folder).set_position(x, y, z), as_json)
