@@ -1,5 +1,6 @@
 """The printer's page in Chromium, with a server and a simulated printer as real processes."""
 
+import contextlib
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -8,6 +9,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from printctl.link.errors import LinkError
+from printctl.station import attach
 from tests.printctl.web.serving import server_process
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -24,6 +27,8 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     workspace = tmp_path_factory.mktemp("page") / "ws"
     with server_process(workspace, "--sim-speed", "20") as server:
         yield server.url
+    with contextlib.suppress(LinkError):  # it outlives its server, as it should
+        attach(workspace / "station").close()
 
 
 @pytest.fixture(scope="module")
