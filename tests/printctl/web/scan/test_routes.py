@@ -46,7 +46,7 @@ def client(workspace: Workspace) -> TestClient:
 
 def _added(client: TestClient) -> str:
     out = io.BytesIO()
-    tifffile.imwrite(out, VOLUME)
+    tifffile.imwrite(out, VOLUME, photometric="minisblack")
     answer = client.post("/api/v1/scans", files={"file": ("my scan.tif", out.getvalue())})
     assert answer.status_code == 201, answer.text
     return str(answer.json()["scan"])
