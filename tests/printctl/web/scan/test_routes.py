@@ -73,6 +73,15 @@ def test_a_slice_is_that_of_the_file(client: TestClient) -> None:
     np.testing.assert_array_equal(seen[..., 1], VOLUME[2])
 
 
+@pytest.mark.parametrize("voxel", [[0, 0, 0], [-1, 1, 1], ["inf", 1, 1], [1e300, 1, 1], [1, 2]])
+def test_a_voxel_that_cant_be_is_refused(client: TestClient, voxel: list[object]) -> None:
+    scan = _added(client)
+    answer = client.put(f"/api/v1/scans/{scan}/said", json={**SAID, "voxel_um": voxel})
+    assert answer.status_code == 422
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    assert client.get(f"/api/v1/scans/{scan}").status_code == 200
+
+
 @pytest.mark.parametrize(
     "slices", ["z/9", "z/-1", "w/1", "z/1?low=5", "z/1?low=5&high=5", "z/1?low=nan&high=1", "z/x"]
 )
