@@ -67,7 +67,7 @@ def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
     page.wait_for_function(
         "[...document.querySelectorAll('.pc-slice img')].every(one => one.naturalWidth > 10)"
     )
-    page.get_by_label("Slice along z").press("ArrowRight")
+    page.get_by_label("Slice along z").locator("[tabindex]").press("ArrowRight")
     page.wait_for_function(
         "first => document.querySelector('.pc-slice img').getAttribute('src') !== first", arg=first
     )
