@@ -87,6 +87,14 @@ def serve(
 
     run(settings, started)
     messages().print("the page is closed; a print that runs goes on (`printctl status`)")
+    _leave()
+
+
+def _leave() -> None:
+    """End now: the interpreter's own end would wait for what pages had asked for."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _want_extra() -> None:

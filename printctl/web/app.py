@@ -11,6 +11,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import RedirectResponse, Response
 
 from printctl.web.api.answers import API, our_version
+from printctl.web.api.described import describe_refusals
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors
 from printctl.web.api.routes import router, watch_holder
@@ -37,6 +38,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         Whether the pages are served, too; NiceGUI knows one such app a process.
     """
     wires = Wires(core.workspace.root)
+    services = make_services(core)
 
     @asynccontextmanager
     async def running(app: FastAPI) -> AsyncIterator[None]:
@@ -46,6 +48,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         yield
         watching.cancel()
         wires.close()
+        await asyncio.to_thread(services.close)
 
     app = FastAPI(
         title="printctl",
@@ -60,9 +63,9 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     app.include_router(login_router())
     serve_docs(app)
     serve_assets(app)
-    services = make_services(core)
     for part in routers(services):
         app.include_router(part)
+    describe_refusals(app)
     if pages:
         _add_pages(app)
         register_pages(services)
@@ -71,7 +74,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
 
 def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
     """Put the guard around an app."""
-    limits = BodyLimits.of(app.routes, core.settings.upload_mb)
+    limits = BodyLimits.of(app.openapi(), core.settings.upload_mb)
     return Guard(GZipMiddleware(Nonces(app), minimum_size=_GZIP_FROM), gate, limits)
 
 

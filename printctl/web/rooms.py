@@ -2,59 +2,68 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, Final
+from typing import Final
 
 from fastapi import APIRouter
 
 from printctl.web.core import Core
+from printctl.web.design.routes import router as design_router
+from printctl.web.design.service import DesignService
+from printctl.web.history.routes import router as history_router
+from printctl.web.history.service import HistoryService
+from printctl.web.job.routes import router as job_router
+from printctl.web.job.service import JobService
+from printctl.web.printer.routes import router as printer_router
+from printctl.web.printer.service import PrinterService
+from printctl.web.scan.routes import router as scan_router
+from printctl.web.scan.service import ScanService
 
 ROOMS: Final = ("printer", "job", "design", "scan", "history")
 
 
 @dataclass(frozen=True)
 class Services:
-    """What the rooms do, by the room's name."""
+    """What the rooms do."""
 
-    by_room: dict[str, Any] = field(default_factory=dict)
+    printer: PrinterService
+    job: JobService
+    design: DesignService
+    scan: ScanService
+    history: HistoryService
+
+    def close(self) -> None:
+        """Follow no printer any more; prints and stations go on."""
+        self.printer.close()
+        self.job.close()
 
 
 def make_services(core: Core) -> Services:
     """Make the service of each room."""
-    found = {}
-    for room in ROOMS:
-        if find_spec(f"printctl.web.{room}.service"):
-            module = import_module(f"printctl.web.{room}.service")
-            found[room] = getattr(module, f"{room.capitalize()}Service")(core)
-    return Services(found)
+    return Services(
+        printer=PrinterService(core),
+        job=JobService(core),
+        design=DesignService(core),
+        scan=ScanService(core),
+        history=HistoryService(core),
+    )
 
 
 def routers(services: Services) -> list[APIRouter]:
     """The rooms' parts of the API."""
     return [
-        import_module(f"printctl.web.{room}.routes").router(service)
-        for room, service in services.by_room.items()
-        if find_spec(f"printctl.web.{room}.routes")
+        printer_router(services.printer),
+        job_router(services.job),
+        design_router(services.design),
+        scan_router(services.scan),
+        history_router(services.history),
     ]
 
 
 def register_pages(services: Services) -> None:
-    """Define the rooms' pages; a room that isn't there has an empty one."""
+    """Define the rooms' pages; their modules load NiceGUI, so they are imported here."""
     for room in ROOMS:
-        if room in services.by_room and find_spec(f"printctl.web.{room}.page"):
-            import_module(f"printctl.web.{room}.page").register(services.by_room[room])
-        else:
-            _empty(f"/{room}")
-
-
-def _empty(path: str) -> None:
-    from nicegui import ui  # Takes half a second, and the API does without.
-
-    from printctl.web.shell.frame import frame
-
-    @ui.page(path)
-    def page() -> None:
-        with frame(path):
-            ui.label("Nothing here yet.")
+        if find_spec(f"printctl.web.{room}.page"):
+            import_module(f"printctl.web.{room}.page").register(getattr(services, room))

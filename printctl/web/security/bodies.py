@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
-from fastapi.params import File
-from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope
 
 PLAIN_BYTES: Final = 2_000_000
 """Of a request that is no upload."""
 
+_FILES: Final = ("multipart/form-data", "application/octet-stream")
 _UPLOAD_OF_NICEGUI: Final = re.compile(r"/_nicegui/client/.*/upload/.*")
-_MARK: Final = "printctl_takes_upload"
-
-Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
-
-
-def takes_upload(endpoint: Endpoint) -> Endpoint:
-    """Mark an endpoint that reads a large body as a stream; one with an `UploadFile` needn't."""
-    setattr(endpoint, _MARK, True)
-    return endpoint
 
 
 class TooLargeError(HTTPException):
@@ -51,10 +40,11 @@ class BodyLimits:
     uploads: tuple[re.Pattern[str], ...] = (_UPLOAD_OF_NICEGUI,)
 
     @classmethod
-    def of(cls, routes: Iterable[Any], upload_mb: float) -> BodyLimits:
-        """Limits of an app's routes."""
-        paths = [r.path_regex for r in routes if isinstance(r, APIRoute) and _uploads(r)]
-        return cls(int(upload_mb * 1e6), (_UPLOAD_OF_NICEGUI, *paths))
+    def of(cls, openapi: dict[str, Any], upload_mb: float) -> BodyLimits:
+        """Limits of an API, by its description: uploads are what takes a file."""
+        paths = [path for path, item in openapi["paths"].items() if _takes_file(item)]
+        patterns = [re.compile(re.sub(r"\\\{[^/]+\\\}", "[^/]+", re.escape(one))) for one in paths]
+        return cls(int(upload_mb * 1e6), (_UPLOAD_OF_NICEGUI, *patterns))
 
     def limit(self, path: str) -> int:
         """Bytes of a request to ``path``."""
@@ -84,6 +74,6 @@ class BodyLimits:
         return counted
 
 
-def _uploads(route: APIRoute) -> bool:
-    fields = route.dependant.body_params
-    return hasattr(route.endpoint, _MARK) or any(isinstance(f.field_info, File) for f in fields)
+def _takes_file(item: dict[str, Any]) -> bool:
+    bodies = [one.get("requestBody", {}).get("content", {}) for one in item.values()]
+    return any(kind in body for body in bodies for kind in _FILES)

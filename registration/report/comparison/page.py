@@ -72,7 +72,7 @@ def comparison_html(
     found: Comparison, title: str, notes: Sequence[str] = (), drawn: Drawn | None = None
 ) -> str:
     """The text of the page; same input, same text."""
-    modules = module_map(("tables", "theme"))
+    modules = module_map(("framed", "tables", "theme"))
     drawn = comparison_figures(found) if drawn is None else drawn
     context = {
         "title": title,

@@ -70,7 +70,7 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         )
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
-    modules = module_map(("theme", "unpack"), "gcode", GCODE_STATIC)
+    modules = module_map(("framed", "theme", "unpack"), "gcode", GCODE_STATIC)
     context = {
         "title": job.name,
         "facts": _facts(job),

@@ -69,7 +69,7 @@ def write_overlay_html(
         When the file can't be written.
     """
     kept = _chosen(layers, pictures)
-    modules = module_map(("tables", "theme"), "overlay", _STATIC)
+    modules = module_map(("framed", "tables", "theme"), "overlay", _STATIC)
     context = {
         "page": page,
         "style": style(),

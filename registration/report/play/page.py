@@ -32,7 +32,7 @@ def write_play_html(path: Path, played: Played, title: str) -> None:
         When the file can't be written.
     """
     section = play_section(played)
-    modules = module_map(("theme", "unpack"), more=section.folders)
+    modules = module_map(("framed", "theme", "unpack"), more=section.folders)
     context = {
         "title": title,
         "facts": _facts(played),

@@ -1,4 +1,6 @@
 // Light, dark, or what the system says.
+import "report/framed";
+
 const NEXT = { system: "light", light: "dark", dark: "system" };
 
 export function startTheme() {

@@ -14,21 +14,31 @@
   let lastEscape = -Infinity;
   let pressed = -Infinity;
 
+  function escape() {
+    const now = performance.now();
+    if (now - lastEscape < TWICE_MS) {
+      lastEscape = -Infinity;
+      stop("Esc twice");
+    } else {
+      lastEscape = now;
+    }
+  }
+
   // In the capture phase of the window: whatever has the focus, and before any dialog's own keys.
   window.addEventListener(
     "keydown",
     (event) => {
-      if (event.key !== "Escape" || event.repeat) return;
-      const now = performance.now();
-      if (now - lastEscape < TWICE_MS) {
-        lastEscape = -Infinity;
-        stop("Esc twice");
-      } else {
-        lastEscape = now;
-      }
+      if (event.key === "Escape" && !event.repeat) escape();
     },
     true,
   );
+
+  // A frame with one of our own pages in it hands on its keys (report/framed).
+  window.addEventListener("message", (event) => {
+    if (event.data?.printctl !== "escape") return;
+    const frames = [...document.querySelectorAll("iframe")];
+    if (frames.some((frame) => frame.contentWindow === event.source)) escape();
+  });
 
   // At the touch, not at its end: a glove slides, and then there is no click.
   const onButton = (event) => event.target instanceof Element && event.target.closest("#pc-stop");

@@ -131,7 +131,7 @@ def test_a_websocket_wants_our_origin_and_a_session(here: Served) -> None:
             ):
                 pass
         with client.websocket_connect(EVENTS, headers=OURS) as socket:
-            assert socket.receive_json()["event"] in ("alive", "controls")
+            assert socket.receive_json()["event"] in ("alive", "controls", "station", "print")
     with (
         pytest.raises((WebSocketDisconnect, WebSocketDenialResponse)),
         here.client().websocket_connect(EVENTS, headers=OURS),
@@ -271,6 +271,14 @@ def test_a_request_that_is_too_large_is_refused_early_and_in_its_course(here: Se
     )
     assert unsaid.status_code == 413
     assert "2 MB" in unsaid.json()["message"]
+
+
+def test_what_takes_files_takes_large_ones_and_nothing_else_does(here: Served) -> None:
+    limits = here.guard.limits
+    for path in ("/api/v1/jobs", "/api/v1/prints/file~a.gcode/photos", "/api/v1/scans"):
+        assert limits.limit(path) == 4_000_000_000, path
+    for path in ("/api/v1/controls", "/api/v1/prints/a/b/photos", "/login", "/api/v1/jobs/x"):
+        assert limits.limit(path) == 2_000_000, path
 
 
 def test_the_controls_are_one_browser_s_and_can_be_taken_over(here: Served) -> None:

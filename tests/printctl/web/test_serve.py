@@ -1,0 +1,159 @@
+"""`printctl serve`, as it is started."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from printctl.errors import UsageError
+from printctl.web.listening import bind
+from printctl.web.serve import check
+from printctl.web.settings import ServeSettings, is_loopback
+from tests.printctl.web.serving import ROOT, Process, server_process
+
+
+def refused(*options: str) -> tuple[int, str]:
+    command = [sys.executable, "-m", "printctl", "serve", *options]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    return ended.returncode, ended.stderr
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
+    workspace = tmp_path_factory.mktemp("serve") / "workspace"
+    with server_process(workspace, "--verbose") as started:
+        yield started, workspace
+
+
+def test_only_the_loopback_is_listened_at(server: tuple[Process, Path]) -> None:
+    started, _ = server
+    port = int(started.url.rsplit(":", 1)[1])
+    assert started.url.startswith("http://127.0.0.1:")
+    with pytest.raises(OSError), socket.create_connection(("127.0.0.2", port), 5):  # noqa: PT011
+        pass
+
+
+def test_where_the_server_is_stands_in_a_file_of_its_owner(server: tuple[Process, Path]) -> None:
+    started, workspace = server
+    path = workspace / ".printctl" / "serve.json"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    told = json.loads(path.read_text())
+    request = urllib.request.Request(
+        f"{told['url']}/api/v1/controls", headers={"Authorization": f"Bearer {told['token']}"}
+    )
+    assert json.loads(urllib.request.urlopen(request, timeout=10).read())["holder"] is None
+    assert os.kill(told["pid"], 0) is None
+    assert started.token == told["token"]
+
+
+def test_a_second_server_is_told_where_the_first_is(server: tuple[Process, Path]) -> None:
+    started, workspace = server
+    code, said = refused(str(workspace), "--port", "0")
+    assert code == 1
+    assert started.url in said
+    assert str(started.pid) in said
+    assert "Traceback" not in said
+
+
+def test_a_port_in_use_is_said_with_a_remedy(server: tuple[Process, Path], tmp_path: Path) -> None:
+    started, _ = server
+    code, said = refused(str(tmp_path / "other"), "--port", started.url.rsplit(":", 1)[1])
+    assert code == 2
+    assert "is in use; choose another by --port" in said
+    assert "Traceback" not in said
+
+
+def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> None:
+    started, workspace = server
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(f"{started.url}/api/v1/controls?token={started.token}", timeout=10)
+    log = workspace.parent / "serve.log"
+    limit = time.monotonic() + 10
+    while "token=***" not in log.read_text() and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert "token=***" in log.read_text()
+    assert started.token not in log.read_text()
+
+
+def test_other_machines_need_a_password_or_the_token(tmp_path: Path) -> None:
+    for host in ("0.0.0.0", "192.168.1.5", "::"):
+        with pytest.raises(UsageError, match="--password"):
+            check(ServeSettings(tmp_path, host))
+        check(ServeSettings(tmp_path, host, password="bath and needle"))
+        check(ServeSettings(tmp_path, host, token_link=True))
+
+
+@pytest.mark.parametrize(
+    ("host", "truth"),
+    [("127.0.0.1", True), ("127.8.8.8", True), ("::1", True), ("localhost", True),
+     ("0.0.0.0", False), ("::", False), ("10.0.0.1", False), ("printer.local", False)],
+)  # fmt: skip
+def test_what_is_loopback(host: str, truth: bool) -> None:
+    assert is_loopback(host) is truth
+
+
+def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path) -> None:
+    secret = tmp_path / "password"
+    secret.write_text("bath and needle\n")
+    options = ("--host", "0.0.0.0", "--password-file", str(secret))
+    with server_process(tmp_path / "workspace", *options) as started:
+        port = started.url.rsplit(":", 1)[1]
+        there = f"http://127.0.0.2:{port}"
+        for url in (f"{there}/api/v1/stop", f"{there}/api/v1/controls", started.stop):
+            request = urllib.request.Request(url, method="POST", headers={"Origin": there})
+            with pytest.raises(urllib.error.HTTPError) as told:
+                urllib.request.urlopen(request, timeout=10)
+            assert told.value.code in (401, 403)
+        log_in = urllib.request.urlopen(f"{there}/printer", timeout=10)
+        assert b'type="password"' in log_in.read()
+        token = {"Authorization": f"Bearer {started.token}"}
+        request = urllib.request.Request(f"{there}/api/v1/stop", method="POST", headers=token)
+        assert urllib.request.urlopen(request, timeout=10).status == 200
+    said = (tmp_path / "serve.log").read_text()
+    assert "no TLS" in said
+    assert "bath and needle" not in said
+
+
+def test_ctrl_c_ends_the_server_and_its_door_in_order(tmp_path: Path) -> None:
+    workspace = tmp_path / "workspace"
+    with server_process(workspace) as started:
+        started.process.send_signal(signal.SIGINT)
+        assert started.process.wait(20) == 0
+        with pytest.raises(OSError):  # noqa: PT011
+            urllib.request.urlopen(started.stop, timeout=5)
+    assert not (workspace / ".printctl" / "serve.json").exists()
+    assert "a print that runs goes on" in (tmp_path / "serve.log").read_text()
+
+
+def test_without_the_extra_it_is_named(tmp_path: Path) -> None:
+    hidden = (
+        "import importlib.util as u, sys; real = u.find_spec\n"
+        "u.find_spec = lambda n, *a: None if n == 'nicegui' else real(n, *a)\n"
+        "sys.argv = ['printctl', 'serve']\n"
+        "from printctl.cli.main import main; main()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", hidden], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert ended.returncode == 2
+    assert 'pip install "printctl[web]"' in ended.stderr
+
+
+def test_an_address_of_another_machine_is_said() -> None:
+    with pytest.raises(UsageError, match="no address of this machine"):
+        bind("192.0.2.1", 0)
+    with pytest.raises(UsageError, match="--host"):
+        bind("no such name.invalid", 0)
