@@ -143,6 +143,10 @@ def _file(name: str, folder: Path) -> str:
             f"{name!r} isn't the name of a file beside the recipe; upload the file to the "
             "recipes and give its name"
         )
-    if not (folder / inside).exists():
+    try:
+        there = (folder / inside).exists()
+    except OSError:  # no file system takes such a name
+        there = False
+    if not there:
         return f"there is no file {name!r} beside the recipe; upload it"
     return ""

@@ -20,7 +20,7 @@ def value_at(data: Any, path: Path) -> Any:
     for key in path:
         if isinstance(data, dict) and isinstance(key, str):
             data = data.get(key)
-        elif isinstance(data, list) and isinstance(key, int) and key < len(data):
+        elif isinstance(data, list) and isinstance(key, int) and 0 <= key < len(data):
             data = data[key]
         else:
             return None
@@ -83,7 +83,7 @@ def below(node: Node | None, value: Any, key: str | int) -> tuple[FormField | No
     if isinstance(key, int):
         if node.sort == "list":
             return None, node.items[0]
-        return None, node.items[key] if key < len(node.items) else None
+        return None, node.items[key] if 0 <= key < len(node.items) else None
     found = node.field(key)
     return found, None if found is None else found.node
 

@@ -21,7 +21,11 @@ def read_text(text: str) -> dict[str, Any]:
         When it isn't YAML, is too large or too deep, holds no keys, or uses aliases or tags, which
         a recipe never needs and a trap may.
     """
-    if len(text.encode()) > MOST_BYTES:
+    try:
+        size = len(text.encode())
+    except UnicodeEncodeError as exc:
+        raise BadRequestError("a recipe is text in UTF-8; this holds signs that aren't") from exc
+    if size > MOST_BYTES:
         raise BadRequestError(f"a recipe is at most {MOST_BYTES // 1000} kB; this has more")
     try:
         _check_events(text)

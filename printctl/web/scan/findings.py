@@ -100,7 +100,7 @@ def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
     matrix = np.array(numbers["transform_scan_to_part"], dtype=float)
     ci = numbers.get("interval_95") or {}
     rows = [("Turned by", f"{_degrees(matrix):.2f}° {_plus(ci.get('rotation_deg'), 1.0, '°')}")]
-    shift = ", ".join(f"{value:.3f}" for value in matrix[:3, 3])
+    shift = ", ".join(f"{value:.3f}" for value in matrix[:3, 3]).replace("-", "−")
     rows.append(("Shifted by x, y, z", f"{shift} mm {_plus(ci.get('shift_um'), 1.0, 'µm')}"))
     scale = numbers.get("scale") or []
     more = [f"{100 * (1 / float(s) - 1):+.2f} %".replace("-", "−") for s in scale]

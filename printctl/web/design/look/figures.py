@@ -71,8 +71,10 @@ def _checks(stages: Stages) -> float | str | None:
     checks = stages.get("dry run", {}).get("checks")
     if not isinstance(checks, list):
         return None
-    failed = sum(1 for one in checks if isinstance(one, dict) and one.get("passed") is False)
-    return f"{len(checks) - failed} of {len(checks)} passed"
+    failed = [one for one in checks if isinstance(one, dict) and one.get("passed") is False]
+    warnings = sum(1 for one in failed if one.get("weight") == "warns")
+    refused = len(failed) - warnings
+    return f"{len(checks) - len(failed)} passed, {warnings} warn, {refused} refuse"
 
 
 _FIGURES: Final[tuple[tuple[str, str, str, Callable[[Stages], float | str | None]], ...]] = (

@@ -161,8 +161,30 @@ BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"
         ("a: " + "x" * 300_000, "at most"),
         ("a: \x00", "isn't YAML"),
         ("1: 2\n", "no keys"),
+        ("name: \ud800", "UTF-8"),
     ],
 )
 def test_hostile_text_is_refused(text: str, words: str) -> None:
     with pytest.raises(BadRequestError, match=words):
         read_text(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "flow: {-1: 2, null: 3, 1.5: 4, true: 5}",
+        "tissue: [1, {2: 3}]",
+        "tissue: {keep_out: {a: [1]}, shape: block}",
+        "tissue: {mesh: '" + "x" * 5000 + "', unit: mm}",
+        'tissue: {mesh: "a\\0b", unit: mm}',
+        "seed: " + "9" * 5000,
+        "seed: .nan",
+        "name: 2020-01-01",
+        "plate: {profile: [], sweep: 7, wells: {}}",
+        "toolpath: {method: [1]}",
+        "vasculature: {grow: {a: b}}",
+        "printer: {heads: [1, null, {ink: 5}], ink: [x]}",
+    ],
+)
+def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
+    assert check_text(text, tmp_path).problems

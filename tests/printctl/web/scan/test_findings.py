@@ -37,7 +37,7 @@ NUMBERS: dict[str, Any] = {
 def test_pose_scales_and_intervals_are_told_with_units() -> None:
     said = dict(alignment(NUMBERS))
     assert said["Turned by"] == "30.00° (± 0.02 °, 95 %)"
-    assert said["Shifted by x, y, z"] == "1.500, -2.250, 0.125 mm (± 4 µm, 95 %)"
+    assert said["Shifted by x, y, z"] == "1.500, −2.250, 0.125 mm (± 4 µm, 95 %)"
     scale = said["Part against design along x, y, z"]
     assert scale == "99.00 %, 100.00 %, 101.00 % (± 0.1 %, 95 %)"
     assert said["Pose"] == "unambiguous"

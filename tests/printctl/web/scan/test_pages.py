@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
+import yaml
 
-from printctl.pipeline.run import How, run_recipe
-from printctl.recipe import parse_recipe
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, chromium, shown
 
@@ -33,8 +32,10 @@ _RECIPE = {
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, Path]]:
     root = tmp_path_factory.mktemp("scan")
     run = root / "workspace" / "runs" / "small"
-    how = How(until="scan")
-    run_recipe(parse_recipe(_RECIPE, "test"), root, run, Console(file=io.StringIO()), how)
+    recipe = root / "small.yaml"
+    recipe.write_text(yaml.safe_dump(_RECIPE))
+    command = ["run", str(recipe), "--out", str(run), "--until", "scan"]
+    subprocess.run([sys.executable, "-m", "printctl", *command], check=True, capture_output=True)
     scan = root / "fresh scan.tif"
     shutil.move(run / "scan.tif", scan)
     with server_process(root / "workspace") as server:
@@ -66,7 +67,7 @@ def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
     page.wait_for_function(
         "[...document.querySelectorAll('.pc-slice img')].every(one => one.naturalWidth > 10)"
     )
-    page.get_by_label("Slice along z").press("ArrowRight")
+    page.get_by_label("Slice along z").locator("[tabindex]").press("ArrowRight")
     page.wait_for_function(
         "first => document.querySelector('.pc-slice img').getAttribute('src') !== first", arg=first
     )

@@ -46,7 +46,7 @@ def client(workspace: Workspace) -> TestClient:
 
 def _added(client: TestClient) -> str:
     out = io.BytesIO()
-    tifffile.imwrite(out, VOLUME)
+    tifffile.imwrite(out, VOLUME, photometric="minisblack")
     answer = client.post("/api/v1/scans", files={"file": ("my scan.tif", out.getvalue())})
     assert answer.status_code == 201, answer.text
     return str(answer.json()["scan"])
@@ -71,6 +71,15 @@ def test_a_slice_is_that_of_the_file(client: TestClient) -> None:
     assert answer.headers["content-type"] == "image/png"
     seen = np.asarray(Image.open(io.BytesIO(answer.content)))
     np.testing.assert_array_equal(seen[..., 1], VOLUME[2])
+
+
+@pytest.mark.parametrize("voxel", [[0, 0, 0], [-1, 1, 1], ["inf", 1, 1], [1e300, 1, 1], [1, 2]])
+def test_a_voxel_that_cant_be_is_refused(client: TestClient, voxel: list[object]) -> None:
+    scan = _added(client)
+    answer = client.put(f"/api/v1/scans/{scan}/said", json={**SAID, "voxel_um": voxel})
+    assert answer.status_code == 422
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    assert client.get(f"/api/v1/scans/{scan}").status_code == 200
 
 
 @pytest.mark.parametrize(
