@@ -8,7 +8,7 @@ from urllib.parse import quote
 from nicegui import events, run, ui
 
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import card, live, size, small, span, tried, when
+from printctl.web.job.parts import card, live, size, small, span, tried, upload, when
 from printctl.web.job.service import JobService
 
 
@@ -23,9 +23,7 @@ async def add_jobs(service: JobService, chosen: str) -> None:
             if entry is not None:
                 ui.navigate.to(way(entry.id))
 
-        ui.upload(label="Upload G-code", auto_upload=True, on_upload=take, max_files=1).props(
-            f'accept="{",".join(ENDINGS)}" flat bordered'
-        ).classes("w-full").mark("upload")
+        upload("Upload G-code", take, ",".join(ENDINGS), max_files=1)
         jobs = await run.io_bound(service.jobs) or []
         if not jobs:
             small("No job yet: upload a G-code file, or run a recipe on the page Design.")
