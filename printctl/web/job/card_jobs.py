@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
@@ -35,15 +37,16 @@ async def add_jobs(service: JobService, chosen: str) -> None:
 async def keep(
     service: JobService, event: events.UploadEventArguments
 ) -> tuple[JobEntry | None, str]:
-    """Keep what a browser sent."""
+    """Keep what a browser sent; never whole in memory."""
+    with TemporaryDirectory(dir=service.core.workspace.private) as folder:
+        came = Path(folder) / "upload"
+        await event.file.save(came)
 
-    async def work() -> bytes:
-        return await event.file.read()
+        def work() -> JobEntry:
+            with came.open("rb") as handle:
+                return service.upload(event.file.name, handle)
 
-    data = await work()
-    entry: JobEntry | None
-    entry, problem = await tried(service.upload, event.file.name, [data])
-    return entry, problem
+        return await tried(work)
 
 
 def way(job: str) -> str:
