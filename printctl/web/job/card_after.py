@@ -19,6 +19,7 @@ from printctl.web.job.parts import (
     small,
     subheading,
     tried,
+    upload,
     when,
 )
 from printctl.web.job.photos import MOST_BYTES
@@ -167,11 +168,5 @@ async def _photos(service: JobService, who: Principal, job: str, do: Any) -> Non
         if found is not None:
             show(found)
 
-    ui.upload(
-        label="Add photos",
-        auto_upload=True,
-        multiple=True,
-        max_file_size=MOST_BYTES,
-        on_upload=take,
-    ).props('accept="image/*" flat bordered').classes("w-full")
+    upload("Add photos", take, "image/*", multiple=True, max_file_size=MOST_BYTES)
     show(await do(service.after.photos, job) or [])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
 from nicegui import events, run, ui
 
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import card, live, size, small, span, tried, when
+from printctl.web.job.parts import card, live, size, small, span, tried, upload, when
 from printctl.web.job.service import JobService
 
 
@@ -23,9 +25,7 @@ async def add_jobs(service: JobService, chosen: str) -> None:
             if entry is not None:
                 ui.navigate.to(way(entry.id))
 
-        ui.upload(label="Upload G-code", auto_upload=True, on_upload=take, max_files=1).props(
-            f'accept="{",".join(ENDINGS)}" flat bordered'
-        ).classes("w-full").mark("upload")
+        upload("Upload G-code", take, ",".join(ENDINGS), max_files=1)
         jobs = await run.io_bound(service.jobs) or []
         if not jobs:
             small("No job yet: upload a G-code file, or run a recipe on the page Design.")
@@ -37,15 +37,16 @@ async def add_jobs(service: JobService, chosen: str) -> None:
 async def keep(
     service: JobService, event: events.UploadEventArguments
 ) -> tuple[JobEntry | None, str]:
-    """Keep what a browser sent."""
+    """Keep what a browser sent; never whole in memory."""
+    with TemporaryDirectory(dir=service.core.workspace.private) as folder:
+        came = Path(folder) / "upload"
+        await event.file.save(came)
 
-    async def work() -> bytes:
-        return await event.file.read()
+        def work() -> JobEntry:
+            with came.open("rb") as handle:
+                return service.upload(event.file.name, handle)
 
-    data = await work()
-    entry: JobEntry | None
-    entry, problem = await tried(service.upload, event.file.name, [data])
-    return entry, problem
+        return await tried(work)
 
 
 def way(job: str) -> str:

@@ -16,7 +16,7 @@ from printctl.web.workspace import checked_name
 MOST_BYTES: Final = 30_000_000
 _MOST_PIXELS: Final = 100_000_000
 _LONGEST: Final = 2560
-_FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF", "MPO")
+_FORMATS: Final = ("JPEG", "PNG", "WEBP", "TIFF")
 
 
 def keep_photo(folder: Path, data: bytes) -> str:

@@ -1,0 +1,164 @@
+"""Uploads, checks, records and what comes after a print, without a printer."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+
+import pytest
+from PIL import Image
+
+from printctl.preflight import Budget
+from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.job.after import Ramp, flush_limit, ramped_c
+from printctl.web.job.record import PrintRecord
+from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.viability import viability
+from tests.printctl.link.layered import layered
+from tests.printctl.web.job.conftest import OPERATOR, START, add
+
+
+@pytest.mark.parametrize("name", ["../up.gcode", "a b.gcode", ".gcode", "x/y.gcode", "job.exe"])
+def test_names_that_leave_the_folder_are_refused(service, name):
+    with pytest.raises(BadRequestError):
+        service.upload(name, [b"G1 X1\n"])
+    assert service.jobs() == []
+
+
+def test_what_is_no_text_or_too_large_is_refused_and_leaves_nothing(service):
+    with pytest.raises(BadRequestError):
+        service.upload("a.gcode", [b"G1 X1\n" * 200, b"\0\1\2"])
+    with pytest.raises(BadRequestError):
+        service.upload("a.gcode", [])
+    assert not list((service.core.workspace.root / "jobs").iterdir())
+
+
+def test_the_same_file_again_does_no_harm_another_one_is_refused(service):
+    first = service.upload("a.gco", [b"G1 X1\n"])
+    assert service.upload("a.gcode", [b"G1 X1\n"]).sha256 == first.sha256
+    with pytest.raises(ConflictError, match=r"another file a\.gcode"):
+        service.upload("a.gcode", [b"G1 X2\n"])
+
+
+def test_a_job_is_checked_as_on_the_command_line_and_remembered(service):
+    job = add(service, layers=3, moves=20)
+    said = JobSetUp(start_mm=START, needle="22g", bath="gelatin_support")
+    found = service.preflight(job, said)
+    assert {one["result"] for one in found["checks"]} <= {"passed", "failed", "warning"}
+    assert not found["passed"]  # no printer is connected
+    assert [c["check"] for c in found["checks"] if c["result"] == "failed"] == ["printer"]
+    assert service.job(job).layers == 3
+    assert service.preflight(job, said)["key"] == found["key"]
+    json.dumps(found, allow_nan=False)
+
+
+def test_a_job_out_of_bounds_or_not_g_code_is_refused_with_its_reason(service):
+    job = service.upload("wide.gcode", [layered(1, 5) + b"G1 X500 F600\n"]).id
+    failed = [
+        c
+        for c in service.preflight(job, JobSetUp(start_mm=START))["checks"]
+        if c["result"] == "failed"
+    ]
+    assert (failed[1]["value"], failed[1]["limit"], failed[1]["unit"]) == (500.0, 200.0, "mm")
+    bad = service.upload("relative.gcode", [b"G91\nM83\nG1 X1 E1\n"]).id
+    with pytest.raises(BadRequestError, match="line 1: G91: relative moves"):
+        service.preflight(bad, JobSetUp())
+
+
+def test_a_needle_that_goes_up_and_down_without_a_map_is_a_row_of_the_list(service):
+    rising = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\nG1 X60 Z12 E0.5 F300\nG1 X50 Z10 E1 F300\n"
+    job = service.upload("rising.gcode", [rising]).id
+    found = service.preflight(job, JobSetUp(start_mm=START, needle="22g"))
+    assert any("shaft" in one["check"] and one["result"] != "passed" for one in found["checks"])
+
+
+def test_profiles_outside_the_workspace_are_not_read(service):
+    job = add(service)
+    with pytest.raises(BadRequestError, match="outside the workspace"):
+        service.preflight(job, JobSetUp(printer="/etc/passwd.yaml"))
+
+
+def test_the_record_keeps_every_change_with_who(service):
+    job = add(service)
+    service.write_down(OPERATOR, job, {"cells": "HUVEC", "passage": 4})
+    service.write_down(OPERATOR, job, {"passage": 5})
+    with pytest.raises(BadRequestError):
+        service.write_down(OPERATOR, job, {"passage": -1})
+    with pytest.raises(BadRequestError):
+        service.write_down(OPERATOR, job, {"nonsense": 1})
+    kept = service.records.load(service.records.current(job))
+    assert [one["said"] for one in kept["changes"]] == [
+        {"cells": "HUVEC", "passage": 4},
+        {"passage": 5},
+    ]
+    assert {one["who"] for one in kept["changes"]} == {"Ada"}
+
+
+def test_steps_are_ticked_once_and_can_be_taken_back(service):
+    job = add(service)
+    first = service.after.steps(job)[0]["id"]
+    service.after.tick(OPERATOR, job, first, True)
+    steps = service.after.tick(OPERATOR, job, first, True)
+    assert (steps[0]["done"], steps[0]["who"]) == (True, "Ada")
+    assert not service.after.tick(OPERATOR, job, first, False)[0]["done"]
+    kept = service.records.load(service.records.current(job))
+    assert [one["done"] for one in kept["steps"]] == [True, False]
+    with pytest.raises(NotFoundError):
+        service.after.tick(OPERATOR, job, "dance", True)
+
+
+def test_only_pictures_become_photos_and_are_written_anew(service):
+    job = add(service)
+    with pytest.raises(BadRequestError):
+        service.after.add_photo(OPERATOR, job, b"<script>alert(1)</script>")
+    out = io.BytesIO()
+    Image.new("RGB", (64, 32), "red").save(out, "PNG")
+    name = service.after.add_photo(OPERATOR, job, out.getvalue() + b"<script>")[0]["name"]
+    kept = service.after.photo(job, name).read_bytes()
+    assert kept[:2] == b"\xff\xd8"
+    assert b"<script>" not in kept
+    with pytest.raises(BadRequestError):
+        service.after.photo(job, "../record.json")
+
+
+def test_the_clock_of_the_cells_says_whether_the_print_will_be_in_time():
+    budget = Budget(60.0, "our live/dead counts", "", True)
+    mixed = PrintRecord(mixed_at=1000.0)
+    assert viability(PrintRecord(), budget, 0.0, None).state == "unknown"
+    assert viability(mixed, None, 1600.0, None).words.startswith("10 min since mixing")
+    assert viability(mixed, budget, 1600.0, 60.0).state == "in time"
+    assert viability(mixed, budget, 1600.0, 48 * 60.0).state == "close"
+    late = viability(mixed, budget, 1600.0, 61 * 60.0)
+    assert late.state == "late"
+    assert "expected to end after 71 min" in late.words
+    assert (
+        viability(mixed.model_copy(update={"viability_min": 5.0}), budget, 1600.0, None).state
+        == "late"
+    )
+
+
+def test_warming_follows_its_rate_and_never_passes_the_target():
+    assert ramped_c(20.0, 37.0, 1.0, 0.0) == 20.0
+    assert ramped_c(20.0, 37.0, 1.0, 90.0) == pytest.approx(21.5)
+    assert ramped_c(20.0, 37.0, 1.0, 1e6) == 37.0
+    assert ramped_c(40.0, 37.0, 1.0, 60.0) == 39.0
+
+
+def test_warming_wants_a_heater_that_is_there(service):
+    with pytest.raises(ConflictError, match="no heater 'bed'"):
+        Ramp(service.printing, "bed", 37.0, 1.0)
+
+
+def test_the_flush_limit_scales_poiseuille_flow_to_the_wall_shear_allowed(tmp_path):
+    # One tube: wall shear 4 µ Q / (π r³), pressure drop 8 µ L Q / (π r⁴); their ratio is 2 L / r.
+    r, length, mu, q = 0.25e-3, 10e-3, 1e-3, 1e-9
+    shear = 4 * mu * q / (math.pi * r**3)
+    drop = 8 * mu * length * q / (math.pi * r**4)
+    table = tmp_path / "flow.csv"
+    table.write_text(f"vessel,pressure_in_pa,pressure_out_pa,wall_shear_pa\n3,{drop},0,{shear}\n")
+    found = flush_limit(table, 2.0)
+    assert found is not None
+    assert found.vessel == "3"
+    assert found.pressure_pa == pytest.approx(2.0 * 2 * length / r)
+    assert flush_limit(tmp_path / "none.csv", 2.0) is None
