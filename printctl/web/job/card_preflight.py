@@ -9,10 +9,13 @@ from nicegui import ui
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe
 from firmware_profiles.load import shipped
+from printctl.web.controls import Principal
+from printctl.web.job.card_tip import add_tip
 from printctl.web.job.machine import Machine
 from printctl.web.job.parts import button, card, live, number, small, span, subheading, tried
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.to_start import Place
 
 Said = Callable[[], JobSetUp]
 _THINGS: Final = (
@@ -26,7 +29,9 @@ _THINGS: Final = (
 _WORDS: Final = {"passed": "Passed", "failed": "Failed", "warning": "Warning"}
 
 
-def add_preflight(service: JobService, job: str, first: JobSetUp, machine: Machine | None) -> Said:
+def add_preflight(
+    service: JobService, who: Principal, job: str, first: JobSetUp, machine: Machine | None
+) -> Said:
     """The form of the set-up, a button, and a table of the checks; gives what the form says."""
     with card("Set-up and preflight"):
         if machine is None:
@@ -42,6 +47,11 @@ def add_preflight(service: JobService, job: str, first: JobSetUp, machine: Machi
             ]
             for one in start:
                 one.props("outlined")
+
+            def place() -> Place:
+                x, y, z = (float(one.value or 0.0) for one in start)
+                return x, y, z
+
             deadman = ui.number(
                 "Pause unless confirmed within", value=first.care.deadman_min, min=0, suffix="min"
             )
@@ -50,6 +60,8 @@ def add_preflight(service: JobService, job: str, first: JobSetUp, machine: Machi
             )
             for one in (deadman, prime):
                 one.props("outlined")
+        if machine is not None:
+            add_tip(service, who, job, machine, place)
         reload = ui.checkbox(
             "Pause for a new syringe where one doesn't last", value=first.care.reload
         )
@@ -81,7 +93,7 @@ def add_preflight(service: JobService, job: str, first: JobSetUp, machine: Machi
                     "care": care,
                     "bath_depth_mm": float(depth.value) if depth.value and dish else None,
                     "dish_centre_mm": first.dish_centre_mm if dish else None,
-                    "start_mm": tuple(float(one.value or 0.0) for one in start),
+                    "start_mm": place(),
                     "accept_crossings": bool(accept.value),
                 }
             )

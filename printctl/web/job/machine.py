@@ -11,7 +11,7 @@ from printctl.preflight import Check
 from printctl.printing import Order
 from printctl.web.job.set_up import JobSetUp
 
-_AGREES_MM = 0.05
+AGREES_MM = 0.05
 """A tip that stands farther from the job's start would write beside its place."""
 
 
@@ -34,6 +34,8 @@ class Machine:
     bath_depth_mm : float or None, mm
     ul_left : float or None, µL
         In the syringe, but for its dead volume.
+    touch_off_due : bool
+        Whether a needle is above a dish whose floor it hasn't touched.
     """
 
     profile: str
@@ -45,6 +47,7 @@ class Machine:
     dish_centre_mm: tuple[float, float] | None = None
     bath_depth_mm: float | None = None
     ul_left: float | None = None
+    touch_off_due: bool = False
 
     @property
     def words(self) -> str:
@@ -61,6 +64,9 @@ class Printing(Protocol):
     def start(self, order: Order) -> PrintClient:
         """Print, or attach to the order's print if it is going on."""
 
+    def to_start(self, start_mm: tuple[float, float, float]) -> None:
+        """Bring the tip to a job's start."""
+
     def heat(self, name: str, celsius: float) -> None:
         """Set a heater's target."""
 
@@ -68,12 +74,21 @@ class Printing(Protocol):
         """What each heater has and is to have, °C."""
 
 
-def set_up_of(machine: Machine | None, before: JobSetUp) -> JobSetUp:
-    """The set-up with all that the printer knows better."""
+def set_up_of(
+    machine: Machine | None, before: JobSetUp, declared: tuple[float, float, float] | None = None
+) -> JobSetUp:
+    """The set-up with all that the printer knows better.
+
+    Where the job declares its start, the tip must come there; else it starts where the tip stands.
+    """
+    if declared is not None:
+        before = before.model_copy(update={"start_mm": declared})
     if machine is None:
         return before
     said = {key: name for key, name in machine.mounted.items() if name}
-    said_mm = {"start_mm": machine.tip_mm} if machine.tip_mm is not None else {}
+    said_mm = (
+        {"start_mm": machine.tip_mm} if machine.tip_mm is not None and declared is None else {}
+    )
     values = before.model_dump() | {"printer": machine.profile} | said | said_mm
     if machine.dish_centre_mm is not None and values["dish"]:
         values["dish_centre_mm"] = machine.dish_centre_mm
@@ -113,6 +128,14 @@ def mounted_checks(machine: Machine | None, said: JobSetUp, ink_ul: float) -> li
                     "mounted, or say on the page Printer what is",
                 )
             )
+    if machine.touch_off_due:
+        checks.append(
+            _asked(
+                "needle's touch-off",
+                f"{machine.mounted.get('needle')} hasn't touched the dish's floor since it was put "
+                "on; touch it off on the page Printer",
+            )
+        )
     return [*checks, *_place(machine, said), *_enough(machine, said, ink_ul)]
 
 
@@ -132,9 +155,7 @@ def _place(machine: Machine, said: JobSetUp) -> list[Check]:
     away = max(abs(a - b) for a, b in zip(machine.tip_mm, said.start_mm, strict=True))
     remedy = "move the tip to the start, or take the place where it stands as the start"
     return [
-        Check(
-            "tip's distance from the start", away, _AGREES_MM, "mm", away <= _AGREES_MM, "", remedy
-        )
+        Check("tip's distance from the start", away, AGREES_MM, "mm", away <= AGREES_MM, "", remedy)
     ]
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.set_up import JobSetUp, Millimetre
 
 
 class Given(BaseModel):
@@ -98,6 +98,20 @@ class StartGiven(Given):
 
     set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
+
+
+class ToStartGiven(Given):
+    """A move of the tip to where a job starts."""
+
+    start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
+        default=None, description="As the set-up is filled in if left out."
+    )
+
+
+class ToldTip(BaseModel):
+    """Where the tip stands now."""
+
+    tip_mm: tuple[float, float, float] | None
 
 
 class PauseGiven(Given):

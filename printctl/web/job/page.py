@@ -91,7 +91,7 @@ async def _cards(service: JobService, job: str) -> None:
         ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
         show_print = add_print(service, who, job)
         tell_view = _teller(_live_view(service, job))
-        said = add_preflight(service, job, first, machine)
+        said = add_preflight(service, who, job, first, machine)
     with ui.element("div").classes("job-column"):
         show_start = add_start(service, who, job, record, said)
         await add_after(service, who, job)

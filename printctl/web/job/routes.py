@@ -79,6 +79,11 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
         said = given.set_up or service.set_up(job)
         return m.PreflightTold.model_validate(service.preflight(job, said))
 
+    @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
+    def to_start(job: Job, given: m.ToStartGiven, who: Who) -> m.ToldTip:
+        start_mm = given.start_mm or service.set_up(job).start_mm
+        return m.ToldTip(tip_mm=service.to_start(who, job, start_mm).tip_mm)
+
     @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
     def record(job: Job) -> PrintRecord:
         service.job(job)

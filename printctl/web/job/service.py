@@ -134,7 +134,21 @@ class JobService:
 
     def set_up(self, job: str) -> JobSetUp:
         """The form filled in: as last time, else by the run's recipe; the printer knows better."""
-        return set_up_of(self.printing.machine(), self._own_set_up(job))
+        declared = _declared(self.core.workspace.job_file(job))
+        return set_up_of(self.printing.machine(), self._own_set_up(job), declared)
+
+    def to_start(self, who: Principal, job: str, start_mm: tuple[float, float, float]) -> Machine:
+        """Bring the tip to where the job starts: up, over, down, within the soft limits.
+
+        Raises
+        ------
+        NotInControlError, ConflictError, SafetyError, LinkError
+        """
+        self.core.controls.require(who)
+        self.core.workspace.job_file(job)
+        self._connected()
+        self.printing.to_start(start_mm)
+        return self._connected()
 
     def preflight(self, job: str, said: JobSetUp) -> dict[str, Any]:
         """Check a job; takes as long as a dry run unless it was checked so before.

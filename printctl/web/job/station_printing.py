@@ -11,6 +11,8 @@ from printctl.printing.find import running
 from printctl.station import Station, StationState, StationStatus, attach
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
+from printctl.web.job.to_start import go_to
+from printctl.web.printer.hands import needs_touch_off
 
 _THINGS = ("needle", "syringe", "ink", "dish", "bath")
 
@@ -46,6 +48,7 @@ class StationPrinting:
             dish_centre_mm=mounted.dish_centre_mm,
             bath_depth_mm=depth,
             ul_left=status.ul_left,
+            touch_off_due=needs_touch_off(status),
         )
 
     def start(self, order: Order) -> PrintClient:
@@ -57,6 +60,10 @@ class StationPrinting:
         """
         client = running(order)
         return client if client is not None else self._station().print(order)
+
+    def to_start(self, start_mm: tuple[float, float, float]) -> None:
+        """Bring the tip to a job's start; see `go_to` for what is raised."""
+        go_to(self._station(), start_mm)
 
     def heat(self, name: str, celsius: float) -> None:
         """Set a heater's target."""
