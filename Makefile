@@ -5,10 +5,14 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator docs gallery dist test-dist audit clean
+.PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
+
+# The operator's page at http://127.0.0.1:8080, in the folder workspace/; ARGS="--port 9000" for more.
+serve: $(VENV)/.ready-web
+	$(BIN)/printctl serve $(ARGS)
 
 test: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
@@ -92,6 +96,13 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
 	$(BIN)/printctl doctor --warm
+	touch $@
+
+# Kernels are compiled when they are first needed: the page is seen sooner.
+$(VENV)/.ready-web: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[web]"
 	touch $@
 
 $(VENV)/.ready-test: $(VENV)/.ready

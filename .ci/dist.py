@@ -24,13 +24,14 @@ ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 SMALLEST = b"G21\nG90\nM82\nG1 Z5 F300\nG1 X12 Y10 F1200\nG1 X14 Y12 F600\n"
 START = "10,10,10"
+SIMULATED = ("--printer", "generic_marlin", "--port", "simulated")
 WITHOUT_SOURCES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 
 def build(scratch: Path) -> Path:
     """Write sdist and, from it, the wheel; return the wheel."""
     shutil.rmtree(DIST, ignore_errors=True)
-    run(sys.executable, "-m", "build", "--outdir", DIST, tree(scratch))
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", DIST, tree(scratch))
     (wheel,) = DIST.glob("*.whl")
     return wheel
 
@@ -58,7 +59,16 @@ def contents(wheel: Path) -> dict[str, str]:
 
 def same_from_tree(wheel: Path, scratch: Path) -> None:
     """Refuse a wheel of the sdist that differs from one of the tree."""
-    run(sys.executable, "-m", "build", "--wheel", "--outdir", scratch / "wheel", tree(scratch))
+    run(
+        sys.executable,
+        "-m",
+        "build",
+        "--no-isolation",
+        "--wheel",
+        "--outdir",
+        scratch / "wheel",
+        tree(scratch),
+    )
     (other,) = (scratch / "wheel").glob("*.whl")
     one, two = contents(wheel), contents(other)
     if one != two:
@@ -74,7 +84,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
     venv.create(home, with_pip=True, system_site_packages=False)
     bin_folder = home / ("Scripts" if os.name == "nt" else "bin")
     pip = (bin_folder / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "install", "--constraint", ROOT / "constraints.txt", wheel)
+    run(*pip, "install", "--no-compile", "--constraint", ROOT / "constraints.txt", wheel)
     print(f"installed in {time.monotonic() - begun:.0f} s, downloads included")
     away = scratch / "away"
     away.mkdir()
@@ -89,8 +99,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
         ("doctor",),
         ("init", "recipe.yaml"),
         ("recipe", "migrate", "recipe.yaml"),
-        ("simulate", "smallest.gcode", "--start", START),
-        ("print", "smallest.gcode", "--port", "simulated", "--start", START, "--out", "run"),
+        ("print", "smallest.gcode", *SIMULATED, "--start", START, "--folder", "run"),
         ("status", "run"),
     ):
         print("printctl", *words, flush=True)

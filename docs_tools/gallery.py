@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -48,9 +47,7 @@ def make(path: Path) -> dict[str, Any]:
         When it fails otherwise than by a print that doesn't pass.
     """
     folder = RUNS / path.stem
-    begun = time.monotonic()
     done = _printctl("run", path, "--out", folder, "--json")
-    took = time.monotonic() - begun
     if done.returncode > 1 or not done.stdout:
         raise subprocess.CalledProcessError(done.returncode, path.stem, done.stdout, done.stderr)
     report = json.loads(done.stdout)
@@ -64,7 +61,6 @@ def make(path: Path) -> dict[str, Any]:
     return {
         "figures": figures(report),
         "made": f"{datetime.now(tz=UTC):%Y-%m-%d}",
-        "took_s": round(took),
     }
 
 
@@ -121,8 +117,7 @@ def _section(path: Path, known: Mapping[str, Any] | None) -> str:
     parts += ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
     parts += ["| " + " | ".join(known["figures"][name] for name in names) + " |", ""]
     parts += [
-        f"`printctl run examples/{path.name}`; made {known['made']}, took {known['took_s']} s on "
-        "two shared cores.",
+        f"`printctl run examples/{path.name}`; made {known['made']}.",
         "",
     ]
     return "\n".join(parts)

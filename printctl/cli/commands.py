@@ -12,6 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from printctl.cli.completing import offered, with_profiles
 from printctl.cli.manual import with_manual
 
 COMMANDS: dict[str, str] = {
@@ -79,7 +80,13 @@ class LazyGroup(TyperGroup):
             alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(found)
             command = typer.main.get_command(alone)
         command.name = cmd_name
-        return with_manual(command, cmd_name)
+        return with_profiles(with_manual(command, cmd_name))
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """What may be typed next; a command isn't loaded for its name alone."""
+        if incomplete.startswith("-"):
+            return super().shell_complete(ctx, incomplete)
+        return offered(COMMANDS, incomplete)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find what was typed; for a slip of the pen the base class looks at `commands`."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import secrets
 import selectors
@@ -28,6 +29,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.errors import LinkError
+
+log = logging.getLogger(__name__)
 
 _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
@@ -166,7 +169,10 @@ class Door(ABC):
     def _kill_path(self) -> None:
         while self._kill.wait() and not self._over.is_set():
             self._kill.clear()
-            self.kill()
+            try:
+                self.kill()
+            except Exception:  # this thread must be there for the next one
+                log.exception("the kill met an error of its own")
 
     def _serve(self) -> None:
         while not self._over.is_set():

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from serial.tools import list_ports as _tools
+
+SIMULATED: Final = "simulated"
+"""In place of a port's name, in a recipe and on the command line: a printer of our own."""
 
 
 @dataclass(frozen=True)

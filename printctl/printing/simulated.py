@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from printctl.errors import PrinterFailedError
+from printctl.link.ports import SIMULATED
 
-SIMULATED: Final = "simulated"
-"""The port's name in a recipe and on the command line."""
+__all__ = ["SIMULATED", "simulated_printer"]
 
 _COMES_UP_S: Final = 120.0
 """It takes one or two; a machine under heavy load needs far longer to import and compile."""

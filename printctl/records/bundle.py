@@ -26,6 +26,7 @@ from printctl.records.manifest import (
 )
 from printctl.records.plain_zip import PlainZipWriter, safe_name
 from printctl.records.verdict import outcome
+from registration.report.pdf import pdf_missing
 
 _BLOCK: Final = 1 << 20
 _LETTERS: Final = 4000
@@ -95,6 +96,10 @@ def filed(entry: PrintEntry) -> FiledPrint:
 def _sources(found: Evidence, key: LabKey | None) -> Iterator[Source]:
     yield "journal.log", "the link process's journal", found.entry.journal
     yield "cover.html", "one page to read and print", cover_page(found).encode()
+    if pdf_missing() is None:
+        from printctl.records.cover_pdf import cover_pdf  # reportlab is an extra
+
+        yield "cover.pdf", "the same for paper", cover_pdf(found)
     if found.gcode is not None:
         yield "job.gcode", "the G-code that was sent", found.gcode
     yield "job.sha256", "its hash", f"{found.entry.sha256}  job.gcode\n".encode()

@@ -37,7 +37,7 @@ def cover_page(found: Evidence) -> str:
         alarms.append(f"and {len(entry.alarms) - _MOST_ALARMS} more, in journal.log")
     parts = [
         f"<h1>Record of a print: {_text(entry.file)}</h1>",
-        _table(_facts(entry)),
+        _table(cover_facts(entry)),
         "<h2>Verdict of the scan</h2>",
         _list([_ENDS[outcome(found.verdict)], *reasons]),
         "<h2>Alarms</h2>",
@@ -65,7 +65,8 @@ def utc(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
-def _facts(entry: PrintEntry) -> list[tuple[str, str]]:
+def cover_facts(entry: PrintEntry) -> list[tuple[str, str]]:
+    """Names and values of a print, for both covers."""
     ended = f"{entry.state}: {entry.message}" if entry.message else entry.state
     return [
         ("Print", entry.id),

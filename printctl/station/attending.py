@@ -12,7 +12,7 @@ from printctl.link.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.link.families import protocol_for
 from printctl.link.states import LinkState
 from printctl.station.counter import ALONE, Counter, Wish, refusal
-from printctl.station.hands import MOTIONS, Hands
+from printctl.station.hands import AXES, MOTIONS, Hands
 from printctl.station.standby import Standby
 from printctl.station.status import StationState
 
@@ -50,8 +50,8 @@ class Attending(Counter, ABC):
         finally:
             self._switching = False
         if self.socket.simulated:  # it stands where it was started, and counts so
-            self.known.homed = (True, True, True)
-        self.journal.add("state", state="ready", message="connected", port=self.socket.port)
+            self.hands.declare(self._start, set(AXES))
+        self._write_down("state", state="ready", message="connected", port=self.socket.port)
         self._tell(StationState.READY, ready)
 
     def _stand_by(self, fresh: bool) -> None:
@@ -94,8 +94,6 @@ class Attending(Counter, ABC):
             raise
         except LinkError as exc:
             self._answer(wish, refusal(exc))
-        except (KeyError, TypeError, ValueError, AttributeError) as exc:
-            self._answer(wish, refusal(Refused(f"{wish.do} can't be read: {exc!r}")))
 
     def _answer(self, wish: Wish, answer: dict[str, Any]) -> None:
         """Tell how a wish ended; whoever hears it may ask for the next one."""
@@ -106,28 +104,27 @@ class Attending(Counter, ABC):
 
     def _grant(self, wish: Wish) -> None:
         """Do what is asked for, and answer."""
-        self.journal.add("asked", do=wish.do, values=_plain(wish.values))
-        moves = wish.do in MOTIONS
-        if moves:
+        self._write_down("asked", do=wish.do, values=_plain(wish.values))
+        before = self._status.message
+        if wish.do in MOTIONS:
             self._tell(StationState.BUSY, wish.do)
-        message = ""
         try:
             if wish.do == "mount":
                 answer = self._mount(wish.values)
             else:
                 answer = self.hands.wishes[wish.do](wish.values)
-            message = str(answer.get("message", ""))
         except Refused:
-            message = self._status.message if not moves else ""
+            self._tell(StationState.READY, before)
+            raise
+        except PortLost:
             raise
         except LinkError as exc:
-            message = str(exc)
+            self._tell(StationState.READY, str(exc))
             raise
-        finally:
-            if self._status.state is StationState.BUSY or message:
-                self._tell(StationState.READY, message or "ready")
-            else:
-                self._tell_live()
+        except (KeyError, TypeError, ValueError, AttributeError) as exc:
+            self._tell(StationState.READY, before)
+            raise Refused(f"{wish.do} can't be read: {exc!r}") from exc
+        self._tell(StationState.READY, str(answer.get("message") or "ready"))
         self._answer(wish, self._reply(wish.do, answer))
 
     def _mount(self, values: dict[str, Any]) -> dict[str, Any]:
@@ -166,7 +163,7 @@ class Attending(Counter, ABC):
             self._standby.end()
         self._streamer = None
         self.known.lose_position()
-        self.journal.add("state", state=state.value, message=message)
+        self._write_down("state", state=state.value, message=message)
         with self._lock:  # what is asked for from here on is of the next connection
             waiting, self._alone = list(self._wishes), False
             self._wishes.clear()

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from firmware_profiles import Printer, load
 from printctl.link.client import PrintClient, begun
@@ -23,15 +23,17 @@ from printctl.link.detaching import spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.families import refuse_unsent
 from printctl.link.journal import read_journal
+from printctl.link.ports import SIMULATED
 from printctl.link.reach import alive, gone, stays_alive
 from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
-from printctl.printing.find import Order
-from printctl.printing.simulated import SIMULATED
 from printctl.station.door_key import ask, messages, open_connection, post
-from printctl.station.orders import to_wish
 from printctl.station.record import LOCK, LOG, load_station
 from printctl.station.status import StationState, StationStatus
+from printctl.station.to_wish import to_wish
+
+if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries
+    from printctl.printing.find import Order
 
 SOON_S: Final = 10.0
 MOVE_S: Final = 600.0

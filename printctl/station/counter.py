@@ -7,6 +7,7 @@ don't wait.
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from collections import deque
@@ -15,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from printctl.link.by_hand import by_hand
-from printctl.link.errors import LinkError, PortLost, Refused
+from printctl.link.errors import JournalError, LinkError, PortLost, Refused
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
@@ -33,6 +34,8 @@ ALONE: Final = MOTIONS | {"print", "close", "reconnect"}
 """Wishes that are refused while one of them goes on."""
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 _WHEN_DOWN: Final = frozenset({"reconnect", "close", "mount"})
+
+log = logging.getLogger(__name__)
 
 Say = Callable[[dict[str, Any]], None]
 
@@ -180,6 +183,13 @@ class Counter:
         streamer.command(text.encode("ascii"), done)
 
     # --- telling -------------------------------------------------------------------------------
+
+    def _write_down(self, sort: str, **values: Any) -> None:
+        """Add to the journal; a full disk mustn't keep a needle from being lifted."""
+        try:
+            self.journal.add(sort, **values)
+        except JournalError as exc:
+            log.error("%s", exc)
 
     def _reply(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         return {"event": "reply", "do": do, **answer, "status": self.status.to_dict()}

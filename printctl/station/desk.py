@@ -17,7 +17,7 @@ from printctl.link.streamer import Streamer
 from printctl.printing.executed import record_for, write_note
 from printctl.station.attending import Attending
 from printctl.station.counter import DOWN, Wish, refusal
-from printctl.station.orders import check_start, leaves_motors_on, read_wish
+from printctl.station.orders import check_homing, check_start, leaves_motors_on, read_wish
 from printctl.station.pushed import pushed_mm
 from printctl.station.status import Place, StationState
 from sim.executed import ExecutedMotion
@@ -60,10 +60,11 @@ class Desk(Attending):
         job = load_job(order.job, self.known.printer.max_line_bytes)
         standby = self._standby
         at = standby.position if standby else None
+        check_homing(job, self.known.mounted.needle)
         declared = check_start(job, at, self.known.trusted)
         here = _Print(order, job, declared, record_for(order.folder))
         order.folder.mkdir(parents=True, exist_ok=True)
-        self.journal.add("asked", do="print", values={"job": str(order.job), "sha256": job.sha256})
+        self._write_down("asked", do="print", values={"job": str(order.job), "sha256": job.sha256})
         self._switching = True
         try:
             self._tell(
@@ -153,7 +154,6 @@ class Desk(Attending):
             self._again(ended)
 
     def _again(self, ended: str) -> None:
-        homed = self.known.homed
         if not self.socket.simulated:
             self._stand_by(fresh=False)
             if self._reports and self._standby is not None:
@@ -164,9 +164,6 @@ class Desk(Attending):
             self.connect(ended)
         except LinkError as exc:
             self.down(StationState.LOST, f"{ended}; {exc}", type(exc).__name__)
-        else:
-            self.known.homed = homed
-            self._tell_live()
 
     def _remember_executed(self, here: _Print, status: Status) -> None:
         """Where a simulated tip stands now; and that the record is whole, where it is."""
@@ -191,7 +188,7 @@ class Desk(Attending):
             self._standby.end()
         self._unplug()
         self.known.lose_position()
-        self.journal.add("state", state="closed", message=message)
+        self._write_down("state", state="closed", message=message)
         self._tell(StationState.CLOSED, message, position_mm=None)
         if wish is not None:
             self._answer(wish, self._reply("close", {}))

@@ -224,12 +224,22 @@ class Hands:
                     f"{axis.upper()} {mm:g} mm is outside {span.low:g} to {span.high:g} mm "
                     f"({axis}_mm of {printer.name}); no tip stands there"
                 )
-        self.standby.do(self._declaration(new, given))
-        self.known.count_anew(at, (new[0], new[1], new[2]), given)
-        self.standby.look()
+        self.declare((new[0], new[1], new[2]), given)
         return {}
 
-    def _declaration(self, place: list[float], given: set[str]) -> str:
+    def declare(self, place: Place, axes: set[str]) -> None:
+        """Tell the firmware where the tip is; axes that aren't given stay as they count.
+
+        Raises
+        ------
+        LinkError
+        """
+        at = self._at()
+        self.standby.do(self._declaration(place, axes))
+        self.known.count_anew(at, place, axes)
+        self.standby.look()
+
+    def _declaration(self, place: Place, given: set[str]) -> str:
         declares = DIALECTS[self.known.printer.firmware].declares
         if declares:  # all three at once
             x, y, z = (f"{mm:.4f}" for mm in place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,28 +15,17 @@ from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
 from printctl.link.recovering import declared_start
 from printctl.link.retreat import Retreat
-from printctl.printing.find import Order
 from printctl.station.status import Place
 from printctl.station.wire import Socket
 
+_HOMES: Final = re.compile(rb"G0*28(?![\d.])")
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 _SILENT: Final = frozenset({"marlin", "prusa"})
 
 
-def to_wish(order: Order) -> dict[str, Any]:
-    """An order as a JSON object."""
-    return {
-        "job": str(order.job.resolve()),
-        "printer": order.printer,
-        "folder": str(order.folder.resolve()),
-        "retreat": asdict(order.retreat),
-        "care": order.care.to_dict(),
-    }
-
-
 def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
-    """Read `to_wish`.
+    """Read what `printctl.station.to_wish` made.
 
     Raises
     ------
@@ -60,6 +49,22 @@ def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
         retreat=Retreat(**wish["retreat"]),
         care=Care.from_dict(wish["care"]),
     )
+
+
+def check_homing(job: Job, needle: str) -> None:
+    """Refuse a job that homes with a needle mounted.
+
+    Raises
+    ------
+    Refused
+    """
+    homing = next((k for k, line in enumerate(job.lines) if _HOMES.match(line)), None)
+    if homing is not None and needle:
+        raise Refused(
+            f"{job.name}, line {job.file_lines[homing]}, homes the machine with the needle "
+            f"{needle} mounted, which would be driven into what is below; take the line out, and "
+            "touch off instead"
+        )
 
 
 def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:

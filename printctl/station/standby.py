@@ -183,7 +183,8 @@ class Standby(Listening):
         start = self.position
         if start is None:
             raise LinkError("the printer doesn't tell its position (M114); reconnect")
-        count = _pieces(math.dist(start, target) / speed_mm_s)
+        steps = self._steps({a: b - c for a, b, c in zip("xyz", target, start, strict=True)})
+        count = self._pieces(math.dist(start, target) / speed_mm_s, steps)
         feed = f"F{speed_mm_s * 60:.3f}"
 
         def piece(part: float) -> str:
@@ -220,7 +221,8 @@ class Standby(Listening):
             return f"G1 E{begin + mm * part:.5f} {feed}"
 
         try:
-            done = self._piecewise(piece, _pieces(seconds), seconds, watched=mm > 0)
+            count = self._pieces(seconds, self._steps({"e": mm}))
+            done = self._piecewise(piece, count, seconds, watched=mm > 0)
             self.plunger = begin + mm * done
         finally:
             self.look()
@@ -267,6 +269,16 @@ class Standby(Listening):
         self._raise_fault("the move")
         return sent / count
 
+    def _steps(self, by_mm: dict[str, float]) -> float:
+        """Steps of the axis that makes the most of them."""
+        per_mm = self.wiring.printer.steps_per_mm
+        return max(abs(mm) * getattr(per_mm, axis) for axis, mm in by_mm.items())
+
+    def _pieces(self, seconds: float, steps: float) -> int:
+        """In how many pieces a move is sent; a firmware drops one of few steps (Marlin: 6)."""
+        fewest = 2 * self.wiring.printer.min_steps_per_segment
+        return max(1, min(math.ceil(seconds / PIECE_S), int(steps // fewest)))
+
     def _keep_pace(self, begun: float, seconds: float) -> None:
         """Wait until only `AHEAD_S` of what was sent are ahead; ask meanwhile what is due."""
         clock = self.wiring.clock
@@ -291,10 +303,6 @@ class Standby(Listening):
         text = self._taken_fault()
         if text:
             raise LinkError(f"{text} (asked for: {what})")
-
-
-def _pieces(seconds: float) -> int:
-    return max(1, math.ceil(seconds / PIECE_S))
 
 
 def _told(place: Place | None) -> str:

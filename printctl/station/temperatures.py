@@ -54,6 +54,8 @@ def check_target(
     ------
     Refused
     """
+    if celsius == 0 and name.partition(" ")[0] in _SETS:
+        return  # off is always right
     names = [one.name for one in known]
     if name not in names:
         raise Refused(f"this printer tells of no {name!r}, only of {', '.join(names) or 'none'}")

@@ -91,5 +91,7 @@ def _add_pages(app: FastAPI) -> None:
         dark=None,
         language="en-US",
         show_welcome_message=False,
+        # A tablet that was out of reach for a moment goes on where it was, unsaved words with it.
+        reconnect_timeout=30.0,
         gzip_middleware_factory=None,
     )

@@ -28,6 +28,15 @@ def checked_name(name: str) -> str:
     return name
 
 
+def is_name(name: str) -> bool:
+    """Whether `checked_name` takes a name: not every file that a user puts in has one."""
+    try:
+        checked_name(name)
+    except BadRequestError:
+        return False
+    return True
+
+
 @dataclass(frozen=True)
 class Workspace:
     """A folder of recipes, runs, jobs, scans and prints.

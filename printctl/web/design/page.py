@@ -43,10 +43,11 @@ class _Page:
 
     def __init__(self, service: DesignService) -> None:
         self._service = service
-        self._editor = Editor(service.recipes)
+        self._editor, self._tab = Editor(service.recipes), "recipe"
 
     async def build(self, recipe: str, tab: str) -> None:
         """Make the page, with a recipe and a tab to begin with."""
+        self._tab = tab
         self._bar = RecipesBar(self._editor, self._edit)
         with ui.tabs(on_change=self._turned).props("no-caps align=left") as tabs:
             for key, name in _TABS.items():
@@ -73,9 +74,16 @@ class _Page:
             self._editor.name = ""
         self._bar.refresh()
         self._recipe.show()
+        self._note_address()
+
+    def _note_address(self) -> None:
+        """Let the page's address say what is seen, so that a reload comes back to it."""
+        ui.navigate.history.replace(f"/design?recipe={self._editor.name}&tab={self._tab}")
 
     async def _turned(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        await self._fill(str(event.value or ""))
+        self._tab = str(event.value or "recipe")
+        self._note_address()
+        await self._fill(self._tab)
 
     async def _fill(self, tab: str) -> None:
         if tab == "look":

@@ -15,7 +15,7 @@ from printctl.cli.init import STARTER
 from printctl.web.design.checking import Checked, check_text
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.workspace import Workspace, checked_name
+from printctl.web.workspace import Workspace, checked_name, is_name
 
 EXAMPLES: Final = Path(__file__).resolve().parents[3] / "examples"
 """Beside the packages in a copy of the sources; an installed program has the starter alone."""
@@ -84,14 +84,14 @@ class Recipes:
     def rows(self) -> list[RecipeFile]:
         """All of them, by name."""
         found = []
-        for path in sorted(self.folder.glob("*.yaml")):
+        for path in map(self._workspace.recipe, self.names()):
             checked = self.check(path.read_text(encoding="utf-8", errors="replace"))
             found.append(RecipeFile(path.stem, path.stat().st_mtime, len(checked.problems)))
         return found
 
     def names(self) -> list[str]:
         """Their names, sorted."""
-        return sorted(path.stem for path in self.folder.glob("*.yaml"))
+        return sorted(p.stem for p in self.folder.glob("*.yaml") if is_name(p.stem))
 
     def examples(self) -> list[str]:
         """What a new recipe can begin from."""

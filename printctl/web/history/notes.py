@@ -22,8 +22,10 @@ NAMES: Final = {
     "mixed_at": "Mixed",
     "viability_min": "Time the cells have, min",
     "sterility": "Sterility",
+    "ticked": "Checklist",
 }
 _LISTS: Final = {"steps": "Steps after the print", "notes": "Notes"}
+_UNNAMED: Final = ("text", "note", "step", "name")
 _MOST: Final = 500
 _LONGEST: Final = 4000
 
@@ -59,7 +61,7 @@ def values_told(note: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         elif key == "mixed_at" and isinstance(value, int | float):
             value = local_time(float(value))
         elif isinstance(value, float):
-            value = f"{value:g}"
+            value = f"{value:,.0f}".replace(",", "\N{THIN SPACE}") if value >= 1e4 else f"{value:g}"
         yield NAMES.get(key, str(key).replace("_", " ")), str(value)[:_LONGEST]
 
 
@@ -70,7 +72,11 @@ def entry_told(entry: Any) -> str:
     at = entry.get("at")
     when = local_time(float(at)) if isinstance(at, int | float) else ""
     rest = {k: v for k, v in entry.items() if k not in ("at", "who") and v not in (None, "")}
-    words = [
-        str(v) if k in ("text", "note", "step", "name") else f"{k}: {v}" for k, v in rest.items()
-    ]
+    words = [_words(k, v) for k, v in rest.items()]
     return "  ".join(filter(None, (when, str(entry.get("who") or ""), *words)))[:_LONGEST]
+
+
+def _words(key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return f"({key})" if value else f"(not {key})"
+    return str(value) if key in _UNNAMED else f"{key}: {value}"

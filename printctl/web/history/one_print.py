@@ -26,9 +26,10 @@ def show_print(service: HistoryService, shown: Shown) -> None:
         if shown.line is not None:
             _time_card(shown)
         note_card(shown.found.note())
+        with ui.element("div"):
+            _filing_card(shown)
+            repeat_card(service, shown)
         _photos(shown)
-        _filing_card(shown)
-        repeat_card(service, shown)
 
 
 def _facts_card(shown: Shown) -> None:
@@ -79,13 +80,13 @@ def _time_card(shown: Shown) -> None:
         strip(line)
         box = ui.element("div").classes("ph-scroll")
         box.props('tabindex=0 role=region aria-label="Events of the print"')
-        with box, ui.element("table").classes("ph-table"):
+        with box, ui.element("table").classes("ph-table ph-list"):
             head(("Clock", "After", "What", "Said"))
             with ui.element("tbody"):
                 for event in line.events:
                     with ui.element("tr"):
-                        cell(local_time(event.at), "", "ph-number")
-                        cell(duration(event.after_s) or "0 s", "", "ph-number")
+                        cell(local_time(event.at), "Clock", "ph-number")
+                        cell(duration(event.after_s) or "0 s", "After", "ph-number")
                         bad = "ph-bad" if event.kind in ("alarm", "damaged") else ""
                         cell(f"! {event.kind}" if bad else event.kind, "", bad)
                         cell(event.text)

@@ -35,7 +35,7 @@ _ALONE = {
     # The report's scripts may run, but as a page of nobody: without our cookies and our API.
     "Content-Security-Policy": (
         "sandbox allow-scripts allow-downloads; default-src 'none'; img-src data: blob:; "
-        "script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
+        "script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
         "font-src data:; connect-src data: blob:; worker-src blob:"
     )
 }

@@ -33,17 +33,23 @@ def add_preflight(service: JobService, job: str, first: JobSetUp, machine: Machi
             small("No printer is connected; the job can be checked, but not started.")
         with ui.element("div").classes("job-form"):
             fields = {key: _choice(name, kind, getattr(first, key)) for key, name, kind in _THINGS}
-            depth = ui.number("Bath depth", value=first.bath_depth_mm, min=0.1, suffix="mm")
+            depth = ui.number("Bath depth", value=first.bath_depth_mm, min=0.1, suffix="mm").props(
+                "outlined"
+            )
             start = [
                 ui.number(f"Start {axis}", value=value, step=0.1, suffix="mm", precision=3)
                 for axis, value in zip("XYZ", first.start_mm, strict=True)
             ]
+            for one in start:
+                one.props("outlined")
             deadman = ui.number(
                 "Pause unless confirmed within", value=first.care.deadman_min, min=0, suffix="min"
             )
             prime = ui.number(
                 "Extra ink after a pause", value=first.care.prime_ul, min=0, suffix="µL"
             )
+            for one in (deadman, prime):
+                one.props("outlined")
         reload = ui.checkbox(
             "Pause for a new syringe where one doesn't last", value=first.care.reload
         )

@@ -43,7 +43,9 @@ def add_print(service: JobService, who: Principal, job: str) -> Refresh:
             cancel = quiet_button("Cancel print", lambda: ask.open())
         with ui.column().classes("w-full gap-2") as syringe:
             ui.label("A syringe is being changed. What was put in?").classes("font-semibold")
-            used = ui.number("Plunger travel used up", value=0.0, min=0, max=1000, suffix="mm")
+            used = ui.number(
+                "Plunger travel used up", value=0.0, min=0, max=1000, suffix="mm"
+            ).props("outlined")
             with ui.row().classes("gap-2"):
                 button(
                     "Resume with this syringe",

@@ -25,13 +25,15 @@ class LiveView(Element, component="static/element.js"):
             Name of the job in the URL, as `printctl.web.live.routes.router` knows it.
         source : str
             WebSocket whose messages ``{"event": "print", "lines_done": ..., "lines_executed": ...,
-            "position": [x, y, z]}`` the view follows, from the page's root; empty for none.
+            "position": [x, y, z]}`` the view follows, from the page's root; empty for none. Those
+            that name another ``job`` are left out.
         live : bool
             Whether the job is being printed, and nothing of it has been told yet; with neither this
             nor ``source`` all of it is shown as planned.
         """
         super().__init__()
         self._props["scene"] = f"/live/{quote(job, safe='')}/scene"
+        self._props["job"] = job
         self._props["source"] = source
         self._props["live"] = live
         self.classes("w-full h-full")

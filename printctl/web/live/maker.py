@@ -17,8 +17,8 @@ _LONGEST_S: Final = 120.0
 """For a job of 50 million moves."""
 
 # Arrays of a large job come and go by the dozen: glibc otherwise hands each back to the system and
-# asks for it again, a fifth of the time that a scene takes. The process holds 0.7 GB after a million
-# moves instead; other systems ignore these.
+# asks for it again, a fifth of the time that a scene takes. The process holds 0.7 GB after a
+# million moves instead; other systems ignore these.
 _KEEP_MEMORY: Final = {
     "MALLOC_MMAP_THRESHOLD_": "4000000000",
     "MALLOC_TRIM_THRESHOLD_": "4000000000",

@@ -9,6 +9,7 @@ from nicegui import events, ui
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_home import home_dialog
+from printctl.web.printer.card_place import place_dialog
 from printctl.web.printer.hands import STEPS_MM, rim_mm
 from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, tried
 from printctl.web.printer.service import PrinterService
@@ -57,6 +58,7 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
         with ui.row().classes("gap-2"):
             moves.append(quiet_button("Up, out of the bath", lambda: told(lift)))
             moves.append(quiet_button("Home …", home_dialog(service, who)))
+            moves.append(quiet_button("Say where the tip is …", place_dialog(service, who)))
             quiet_button("Stop this move", lambda: told(service.stop_motion))
 
     def lift() -> None:

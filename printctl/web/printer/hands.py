@@ -56,6 +56,17 @@ class Hands:
         with self._desk.moving(who) as station:
             return self._desk.heard(station.home(axes, needle_off=needle_off))
 
+    def set_position(
+        self,
+        who: Principal,
+        x: float | None = None,
+        y: float | None = None,
+        z: float | None = None,
+    ) -> StationStatus:
+        """Say where the tip stands, mm; nothing moves, and the position is trusted from then on."""
+        with self._desk.moving(who) as station:
+            return self._desk.heard(station.set_position(x, y, z))
+
     def heat(self, who: Principal, name: str, celsius: float) -> StationStatus:
         """Set a heater's target; 0 is off."""
         return self._desk.heard(self._desk.ask(who).heat(name, celsius))

@@ -41,6 +41,14 @@ class Home(_Body):
     needle_off: bool = False
 
 
+class Place(_Body):
+    """Where the tip stands, mm, printer's frame; axes left out stay as they are."""
+
+    x: MM | None = None
+    y: MM | None = None
+    z: MM | None = None
+
+
 class Heat(_Body):
     """A heater's target, °C; 0 is off."""
 

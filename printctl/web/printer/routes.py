@@ -105,6 +105,10 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
     def home(body: m.Home, request: Request) -> m.Status:
         return status_of(hands.home(who(request), body.axes, needle_off=body.needle_off))
 
+    @routes.post("/set-position", summary="Say where the tip stands; nothing moves")
+    def set_position(body: m.Place, request: Request) -> m.Status:
+        return status_of(hands.set_position(who(request), body.x, body.y, body.z))
+
     @routes.post("/stop-motion", summary="Stop a move by hand; needs no controls")
     def stop_motion() -> m.Status:
         return status_of(service.stop_motion())

@@ -95,6 +95,7 @@ class _Page:
 
     async def _show(self, scan: str) -> None:
         self._scan = scan
+        ui.navigate.history.replace(f"/scan?scan={scan}&run={self._runs.value or ''}")
         self._delete.set_enabled(scan.startswith("file~"))
         self._facts.text = f"{scan} is being read ..."
         try:

@@ -19,7 +19,7 @@ from typing import Any, Final
 from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.unpacking import is_stack, unpack_stack
-from printctl.web.workspace import Workspace, checked_name
+from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.readers import ScanOverrides
 from registration.readers.sidecar import beside
 
@@ -62,12 +62,16 @@ class ScanStore:
         files = [
             path
             for path in self.folder.iterdir()
-            if not path.name.startswith(".") and path.suffix.lower() not in _SIDECARS
+            if is_name(path.name) and path.suffix.lower() not in _SIDECARS
         ]
         found = [_row(f"file~{path.name}", path) for path in files]
         for name in _RUN_SCANS:
             of_runs = (self._workspace.root / "runs").glob(f"*/{name}")
-            found += [_row(f"run~{path.parent.name}", path) for path in of_runs]
+            found += [
+                _row(f"run~{path.parent.name}", path)
+                for path in of_runs
+                if is_name(path.parent.name)
+            ]
         return sorted(found, key=lambda row: -row.modified)
 
     def path(self, scan: str) -> Path:

@@ -107,6 +107,10 @@ def test_job_for_another_place_printer_or_nonsense_is_refused(at_rest, tmp_path,
         at_rest.print(elsewhere)
     with pytest.raises(Refused, match="connected is"):
         at_rest.print(Order(elsewhere.job, "marlin_avr", "simulated", tmp_path, Retreat()))
+    at_rest.mount(needle="25g")
+    (tmp_path / "homes.gcode").write_text("G90\nG28 X\nG1 X5 F600\n")
+    with pytest.raises(Refused, match="line 2, homes the machine with the needle 25g"):
+        at_rest.print(Order(tmp_path / "homes.gcode", profile, "", tmp_path / "p", Retreat()))
     (tmp_path / "bad.gcode").write_text("M83\n")
     with pytest.raises(JobError, match="relative extrusion"):
         at_rest.print(Order(tmp_path / "bad.gcode", profile, "", tmp_path / "p", Retreat()))

@@ -61,3 +61,9 @@ def test_heater_that_isnt_there_is_named():
 def test_commands_set_and_dont_wait():
     assert target_command("bed", 37) == "M140 S37"
     assert target_command("nozzle 1", 4.5) == "M104 T1 S4.5"
+
+
+def test_off_is_always_right():
+    check_target((), "bed", 0, read_kit(Mounted()), False)
+    with pytest.raises(Refused, match="tells of no 'oven'"):
+        check_target((), "oven", 0, read_kit(Mounted()), False)

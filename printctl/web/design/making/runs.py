@@ -21,7 +21,7 @@ from printctl.web.design.making.detached import Detached
 from printctl.web.design.making.progress import RunProgress
 from printctl.web.design.recipes import Recipes
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.workspace import Workspace
+from printctl.web.workspace import Workspace, is_name
 
 RECIPE = "recipe.yaml"
 LAST_STAGE: Final = TOOLPATH[-1].name
@@ -63,7 +63,7 @@ class Runs:
     def rows(self) -> list[RunRow]:
         """All runs, the newest first."""
         folders = [path for path in (self._workspace.root / "runs").iterdir() if path.is_dir()]
-        rows = [self._row(path) for path in folders if not path.name.startswith(".")]
+        rows = [self._row(path) for path in folders if is_name(path.name)]
         return sorted(rows, key=lambda row: -row.modified)
 
     def _row(self, folder: Path) -> RunRow:

@@ -10,12 +10,13 @@ function addStyle(href) {
 
 export default {
   template: "<div></div>",
-  props: { scene: String, source: String, live: Boolean },
+  props: { scene: String, job: String, source: String, live: Boolean },
   async mounted() {
     addStyle(`${root()}/live/static/live_view.css`);
     const { liveView } = await import(`${root()}/live/static/live_view.js`);
     const view = await liveView(this.$el, {
       scene: root() + this.scene,
+      job: this.job,
       source: this.source ? root() + this.source : "",
       live: this.live,
     });

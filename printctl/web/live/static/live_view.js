@@ -4,7 +4,7 @@
 //   view.update({ executed: 1200, acknowledged: 1230, position: [10.2, 4.1, 0.3] });
 //
 // `executed` and `acknowledged` count commands of the file as the link does. Only what was executed
-// is drawn as written. Without `live` or `source` the whole job is drawn as planned.
+// is drawn as written. With `job`, events that name another one are left out. Without `live` or `source` the whole job is drawn as planned.
 import { Feed } from "./feed.js";
 import { Needle } from "./needle.js";
 import { Panel, element, listenToKeys } from "./panel.js";
@@ -90,7 +90,7 @@ class LiveView {
     this.painter.show(this.state);
     this.painter.fit();
     if (this.options.source) {
-      this.feed = new Feed(this.options.source, (said) => this.update(said), (on) => this.line(on));
+      this.feed = new Feed(this.options.source, (said) => this.hear(said), (on) => this.line(on));
     }
   }
 
@@ -125,6 +125,12 @@ class LiveView {
   choose(change) {
     Object.assign(this.state, change);
     this.painter.show(this.state);
+  }
+
+  // News of another job's print aren't this one's.
+  hear(said) {
+    const { job } = this.options;
+    if (!job || said.job === undefined || said.job === job) this.update(said);
   }
 
   // Takes this view's own names, or a print event as the server sends it.

@@ -79,7 +79,7 @@ def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     page.click("button:has-text('Pause after layer')")
     says(page, "Paused ·")
     page.screenshot(path=str(workspace.parent / "paused.png"), full_page=True)
-    page.click("button:text-is('Resume')")
+    page.get_by_role("button", name="Resume", exact=True).click()
     says(page, "Printing ·")
     page.reload()
     says(page, "Printing ·")

@@ -56,7 +56,8 @@ def application(jobs: Mapping[str, JobSource], prints: Prints | None = None) -> 
 
     @app.get("/job/{job}", response_class=HTMLResponse)
     async def page(job: str, live: bool = False, plain: bool = False, source: str = "") -> str:
-        options = {"scene": f"/live/{job}/scene", "live": live, "plain": plain, "source": source}
+        options = {"scene": f"/live/{job}/scene", "live": live, "plain": plain}
+        options |= {"source": source, "job": job}
         return PAGE.format(options=json.dumps(options))
 
     @app.websocket("/events")

@@ -140,6 +140,7 @@ def test_the_page_follows_the_servers_events(page: Any, address: str) -> None:
     httpx.post(f"{address}/tell", json={"event": "other"}).raise_for_status()
     httpx.post(f"{address}/tell", json=said).raise_for_status()
     page.wait_for_function("view.status.executed === 50")
+    httpx.post(f"{address}/tell", json=said | {"job": "other", "lines_executed": 70})
     page.wait_for_timeout(1500)
     assert page.evaluate("view.needle.place") == [3, 4, 0.6]
     assert "50 of" in page.locator(".live-words").inner_text()

@@ -92,6 +92,19 @@ def test_homing_with_a_needle_above_a_dish_is_refused(service: PrinterService) -
     assert service.hands.home(ME, ["z"], needle_off=True).homed[2]
 
 
+def test_a_needle_put_on_is_not_trusted_until_somebody_says_where_its_tip_is(
+    service: PrinterService,
+) -> None:
+    service.hands.home(ME, ["x", "y", "z"], needle_off=True)
+    service.hands.jog(ME, "z", 30.0)
+    assert not service.hands.mount(ME, needle="30g").position_trusted
+    said = service.hands.set_position(ME, z=12.5)
+    assert said.position_trusted
+    assert said.position_mm == pytest.approx((0.0, 0.0, 12.5))
+    with pytest.raises(Refused, match="200 mm"):
+        service.hands.set_position(ME, z=500.0)
+
+
 def test_targets_keep_within_what_the_ink_bears_and_all_go_off(service: PrinterService) -> None:
     service.hands.mount(ME, ink="collagen_fresh")
     with pytest.raises(Refused, match="temperature_c"):

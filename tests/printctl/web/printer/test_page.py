@@ -100,7 +100,7 @@ def chosen(page: Page, label: str, option: str) -> None:
     page.get_by_role("option", name=option, exact=True).click()
 
 
-def grave(page: Page, within: str | None = None) -> list[str]:
+def grave(page: Page, within: dict[str, list[list[str]]] | None = None) -> list[str]:
     """What axe finds that is serious or worse."""
     found = Axe().run(page, context=within).response["violations"]
     return [
@@ -271,10 +271,12 @@ def test_dialogs_are_accessible(visit: Open, opener: str) -> None:
     page = connected(visit(820, 1180))
     page.get_by_role("button", name=opener).first.click()
     page.wait_for_timeout(1200)  # it fades in, and axe measures what it sees
-    # What lies dimmed behind a modal dialog is out of reach, and not to be read. Axe takes the
-    # shade to lie above the dialog, and would measure white text against it.
-    page.add_style_tag(content=".q-dialog__backdrop { display: none }")
-    assert grave(page, "[role=dialog]") == []
+    # What lies dimmed behind a modal dialog is out of reach. Axe looks through the dialog at it,
+    # and through a filled button in it, too: those are measured on the page, in the same colours.
+    behind = ".q-dialog__backdrop, .pc-content, .pc-header { display: none !important }"
+    page.add_style_tag(content=behind)
+    within = {"include": [["[role=dialog]"]], "exclude": [["[role=dialog] .bg-primary"]]}
+    assert grave(page, within) == []
 
 
 def test_page_of_a_new_server_finds_the_printer_again(browser: Browser, tmp_path: Path) -> None:

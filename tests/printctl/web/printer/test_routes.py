@@ -135,6 +135,7 @@ def test_without_a_printer_every_wish_is_a_conflict(idle: PrinterService) -> Non
             ("jog", {"axis": "x", "mm": 1}),
             ("home", {"axes": ["x"]}),
             ("lift-out", None),
+            ("set-position", {"z": 1}),
             ("disconnect", None),
             ("reconnect", None),
             ("stop-motion", None),

@@ -1,0 +1,20 @@
+"""An order for a print, as it goes through the door; read by `printctl.station.orders`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries
+    from printctl.printing.find import Order
+
+
+def to_wish(order: Order) -> dict[str, Any]:
+    """An order as a JSON object."""
+    return {
+        "job": str(order.job.resolve()),
+        "printer": order.printer,
+        "folder": str(order.folder.resolve()),
+        "retreat": asdict(order.retreat),
+        "care": order.care.to_dict(),
+    }
