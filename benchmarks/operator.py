@@ -29,6 +29,7 @@ from printctl.link import LinkError, LinkState, PrintClient, start_print
 Row = dict[str, Any]
 REAL = {"clock": "wall"}
 WATCHING = 5
+WATCHED = "/printer"
 MOVES = 1_000_000
 FOUND_S = 3.0
 """So long after a print's start the stop door has found it for certain."""
@@ -43,7 +44,7 @@ def stop_rows(tries: int, url: str, pages: list[Any], workspace: Path) -> Iterat
         folder = workspace / "runs" / f"stop-{k}"
         folder.mkdir(parents=True)
         (folder / "part.gcode").hardlink_to(job)
-        show(pages, f"{url}/job")
+        show(pages, f"{url}{WATCHED}")
         took.append(1e3 * _one_stop(pages[k % len(pages)], facts, folder))
         print(f"stop {k + 1} of {tries}: {took[-1]:.1f} ms", file=sys.stderr, flush=True)
     middle, worst = float(np.median(took)), max(took)
@@ -76,7 +77,7 @@ def streaming_rows(
     alone, watched = [], []
     for k in range(pairs):
         for rates in (alone, watched) if k % 2 else (watched, alone):
-            show(pages, f"{url}/job") if rates is watched else _leave(pages)
+            show(pages, f"{url}{WATCHED}") if rates is watched else _leave(pages)
             time.sleep(FOUND_S)
             rates.append(_rate(job, facts, workspace / "runs" / f"speed-{k}-{len(watched)}"))
             print(f"{rates[-1]:.0f} lines/s", file=sys.stderr, flush=True)

@@ -66,11 +66,13 @@ def show(pages: list[Any], url: str) -> None:
 
 def touched_at(page: Any) -> float:
     """When the button of a page was touched, on `time.monotonic`, s."""
-    offset = min(_offset(page) for _ in range(9))
+    _, offset = min(_offset(page) for _ in range(20))
     return float(page.evaluate("window.touched")) / 1e3 + offset
 
 
-def _offset(page: Any) -> float:
-    """From the browser's clock to ours; late by the way of the answer, so the least counts."""
+def _offset(page: Any) -> tuple[float, float]:
+    """How long an answer took, and the way from the browser's clock to ours, at its middle; s."""
+    begin = time.monotonic()
     said = float(page.evaluate("performance.timeOrigin + performance.now()")) / 1e3
-    return time.monotonic() - said
+    end = time.monotonic()
+    return end - begin, (begin + end) / 2 - said

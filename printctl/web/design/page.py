@@ -31,7 +31,7 @@ def room_style() -> str:
 def register(service: DesignService) -> None:
     """Define ``/design``."""
 
-    @ui.page("/design")
+    @ui.page("/design", response_timeout=30.0)  # else no frame, no stop
     async def design(recipe: str = "", tab: str = "recipe") -> None:
         ui.add_css(room_style())
         with frame("/design"):

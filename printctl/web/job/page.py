@@ -31,7 +31,7 @@ def register(service: JobService) -> None:
     """Define the page."""
     style = _STYLE.read_text(encoding="utf-8")
 
-    @ui.page("/job")
+    @ui.page("/job", response_timeout=30.0)  # else no frame, no stop
     async def job_page(job: str = "") -> None:
         chosen = await run.io_bound(first_job, service, job) or ""
         with frame("/job"):

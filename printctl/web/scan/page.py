@@ -25,7 +25,7 @@ from printctl.web.shell.told import told
 def register(service: ScanService) -> None:
     """Define ``/scan``."""
 
-    @ui.page("/scan")
+    @ui.page("/scan", response_timeout=30.0)  # else no frame, no stop
     async def scan(scan: str = "", run: str = "") -> None:
         ui.add_css(room_style())
         with frame("/scan"):
