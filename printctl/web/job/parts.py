@@ -48,9 +48,9 @@ def upload(text: str, take: Callable[..., Any], kinds: str, **values: Any) -> ui
     made.add_slot(
         "header",
         f"""
-        <div class="row items-center q-pa-xs"><q-btn type="a" flat no-caps icon="add"
-          label="{escape(text)}" class="min-h-[48px]" @click="props.pickFiles">
-          <q-uploader-add-trigger></q-uploader-add-trigger></q-btn></div>
+        <div class="row items-center q-pa-xs"><q-btn flat no-caps icon="add"
+          label="{escape(text)}" class="min-h-[48px]" @click="props.pickFiles"></q-btn>
+          <div style="display: none"><q-uploader-add-trigger></q-uploader-add-trigger></div></div>
         """,
     )
     return made
