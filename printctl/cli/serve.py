@@ -54,6 +54,13 @@ def serve(
         typer.Option(min=0.0, help="Simulated printer's speed, times real time; 0: all it can."),
     ] = 1.0,
     upload_mb: Annotated[float, typer.Option(min=1.0, help="Largest upload, MB.")] = 4000.0,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="Show a camera on the Job page: its number, /dev/video0, an address, or a film "
+            "or pictures (frames_%03d.png)."
+        ),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Write down each request.")] = False,
 ) -> None:
     """Serve the operator's page: printer, job, design, scan and history in a browser.
@@ -62,6 +69,7 @@ def serve(
     is needed. Ctrl-C ends the server, never a print.
     """
     _want_extra()
+    from printctl.web.job.camera.camera import source_of
     from printctl.web.serve import log_to_terminal  # Wants the extra `web`.
     from printctl.web.serve import serve as run
     from printctl.web.settings import ServeSettings
@@ -77,6 +85,7 @@ def serve(
         tls_cert=tls_cert,
         tls_key=tls_key,
         names=tuple(name or ()),
+        camera=None if camera is None else source_of(camera),
     )
     log_to_terminal(verbose)
 

@@ -17,6 +17,7 @@ from printctl.link.journal import read_records
 from printctl.link.record import JOURNAL
 from printctl.pipeline.artefacts import HTML, JSON, PDF
 from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file
+from printctl.records.films import TIMELAPSE, film_file
 
 GCODE: Final = "part.gcode"
 PHOTOS: Final = "photos"
@@ -175,3 +176,6 @@ def _noted(entry: PrintEntry) -> Iterator[tuple[str, Path]]:
         for path in sorted(photos.iterdir()):
             if path.is_file() and not path.is_symlink():
                 yield f"{PHOTOS}/{path.name}", path
+    film = film_file(folder, entry.started)
+    if film.is_file() and not film.is_symlink():
+        yield f"{TIMELAPSE}/{film.name}", film

@@ -35,6 +35,8 @@ class ServeSettings:
         Files of a certificate and its key, in PEM; with them the page is served by HTTPS.
     names : tuple of str
         Further names of this machine by which browsers may ask for the page.
+    camera : str or None
+        What OpenCV reads: a device's number or name, a file, an address.
     """
 
     workspace: Path
@@ -47,6 +49,7 @@ class ServeSettings:
     tls_cert: Path | None = None
     tls_key: Path | None = None
     names: tuple[str, ...] = ()
+    camera: str | None = field(default=None, repr=False)
 
     @property
     def loopback(self) -> bool:

@@ -11,6 +11,7 @@ from nicegui import run, ui
 from printctl.link.states import ENDED
 from printctl.web.errors import WebError
 from printctl.web.job.card_after import add_after
+from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
 from printctl.web.job.card_preflight import add_preflight
 from printctl.web.job.card_print import add_print, heard
@@ -22,7 +23,6 @@ from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
-BLUE: Final = "#0b5cad"
 _STYLE: Final = Path(__file__).with_name("job.css")
 _ENDED: Final = {state.value for state in ENDED}
 
@@ -36,7 +36,6 @@ def register(service: JobService) -> None:
         chosen = await run.io_bound(first_job, service, job) or ""
         with frame("/job"):
             ui.add_css(style)
-            ui.colors(primary=BLUE)
             with ui.element("div").classes("job-cards"):
                 with ui.element("div").classes("job-column"):
                     await add_jobs(service, chosen)
@@ -91,6 +90,7 @@ async def _cards(service: JobService, job: str) -> None:
         ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
         show_print = add_print(service, who, job)
         tell_view = _teller(_live_view(service, job))
+        await add_camera(service, job)
         said = add_preflight(service, who, job, first, machine)
     with ui.element("div").classes("job-column"):
         show_start = add_start(service, who, job, record, said)

@@ -14,6 +14,7 @@ from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
 from printctl.web.job.after import checklist
+from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import Heard
 from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
@@ -46,6 +47,7 @@ def router(service: JobService) -> APIRouter:
     _jobs(routes, service)
     _prints(routes, service)
     _after(routes, service)
+    add_routes(routes, service.watching, service.heard)
     whole = APIRouter()
     whole.include_router(routes)
     whole.include_router(live_router(service.scene, service.scenes))

@@ -22,6 +22,7 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
+from printctl.web.job.camera.watching import Watching
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import Heard, PrintFollower
 from printctl.web.job.hands import PrintHands
@@ -72,6 +73,8 @@ class JobService:
         Of the live view.
     after : Aftercare
         Steps, notes, photos, warming, flushing.
+    watching : Watching
+        The camera, the time-lapses.
     """
 
     def __init__(self, core: Core, printing: Printing | None = None) -> None:
@@ -83,6 +86,7 @@ class JobService:
         self.hands = PrintHands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
+        self.watching = Watching(core)
         self._followers: dict[str, PrintFollower] = {}
         self._lock = threading.Lock()
         self._starting = threading.Lock()
@@ -93,6 +97,7 @@ class JobService:
         """Follow no more; prints go on."""
         self._finder.end()
         self.after.close()
+        self.watching.close()
         for follower in list(self._followers.values()):
             follower.end()
 
@@ -342,6 +347,7 @@ class JobService:
     def _tell(self, heard: Heard) -> None:
         if heard.status.ended:
             self._note_end(heard)
+        self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
 
     def _note_end(self, heard: Heard) -> None:

@@ -1,0 +1,43 @@
+"""The process at the camera: told its source on a line, it writes pictures until its input ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from typing import Final
+
+from printctl.web.job.camera.capture import Capture
+from printctl.web.job.camera.pipe import write_message
+
+_BEHIND_THE_PRINT: Final = 10
+
+
+def main() -> None:
+    """Look until the server is gone."""
+    told = json.loads(sys.stdin.buffer.readline())
+    threading.Thread(target=_end_with_the_server, daemon=True).start()
+    if hasattr(os, "nice"):
+        os.nice(_BEHIND_THE_PRINT)
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what drivers print must not come between the pictures
+    import cv2  # an extra, and slow to load
+
+    cv2.setNumThreads(1)
+    camera = Capture(cv2, told["source"])
+    try:
+        while True:
+            write_message(out, camera.look(told["apart_s"]))
+    except BrokenPipeError:
+        os._exit(0)
+
+
+def _end_with_the_server() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

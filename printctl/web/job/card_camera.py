@@ -1,0 +1,93 @@
+"""The camera's picture, and the time-lapse of the job's print."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+from urllib.parse import quote
+
+from nicegui import ui
+
+from printctl.web.api.answers import API
+from printctl.web.job.camera.timelapse import Told
+from printctl.web.job.parts import card, live, size, small, tried
+from printctl.web.job.service import JobService
+
+_LOOK_AGAIN_S: Final = 1.0
+_LAPSE_AGAIN_S: Final = 3.0
+
+
+async def add_camera(service: JobService, job: str) -> None:
+    """Shown where there is a camera, or a time-lapse from when there was one."""
+    found, _ = await tried(_timelapse, service, job)
+    if service.watching.camera is None and (found is None or not found.frames):
+        return
+    with card("Camera"):
+        if service.watching.camera is not None:
+            _picture(service)
+        _lapse(service, job, found)
+
+
+def _picture(service: JobService) -> None:
+    picture = ui.element("img").classes("job-camera").props('alt="The print, seen by the camera"')
+    said = live().classes("job-problem")
+    taken = small()
+    shown = 0
+
+    def refresh() -> None:
+        nonlocal shown
+        seen = service.watching.seen()
+        there = seen.state == "there" and seen.still is not None
+        picture.set_visibility(there)
+        said.set_text(seen.message)
+        if there and seen.still is not None and seen.still.number != shown:
+            shown = seen.still.number
+            picture.props["src"] = f"{API}/camera/still?number={shown}"
+            picture.update()
+            at = time.strftime("%H:%M:%S", time.localtime(seen.still.at))
+            taken.set_text(f"Taken at {at}; a new picture about every second")
+        taken.set_visibility(there)
+
+    refresh()
+    ui.timer(_LOOK_AGAIN_S, refresh)
+
+
+def _lapse(service: JobService, job: str, first: Told | None) -> None:
+    told = small()
+    place = f"{API}/prints/{quote(job, safe='~')}/timelapse/film"
+    film = ui.element("img").classes("job-camera")
+    film.props('alt="Time-lapse of the print" loading=lazy')
+    down = ui.link("Download the time-lapse (WebP)", place).classes("job-way")
+    down.props["download"] = f"{job.partition('~')[2].removesuffix('.gcode')}_timelapse.webp"
+
+    def show(found: Told | None) -> None:
+        told.set_text(_words(found))
+        there = found is not None and found.film
+        for one in (film, down):
+            one.set_visibility(there)
+        if there and found is not None and film.props.get("src") != (src := _of(place, found)):
+            film.props["src"] = src
+            film.update()
+
+    async def look() -> None:
+        found, _ = await tried(_timelapse, service, job)
+        show(found)
+
+    show(first)
+    ui.timer(_LAPSE_AGAIN_S, look)
+
+
+def _timelapse(service: JobService, job: str) -> Told:
+    return service.watching.timelapse(job, service.heard(job))
+
+
+def _of(place: str, found: Told) -> str:
+    return f"{place}?frames={found.frames}&bytes={found.bytes}"
+
+
+def _words(found: Told | None) -> str:
+    if found is None or not found.frames:
+        return "Time-lapse: a picture is kept at the end of each layer or vessel of a print."
+    kept = f"Time-lapse: {found.frames} pictures, {size(found.bytes)}"
+    making = "; the film is being made" if found.making else ""
+    return f"{kept}{making}{'; ' + found.message if found.message else ''}."

@@ -1,0 +1,54 @@
+"""Sources that a camera can look at, written by OpenCV; and a wait."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from PIL import Image
+
+BLUE, RED = (200, 20, 20), (20, 20, 200)
+
+
+def sequence(folder: Path, count: int = 4, colour: tuple[int, int, int] = BLUE) -> str:
+    """Pictures of one colour; the name that OpenCV reads them by."""
+    folder.mkdir(exist_ok=True)
+    for k in range(count):
+        assert cv2.imwrite(str(folder / f"frames_{k:03d}.png"), _picture(colour, 320, 240))
+    return str(folder / "frames_%03d.png")
+
+
+def film(path: Path, count: int = 8, size: tuple[int, int] = (1600, 1200)) -> str:
+    """A short film (Motion JPEG), each picture of another brightness."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, size)
+    for k in range(count):
+        writer.write(_picture((20 * k, 20 * k, 20 * k), *size))
+    writer.release()
+    return str(path)
+
+
+def _picture(colour: tuple[int, int, int], width: int, height: int) -> Any:
+    return np.full((height, width, 3), colour, np.uint8)
+
+
+def seen_colour(jpeg: bytes) -> tuple[int, int, int]:
+    """Red, green, blue in the middle of a picture."""
+    with Image.open(io.BytesIO(jpeg)) as picture:
+        middle = picture.convert("RGB").getpixel((picture.width // 2, picture.height // 2))
+    assert isinstance(middle, tuple)
+    return middle[0], middle[1], middle[2]
+
+
+def until(done: Callable[[], Any], limit_s: float = 30.0) -> Any:
+    """Wait for something that is true."""
+    limit = time.monotonic() + limit_s
+    while time.monotonic() < limit:
+        if found := done():
+            return found
+        time.sleep(0.02)
+    raise AssertionError("it never came")
