@@ -11,16 +11,9 @@ from printctl.records.verify import Verified
 from printctl.web.history.look import card
 from printctl.web.history.service import HistoryService
 from printctl.web.shell.told import told
+from printctl.web.shell.uploading import upload
 
 _MOST_SHOWN: Final = 50
-_CHOOSE: Final = """
-<div class="ph-row">
-  <q-btn outline no-caps label="Choose a bundle (zip)" @click="props.pickFiles" />
-  <span>or drop it here</span>
-  <div hidden><q-uploader-add-trigger /></div>
-</div>
-"""
-"""In place of Quasar's own, whose button and field have no names."""
 
 
 def verify_card(service: HistoryService) -> None:
@@ -32,10 +25,6 @@ def verify_card(service: HistoryService) -> None:
         )
         key = ui.textarea("Public key to trust (PEM); empty for this lab's own")
         key.props("rows=2 maxlength=2000").style("width:100%")
-        upload = ui.upload(label="Bundle (zip)", auto_upload=True, max_files=1)
-        upload.props('accept=".zip"').classes("ph-upload")
-        upload.add_slot("header", _CHOOSE)
-        said = ui.element("div").props("role=status")
 
         async def uploaded(event: Any) -> None:
             path = service.incoming(secrets.token_hex(8))
@@ -45,12 +34,14 @@ def verify_card(service: HistoryService) -> None:
             finally:
                 path.unlink(missing_ok=True)
             said.clear()
-            upload.reset()
+            chosen.reset()
             if found is not None:
                 with said:
                     _tell(found, event.file.name)
 
-        upload.on_upload(uploaded)
+        chosen = upload("Choose a bundle (zip)", uploaded, ".zip", max_files=1)
+        chosen.classes("ph-upload")
+        said = ui.element("div").props("role=status")
 
 
 def _tell(found: Verified, name: str) -> None:

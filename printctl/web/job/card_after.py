@@ -19,11 +19,11 @@ from printctl.web.job.parts import (
     small,
     subheading,
     tried,
-    upload,
     when,
 )
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.service import JobService
+from printctl.web.shell.uploading import upload
 
 
 async def add_after(service: JobService, who: Principal, job: str) -> None:

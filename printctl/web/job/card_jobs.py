@@ -10,8 +10,9 @@ from urllib.parse import quote
 from nicegui import events, run, ui
 
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import card, live, size, small, span, tried, upload, when
+from printctl.web.job.parts import card, live, size, small, span, tried, when
 from printctl.web.job.service import JobService
+from printctl.web.shell.uploading import upload
 
 
 async def add_jobs(service: JobService, chosen: str) -> None:

@@ -11,6 +11,7 @@ from printctl.link.states import ENDED
 from printctl.web.controls import Principal
 from printctl.web.job.parts import button, card, clock, live, quiet_button, small, span, tried
 from printctl.web.job.service import JobService
+from printctl.web.shell.dialogs import dialog_named
 
 Refresh = Callable[[dict[str, Any] | None], None]
 _ENDED = {state.value for state in ENDED}
@@ -100,7 +101,7 @@ async def heard(service: JobService, job: str) -> dict[str, Any] | None:
 
 def _sure(work: Callable[[], Any]) -> ui.dialog:
     """Ask before a print is ended."""
-    with ui.dialog() as dialog, ui.card().classes("gap-3"):
+    with dialog_named("Cancel the print?") as dialog, ui.card().classes("gap-3"):
         ui.label("Cancel the print?").classes("text-lg font-semibold")
         ui.label(
             "The move in flight ends, the plunger is relieved, the needle goes straight up. "

@@ -14,6 +14,7 @@ from printctl.web.job.card_preflight import Said
 from printctl.web.job.parts import button, card, live, quiet_button, small, subheading, tried, when
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.shell.dialogs import dialog_named
 
 _LINES: Final = (
     ("operator", "Operator's name"),
@@ -57,7 +58,10 @@ def add_start(
             dialog.open()
 
         start = button("Start print …", ask)
-        with ui.dialog().props("persistent") as dialog, ui.card().classes("gap-3"):
+        with (
+            dialog_named("Start the print?").props("persistent") as dialog,
+            ui.card().classes("gap-3"),
+        ):
             ui.label("Start the print?").classes("text-lg font-semibold")
             question = ui.label()
             words = ui.label().classes("hidden")

@@ -38,24 +38,6 @@ def quiet_button(text: str, work: Callable[..., Any]) -> ui.button:
     return made.classes("min-h-[48px]")
 
 
-def upload(text: str, take: Callable[..., Any], kinds: str, **values: Any) -> ui.upload:
-    """A place to drop files, with a button that has a name for those who hear the page.
-
-    ``text`` and ``kinds`` are the program's own.
-    """
-    made = ui.upload(auto_upload=True, on_upload=take, **values)
-    made.props(f'accept="{kinds}" flat bordered').classes("w-full")
-    made.add_slot(
-        "header",
-        f"""
-        <div class="row items-center q-pa-xs"><q-btn flat no-caps icon="add"
-          label="{escape(text)}" class="min-h-[48px]" @click="props.pickFiles"></q-btn>
-          <div style="display: none"><q-uploader-add-trigger></q-uploader-add-trigger></div></div>
-        """,
-    )
-    return made
-
-
 def live(text: str = "") -> ui.label:
     """A line that is read out when it changes."""
     return ui.label(text).props("role=status aria-live=polite")

@@ -23,8 +23,6 @@ from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
-BLUE: Final = "#0b5cad"
-"""Of filled buttons: white on it has a contrast of 6.6 : 1, in light and dark."""
 _STYLE: Final = Path(__file__).with_name("printer.css")
 _COLUMNS: Final = (
     (add_connection, add_jog, add_touching),
@@ -44,7 +42,6 @@ def register(service: PrinterService) -> None:
         refreshes: list[Refresh] = []
         with frame("/printer"):
             ui.add_css(style)
-            ui.colors(primary=BLUE)
             with ui.element("div").classes("pc-cards"):
                 for column in _COLUMNS:
                     with ui.element("div").classes("pc-column"):

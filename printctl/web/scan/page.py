@@ -18,8 +18,10 @@ from printctl.web.scan.pane.result_card import ResultCard
 from printctl.web.scan.pane.said_form import SaidForm
 from printctl.web.scan.pane.slices_card import SlicesCard
 from printctl.web.scan.service import ScanService
+from printctl.web.shell.dialogs import dialog_named
 from printctl.web.shell.frame import frame
 from printctl.web.shell.told import told
+from printctl.web.shell.uploading import upload
 
 
 def register(service: ScanService) -> None:
@@ -125,7 +127,7 @@ class _Page:
         await self._refresh()
 
     async def _add(self) -> None:
-        with ui.dialog() as dialog, ui.card().classes("pc-dialog"):
+        with dialog_named("Add a scan") as dialog, ui.card().classes("pc-dialog"):
             ui.label("Add a scan").classes("pc-h2")
             ui.label(
                 "TIFF, OME-TIFF, NRRD, NIfTI, DICOM, HDF5, MATLAB, Thorlabs .oct, Bioptigen, "
@@ -141,8 +143,7 @@ class _Page:
                 if scan is not None:
                     await self._refresh(scan)
 
-            upload = ui.upload(label="Drop a volume, or choose one", on_upload=taken)
-            upload.props("flat bordered auto-upload").classes("w-full")
+            upload("Choose a volume", taken)
             ui.button("Close", on_click=dialog.close).props("flat")
         dialog.open()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 
 from nicegui import events, ui
@@ -13,11 +14,26 @@ from printctl.web.shell.told import told
 
 
 class RecipeTab:
-    """Form, text, search of a field, and a list of what is wrong."""
+    """Form, text, search of a field, and a list of what is wrong; an invitation without a recipe.
 
-    def __init__(self, editor: Editor) -> None:
-        self._editor, self._own = editor, False
+    Parameters
+    ----------
+    editor : Editor
+    begin : function
+        Asks for a new recipe.
+    """
+
+    def __init__(self, editor: Editor, begin: Callable[[], Awaitable[None]]) -> None:
+        self._editor = editor
         self._places: dict[str, forms.Path] = {}
+        with ui.column().classes("w-full items-start gap-2") as self._invitation:
+            ui.label("Choose a recipe, make a new one, or begin with an example.")
+            ui.button("New recipe", on_click=begin)
+        with ui.column().classes("w-full gap-4") as self._body:
+            self._build()
+        editor.changed.append(self._after)
+
+    def _build(self) -> None:
         with ui.row().classes("w-full items-center gap-2"):
             self._state = ui.label().classes("pc-state-line").props("role=status")
             ui.space()
@@ -28,16 +44,17 @@ class RecipeTab:
         self._wrong = ui.column().classes("w-full gap-0")
         with ui.element("div").classes("pc-two"):
             with ui.element("section").props('aria-label="Form"'):
-                self._form = FormPane(editor)
+                self._form = FormPane(self._editor)
             with ui.element("section").props('aria-label="Text"'):
                 self._text = ui.textarea("Recipe as YAML", on_change=self._typed)
                 self._text.props(
                     "outlined autogrow debounce=600 spellcheck=false input-class=pc-mono"
                 ).classes("w-full")
-        editor.changed.append(self._after)
 
     def show(self) -> None:
         """Show the recipe that is loaded."""
+        there = bool(self._editor.name)
+        self._invitation.visible, self._body.visible = not there, there
         self._form.build()
         self._after(False)
 

@@ -9,7 +9,9 @@ from nicegui import events, ui
 
 from printctl.web.design.pane.editor import Editor
 from printctl.web.design.recipes import SUFFIXES
+from printctl.web.shell.dialogs import dialog_named
 from printctl.web.shell.told import told
+from printctl.web.shell.uploading import upload
 
 Chosen = Callable[[str], Awaitable[None]]
 
@@ -29,7 +31,7 @@ class RecipesBar:
         with ui.row().classes("w-full items-center gap-2"):
             self._select = ui.select([], label="Recipe", on_change=self._selected)
             self._select.props("outlined dense").classes("pc-recipe")
-            ui.button("New", on_click=self._new)
+            ui.button("New", on_click=self.begin)
             ui.button("Duplicate", on_click=self._duplicate).props("outline")
             ui.button("Rename", on_click=self._rename).props("outline")
             ui.button("Import", on_click=self._import).props("outline")
@@ -46,9 +48,10 @@ class RecipesBar:
         if event.value and event.value != self._editor.name:
             await self._chosen(event.value)
 
-    async def _new(self) -> None:
+    async def begin(self) -> None:
+        """Ask for a new recipe's name and what it begins from, and make it."""
         sources = self._editor.recipes.examples()
-        with ui.dialog() as dialog, ui.card().classes("pc-dialog"):
+        with dialog_named("New recipe") as dialog, ui.card().classes("pc-dialog"):
             ui.label("New recipe").classes("pc-h2")
             name = ui.input("Name").props("outlined autofocus").classes("w-full")
             source = ui.select(sources, label="Begin from", value="starter")
@@ -71,7 +74,7 @@ class RecipesBar:
         if not self._editor.name:
             ui.notify("Choose a recipe first", type="warning")
             return ""
-        with ui.dialog() as dialog, ui.card().classes("pc-dialog"):
+        with dialog_named(title) as dialog, ui.card().classes("pc-dialog"):
             ui.label(title).classes("pc-h2")
             name = ui.input(label, value=value).props("outlined autofocus").classes("w-full")
             self._buttons(dialog, title)
@@ -83,7 +86,7 @@ class RecipesBar:
             ui.button(done, on_click=lambda: dialog.submit(True))
 
     async def _import(self) -> None:
-        with ui.dialog() as dialog, ui.card().classes("pc-dialog"):
+        with dialog_named("Import") as dialog, ui.card().classes("pc-dialog"):
             ui.label("Import").classes("pc-h2")
             ui.label(
                 "A recipe (.yaml), or a file that recipes name: "
@@ -94,8 +97,7 @@ class RecipesBar:
                 await self._take(event.file.name, await event.file.read())
                 dialog.close()
 
-            upload = ui.upload(label="Drop a file, or choose one", on_upload=taken)
-            upload.props("flat bordered auto-upload").classes("w-full")
+            upload("Choose a file", taken, ",".join((".yaml", ".yml", *SUFFIXES)))
             ui.button("Close", on_click=dialog.close).props("flat")
         dialog.open()
 

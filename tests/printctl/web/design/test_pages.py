@@ -11,6 +11,7 @@ import pytest
 
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, TABLET, chromium, shown
+from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 240_000
@@ -43,6 +44,20 @@ def _new_recipe(page: Any, name: str) -> None:
     page.get_by_label("Name", exact=True).fill(name)
     page.get_by_role("button", name="Make", exact=True).click()
     page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
+
+
+def test_without_a_recipe_the_page_invites_to_one(browser: Any, tmp_path: Path) -> None:
+    with server_process(tmp_path / "workspace") as server:
+        page = shown(browser, f"{server.url}/design")
+        page.get_by_text("Choose a recipe, make a new one, or begin with an example.").wait_for()
+        assert not page.get_by_label("Recipe as YAML").is_visible()
+        assert _serious(page) == []
+        page.get_by_role("button", name="New recipe").click()
+        page.get_by_label("Name", exact=True).fill("first")
+        page.get_by_role("button", name="Make", exact=True).click()
+        page.get_by_text(re.compile("^first: ready to be made")).wait_for()
+        assert page.get_by_label("Recipe as YAML").is_visible()
+        assert not page.get_by_text("Choose a recipe, make a new one").is_visible()
 
 
 def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -> None:
@@ -119,6 +134,8 @@ def test_markup_in_a_file_s_name_is_shown_as_text(
 ) -> None:
     page = shown(browser, f"{served.url}/design")
     page.get_by_role("button", name="Import").click()
+    page.get_by_role("button", name="Choose a file").wait_for()
+    assert serious_in_dialog(page) == []
     bad = tmp_path / "<img src=x onerror=window.bad=1>.yaml"
     bad.write_text("schema: 1\nname: <img src=x onerror=window.bad=1>\n")
     page.locator("input[type=file]").set_input_files(str(bad))

@@ -14,6 +14,7 @@ import yaml
 
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, chromium, shown
+from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 400_000
@@ -60,6 +61,8 @@ def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
     page = shown(browser, f"{server.url}/scan")
     page.get_by_text("No scan yet").wait_for()
     page.get_by_role("button", name="Add a scan").click()
+    page.get_by_role("button", name="Choose a volume").wait_for()
+    assert serious_in_dialog(page) == []
     page.locator("input[type=file]").set_input_files(str(scan))
     page.get_by_text("file~fresh_scan.tif: ").wait_for(timeout=60_000)
     image = page.get_by_alt_text("of the scan along z")

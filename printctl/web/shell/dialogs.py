@@ -1,0 +1,12 @@
+"""Dialogs with a name for those who hear the page."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+
+def dialog_named(name: str) -> ui.dialog:
+    """A dialog; its name is read out when it opens."""
+    made = ui.dialog()
+    made.props["aria-label"] = name
+    return made
