@@ -79,7 +79,11 @@ def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
 
 
 def _add_pages(app: FastAPI) -> None:
-    from nicegui import ui  # Takes half a second, and the API does without.
+    from nicegui import app as pages  # Takes half a second, and the API does without.
+    from nicegui import ui
+
+    # Quasar's bar over the page while anything is sent has no name; an upload shows its own.
+    pages.config.quasar_config["loadingBar"]["skipHijack"] = True
 
     @app.get("/", include_in_schema=False)
     def first() -> Response:

@@ -2,6 +2,7 @@
 import * as THREE from "three";
 import { listen } from "report/bus";
 import { startClip } from "report/clip";
+import { linkView } from "report/linked";
 import { makeMarker, makeNetwork, markVessel } from "report/network";
 import { startOverlays } from "report/overlays";
 import { startPanel } from "report/panel";
@@ -28,6 +29,7 @@ export async function startViewer(data) {
   startMarkers(stage, view);
   startPointer(stage, view);
   startPrinting(stage);
+  linkView(stage);
   return view;
 }
 

@@ -14,7 +14,7 @@ from printctl.web.shell.told import told
 
 
 class CompareTab:
-    """Tables of what differs, and both networks."""
+    """Tables of what differs, and both networks, seen from the same side."""
 
     def __init__(self, service: DesignService) -> None:
         self._service, self._asked = service, 0
@@ -48,7 +48,7 @@ class CompareTab:
             return
         self._box.clear()
         with self._box:
-            with ui.element("div").classes("pc-two"):
+            with ui.element("div").classes("pc-two pc-linked"):
                 for name in (one, other):
                     embed(f"/api/v1/runs/{name}/pages/network", f"Network of {name}")
             _table("Key figures", "Figure", found.figures, (one, other))

@@ -24,6 +24,16 @@ if (!window.pcThemed) {
     { attributes: true, attributeFilter: ["data-theme"] });
   new MutationObserver(themed).observe(document.body,
     { subtree: true, childList: true, attributes: true, attributeFilter: ["data-page"] });
+  // Frames beside each other see the same way (report/linked).
+  window.addEventListener("message", (event) => {
+    if (event.data?.printctl !== "view") return;
+    const frames = [...document.querySelectorAll(".pc-linked iframe")];
+    if (!frames.some((frame) => frame.contentWindow === event.source)) return;
+    for (const frame of frames) {
+      if (frame.contentWindow === event.source) continue;
+      frame.contentWindow.postMessage({ printctl: "view", view: event.data.view }, "*");
+    }
+  });
   themed();
 }
 """

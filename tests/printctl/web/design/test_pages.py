@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image, ImageChops, ImageStat
 
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, TABLET, chromium, shown
@@ -19,8 +22,13 @@ _TOOLPATH = "toolpath: {method: fresh, needle: 22g, layer_um: 150, line_um: 400}
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Process]:
-    with server_process(tmp_path_factory.mktemp("design") / "workspace") as server:
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("design") / "workspace"
+
+
+@pytest.fixture(scope="module")
+def served(workspace: Path) -> Iterator[Process]:
+    with server_process(workspace) as server:
         yield server
 
 
@@ -73,6 +81,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     page.get_by_text("Input should be greater than or equal to 10 (is 1)", exact=True).wait_for()
     page.get_by_text("one: 1 to mend · saved").wait_for()
     assert "layer_um: 1, line_um: 400}" in text.input_value()
+    page.wait_for_timeout(500)  # the hint fades away under the error
     assert _serious(page) == []
     layer.fill("150")
     page.get_by_text("one: ready to be made · saved").wait_for()
@@ -104,6 +113,32 @@ def _look(page: Any) -> None:
     slider.press("ArrowRight")
     assert slider.input_value() != before
     assert _serious(page) == []
+
+
+def test_networks_that_are_compared_turn_together(
+    served: Process, browser: Any, workspace: Path
+) -> None:
+    shutil.copytree(workspace / "runs" / "one", workspace / "runs" / "two")
+    page = shown(browser, f"{served.url}/design?recipe=one&tab=compare")
+    for name in ("one", "two"):
+        frame = page.frame_locator(f'iframe[title="Network of {name}"]')
+        frame.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    other = frame.locator("#stage canvas")
+    page.wait_for_timeout(1000)
+    before = other.screenshot()
+    buttons = page.frame_locator('iframe[title="Network of one"]')
+    buttons.get_by_role("button", name="Top", exact=True).click()
+    page.wait_for_timeout(1000)
+    turned = _differ(before, other.screenshot())
+    buttons.get_by_role("button", name="Oblique", exact=True).click()
+    page.wait_for_timeout(1000)
+    assert turned > 5 * _differ(before, other.screenshot())
+
+
+def _differ(one: bytes, other: bytes) -> float:
+    """Mean difference of two pictures, 0 to 255."""
+    seen = [Image.open(io.BytesIO(data)).convert("L") for data in (one, other)]
+    return float(ImageStat.Stat(ImageChops.difference(*seen)).mean[0])
 
 
 def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None:
