@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from printctl.records.bundle import write_bundle
 from printctl.records.errors import BundleError, KeyTrouble
+from printctl.records.films import film_file
 from printctl.records.keys import PRIVATE, lab_key, read_public, read_public_file
 from printctl.records.manifest import read_manifest
 from printctl.records.plain_zip import PlainZipWriter, read_members, safe_name
@@ -53,6 +54,10 @@ def test_bundle_holds_what_there_is_and_any_unzip_program_opens_it(tmp_path):
     (with_run_at / "print" / "record.json").write_text('{"cells": "hiPSC"}')
     (with_run_at / "print" / "photos").mkdir()
     (with_run_at / "print" / "photos" / "after <b>print.jpg").write_bytes(b"jpeg")
+    film = film_file(with_run_at / "print", entry.started)
+    film.parent.mkdir()
+    film.write_bytes(b"webp")
+    film.with_name("20200101-000000.webp").write_bytes(b"of an earlier print")
     (with_run_at / "print" / "link.json").write_text('{"token": "secret"}')
     manifest = write_bundle(tmp_path / "out.zip", entry, lab_key())
     with zipfile.ZipFile(tmp_path / "out.zip") as opened:
@@ -63,6 +68,7 @@ def test_bundle_holds_what_there_is_and_any_unzip_program_opens_it(tmp_path):
         assert b"secret" not in b"".join(map(opened.read, names))
     assert {"journal.log", "recipe.json", "report/report.html", "record.json"} <= names
     assert {"preflight/dry_run.json", "profiles/ink.json", "photos/photo_0001.jpg"} <= names
+    assert [name for name in names if "timelapse" in name] == [f"timelapse/{film.name}"]
     assert manifest.verdict == "pass"
     assert verify_bundle(tmp_path / "out.zip", [lab_key().public]).good
 
