@@ -17,7 +17,7 @@ from design.files import write_text
 from printctl.errors import SafetyError
 from printctl.set_up import Check
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job.check import Question
+from printctl.web.job.question import Question
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.table import JobTable
 
