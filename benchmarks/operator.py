@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from benchmarks.link_printers import PeerFailedError, answerer, profile, simulat
 from benchmarks.link_tap import Tap
 from benchmarks.machine import commit, machine, row
 from benchmarks.operator_server import browsers, page_server, show, touched_at
+from benchmarks.operator_watch import listeners
 from printctl.link import LinkError, LinkState, PrintClient, start_print
 
 Row = dict[str, Any]
@@ -71,28 +73,35 @@ def _number(port: str) -> int:
 def streaming_rows(
     pairs: int, lines: int, url: str, pages: list[Any], workspace: Path
 ) -> Iterator[Row]:
-    """Lines per second to a peer that only answers, with and without browsers, in turns."""
+    """Lines per second to a peer that only answers, watched in two ways and not, in turns."""
     job = zigzag(lines).write(workspace / "speed.gcode")
     facts = profile(workspace, "speed", resets_on_connect=False)
-    alone, watched = [], []
+    ways = {
+        "alone": nullcontext,
+        "browsers elsewhere": lambda: listeners(workspace / ".printctl" / "serve.json", WATCHING),
+        "browsers on the same two cores": lambda: _looking(pages, url),
+    }
+    rates: dict[str, list[float]] = {way: [] for way in ways}
     for k in range(pairs):
-        for rates in (alone, watched) if k % 2 else (watched, alone):
-            show(pages, f"{url}{WATCHED}") if rates is watched else _leave(pages)
-            time.sleep(FOUND_S)
-            rates.append(_rate(job, facts, workspace / "runs" / f"speed-{k}-{len(watched)}"))
-            print(f"{rates[-1]:.0f} lines/s", file=sys.stderr, flush=True)
-    slower = 100 * (1 - float(np.median(watched)) / float(np.median(alone)))
-    name = f"streaming with {WATCHING} browsers watching, slower by"
-    made = row(name, round(slower, 1), "%", "<= 5", slower <= 5)
-    yield (
-        made
-        | REAL
-        | {"pairs": pairs, "alone_lines_s": [round(one) for one in alone]}
-        | {"watched_lines_s": [round(one) for one in watched]}
-    )
+        for way in sorted(ways, reverse=bool(k % 2)):
+            with ways[way]():
+                time.sleep(FOUND_S)
+                place = workspace / "runs" / f"speed-{k}-{way.replace(' ', '-')}"
+                rates[way].append(_rate(job, facts, place))
+            print(f"{way}: {rates[way][-1]:.0f} lines/s", file=sys.stderr, flush=True)
+    alone = float(np.median(rates["alone"]))
+    for way in list(ways)[1:]:
+        slower = 100 * (1 - float(np.median(rates[way])) / alone)
+        name = f"streaming as fast as it goes, {WATCHING} {way}, slower by"
+        made = row(name, round(slower, 1), "%", "<= 5", slower <= 5)
+        told = {"alone_lines_s": [round(one) for one in rates["alone"]]}
+        yield made | REAL | {"pairs": pairs} | told | {"lines_s": [round(o) for o in rates[way]]}
 
 
-def _leave(pages: list[Any]) -> None:
+@contextmanager
+def _looking(pages: list[Any], url: str) -> Iterator[None]:
+    show(pages, f"{url}{WATCHED}")
+    yield
     for page in pages:
         page.goto("about:blank")
 

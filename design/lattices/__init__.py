@@ -1,6 +1,13 @@
 """Lattices of channels clipped to a tissue, with one inlet and one outlet."""
 
-from design.lattices.cells import LatticeKind
-from design.lattices.lattice import LatticeOptions, build_lattice
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.lattices.lattice import build_lattice
+    from design.lattices.options import LatticeKind, LatticeOptions
 
 __all__ = ["LatticeKind", "LatticeOptions", "build_lattice"]
+
+__getattr__ = on_demand(__name__)

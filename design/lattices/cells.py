@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from design.geometry import segment_segment
+from design.lattices.options import LatticeKind
 from design.network import FloatArray, IntArray
-
-LatticeKind = Literal["grid", "honeycomb", "gyroid", "diamond"]
 
 
 @dataclass(frozen=True)

@@ -1,29 +1,34 @@
 """From a network and a body to printable solids and their files."""
 
-from design.solids.bodies import Chamber, chamber_solid, cylinder_solid
-from design.solids.check import SolidCheck, validate_file
-from design.solids.connectors import (
-    Connector,
-    check_connector,
-    connector_parts,
-    with_connector,
-)
-from design.solids.construct import block_solid, construct_solid, solid_from_surface
-from design.solids.crossings import Crossings, find_crossings
-from design.solids.genus import construct_genus, network_genus
-from design.solids.lumen import lumen_solid
-from design.solids.marks import fiducial_places, text_solid, with_text
-from design.solids.obj import write_obj
-from design.solids.ply import write_ply
-from design.solids.ports import Port, end_ports, find_ports, open_ends
-from design.solids.read import read_solid
-from design.solids.solid import Solid
-from design.solids.step import StepBody, StepCheck, write_step
-from design.solids.stl import write_stl
-from design.solids.threemf import Part, write_3mf
-from design.solids.topology import surface_genus
-from design.solids.vtp import write_solid_vtp
-from design.solids.walls import tube_outside, tube_solid
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.solids.bodies import chamber_solid, cylinder_solid
+    from design.solids.chamber import Chamber
+    from design.solids.check import SolidCheck, validate_file
+    from design.solids.connector import Connector, check_connector
+    from design.solids.connectors import (
+        connector_parts,
+        with_connector,
+    )
+    from design.solids.construct import block_solid, construct_solid, solid_from_surface
+    from design.solids.crossings import Crossings, find_crossings
+    from design.solids.genus import construct_genus, network_genus
+    from design.solids.lumen import lumen_solid
+    from design.solids.marks import fiducial_places, text_solid, with_text
+    from design.solids.obj import write_obj
+    from design.solids.ply import write_ply
+    from design.solids.ports import Port, end_ports, find_ports, open_ends
+    from design.solids.read import read_solid
+    from design.solids.solid import Solid
+    from design.solids.step import StepBody, StepCheck, write_step
+    from design.solids.stl import write_stl
+    from design.solids.threemf import Part, write_3mf
+    from design.solids.topology import surface_genus
+    from design.solids.vtp import write_solid_vtp
+    from design.solids.walls import tube_outside, tube_solid
 
 __all__ = [
     "Chamber",
@@ -65,3 +70,5 @@ __all__ = [
     "write_step",
     "write_stl",
 ]
+
+__getattr__ = on_demand(__name__)

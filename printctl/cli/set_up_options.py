@@ -9,7 +9,7 @@ import typer
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from printctl.errors import UsageError
-from printctl.preflight import Loaded, SetUp, Standing
+from printctl.set_up import Loaded, SetUp, Standing
 
 NeedleOption = Annotated[
     str | None,

@@ -27,7 +27,7 @@ from printctl.cli.lumens_read import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
-from printctl.preflight import SetUp
+from printctl.set_up import SetUp
 from sim.bead import swell
 from sim.dryrun import DryRun
 

@@ -13,9 +13,9 @@ from design.files import replacing
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
+from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.plate.results import PICTURE, TABLE
 from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.recipe import load_recipe
 
 

@@ -1,7 +1,14 @@
 """G-code of any origin as a job to look at: layers, widths, kinds of lines."""
 
-from printctl.gcode_view.doses import Pushing
-from printctl.gcode_view.line_map import LineMap, read_line_map
-from printctl.gcode_view.read import Reading, read_job, read_with_program
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.gcode_view.line_map import LineMap, read_line_map
+    from printctl.gcode_view.pushing import Pushing
+    from printctl.gcode_view.read import Reading, read_job, read_with_program
 
 __all__ = ["LineMap", "Pushing", "Reading", "read_job", "read_line_map", "read_with_program"]
+
+__getattr__ = on_demand(__name__)

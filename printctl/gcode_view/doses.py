@@ -3,49 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Printer
 from printctl.gcode_view.comments import Comments
+from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows
 from printctl.rounding import last_digit_mm
 from registration.report.gcode import Act
 from sim.gcode import Program
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Pushing:
-    """How E, or an open valve, becomes a volume.
-
-    Attributes
-    ----------
-    printer : Printer
-        Whose firmware reads the file, and whose head writes it.
-    bore_mm : float or None, mm
-        Of the syringe, or the filament's diameter; None takes what the file itself says.
-    bore_said : str
-        Where the bore comes from, in words.
-    syringe_mm : float, mm
-        The bore where neither the user nor the file says one.
-    syringe_said : str
-    flow_ul_s : float or None, µL/s
-        Of a pneumatic head while its valve is open; None takes the profile's measured one.
-    layer_mm : float or None, mm
-        Height of the lines; None takes what the file says, or the spacing of its levels.
-    """
-
-    printer: Printer
-    bore_mm: float | None
-    bore_said: str
-    syringe_mm: float
-    syringe_said: str
-    flow_ul_s: float | None = None
-    layer_mm: float | None = None
 
 
 def plunger_doses(

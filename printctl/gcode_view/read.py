@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
-from printctl.gcode_view.doses import Pushing, plunger_doses, valve_doses
+from printctl.gcode_view.doses import plunger_doses, valve_doses
 from printctl.gcode_view.levels import is_flat, make_layers, spread
 from printctl.gcode_view.line_map import KINDS, LineMap
+from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows, written_rows
 from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import window_mm

@@ -19,11 +19,12 @@ from design.hemodynamics.oxygen import (
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from printctl.flow.outputs import write_columns
+from printctl.pipeline.artefacts import OXYGEN
 from printctl.progress import Report
 from printctl.recipe.oxygen import OxygenPart
 from registration.report.oxygen_figures import slice_figure
 
-TABLE: Final = "oxygen.csv"
+TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
 SLICE: Final = "oxygen.svg"
 CAPTION: Final = (

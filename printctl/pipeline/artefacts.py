@@ -6,4 +6,6 @@ Nothing is imported here, so that a command can name them before anything heavy 
 NETWORK = "network.csv"
 LUMEN = "lumen.stl"
 SOLID = "solid.stl"
+GCODE, LINE_MAP = "part.gcode", "part.map.npz"
+OXYGEN = "oxygen.csv"
 HTML, JSON, PDF = "report.html", "report.json", "report.pdf"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from printctl.errors import UsageError
+from printctl.pipeline.names import names_until
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import (
     dry_run,
@@ -37,20 +37,11 @@ WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.ST
 
 
 def until(name: str) -> Sequence[Stage]:
-    """The stages of a run up to one of them.
-
-    Parameters
-    ----------
-    name : str
-        As the run shows it; ``-`` or ``_`` may stand for the space in ``dry run``.
+    """The stages of a run up to one of them, as `names_until`.
 
     Raises
     ------
     UsageError
         When there is no such stage.
     """
-    names = [stage.name for stage in WHOLE]
-    wanted = name.strip().lower().replace("-", " ").replace("_", " ")
-    if wanted not in names:
-        raise UsageError(f"there is no stage {name!r}; a run has: {', '.join(names)}")
-    return WHOLE[: names.index(wanted) + 1]
+    return WHOLE[: len(names_until(name))]

@@ -15,12 +15,11 @@ from design.toolpath.correction import Corrections, Stretch
 from printctl.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.pipeline.artefacts import LUMEN, SOLID
+from printctl.pipeline.artefacts import GCODE, LUMEN, SOLID
 from printctl.pipeline.compensated import PRINTED_WITH
 from printctl.pipeline.context import RunContext, default_place
 from printctl.pipeline.manifest import MANIFEST, Manifest
 from printctl.pipeline.stages.tissue import SURFACE
-from printctl.pipeline.stages.toolpath import GCODE
 from printctl.progress import StageBars
 from printctl.recipe import parse_recipe
 from printctl.recipe.making import Fresh

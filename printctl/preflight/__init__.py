@@ -1,9 +1,6 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
-from printctl.preflight.check import Check, placed_failures, refuse_failed, warnings
 from printctl.preflight.dish_checks import (
-    WALL_CLEARANCE_MM,
-    Standing,
     dish_checks,
     floor_check,
     unknown_dish,
@@ -11,7 +8,7 @@ from printctl.preflight.dish_checks import (
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.force_checks import force_checks, hardest_push
 from printctl.preflight.gcode_checks import gcode_checks
-from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
+from printctl.preflight.head_checks import head_checks, of_each_head
 from printctl.preflight.ink_use import InkUse, ink_use
 from printctl.preflight.material_checks import (
     bath_checks,
@@ -20,7 +17,7 @@ from printctl.preflight.material_checks import (
     temperature_checks,
 )
 from printctl.preflight.same_as_alone import same_as_alone
-from printctl.preflight.set_up import SetUp, file_checks
+from printctl.preflight.set_up import file_checks
 from printctl.preflight.setup_checks import (
     needle_check,
     syringe_check,
@@ -38,14 +35,24 @@ from printctl.preflight.shaft_checks import (
 from printctl.preflight.shaft_map import read_written, written_arrays
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import (
-    Budget,
     PrintTime,
-    budget_of,
     viability_checks,
     viability_facts,
 )
 from printctl.preflight.well_checks import Wells, well_checks
 from printctl.preflight.well_map import read_wells, well_arrays
+from printctl.set_up import (
+    WALL_CLEARANCE_MM,
+    Budget,
+    Check,
+    Loaded,
+    SetUp,
+    Standing,
+    budget_of,
+    placed_failures,
+    refuse_failed,
+    warnings,
+)
 
 __all__ = [
     "WALL_CLEARANCE_MM",

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
-from printctl.preflight.check import Check
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import code

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_profiles import Ink, Needle, Printer, Syringe, held_pa, pressure_pa, wall_stress_pa
-from printctl.preflight.check import Check
 from printctl.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.preflight.profile_checks import profile_checks
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from firmware_profiles import Printer
-from printctl.preflight.check import Check
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.dryrun_finding import Finding
 from sim.gcode import code

@@ -8,15 +8,15 @@ changes of head is found by `sim.heads`, whose findings refuse.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Ink, Needle, Printer, Syringe
-from printctl.preflight.check import Check
-from printctl.preflight.dish_checks import WALL_CLEARANCE_MM, Standing, wall_gap
+from firmware_profiles import Needle, Printer
+from printctl.set_up.check import Check
+from printctl.set_up.standing import WALL_CLEARANCE_MM, Standing, wall_gap
 from sim.dryrun import DryRun
 from sim.gcode_modal import DWELL, MOVE, SYNC
 
@@ -30,15 +30,6 @@ ABOUT_HEADS: Final = {
 }
 """Findings of the dry run of which none is allowed, and their names."""
 _TINY_MM: Final = 1e-6
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """What one of several heads holds; the needle is None where nobody said it."""
-
-    syringe: Syringe
-    ink: Ink
-    needle: Needle | None = None
 
 
 def of_each_head(

@@ -7,8 +7,8 @@ from typing import Final
 
 from design.toolpath.embedded import held_diameter_mm
 from firmware_profiles import Bath, Ink
-from printctl.preflight.check import Check
 from printctl.preflight.profile_checks import profile_checks
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 
 _INK: Final = "temperature_c"

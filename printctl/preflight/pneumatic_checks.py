@@ -18,8 +18,8 @@ from firmware_profiles import (
     Syringe,
     steady_flow,
 )
-from printctl.preflight.check import Check
 from printctl.preflight.profile_checks import profile_checks
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.gcode import code
 from sim.gcode_modal import DWELL, MOVE, SYNC

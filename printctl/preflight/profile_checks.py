@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_profiles import Facts, doubts
-from printctl.preflight.check import Check
+from printctl.set_up.check import Check
 
 
 def profile_checks(*profiles: Facts) -> list[Check]:

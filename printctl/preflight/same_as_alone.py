@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.toolpath.gcode.numbers import decimals_for
 from firmware_profiles import Printer
-from printctl.preflight.check import Check
+from printctl.set_up.check import Check
 from sim.gcode import Program
 from sim.gcode_modal import MOVE
 

@@ -4,56 +4,23 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe
+from firmware_profiles import Printer, ProfileError
 from printctl.errors import UsageError
-from printctl.preflight.check import Check
-from printctl.preflight.dish_checks import Standing, dish_checks, floor_check, unknown_dish
+from printctl.preflight.dish_checks import dish_checks, floor_check, unknown_dish
 from printctl.preflight.force_checks import force_checks
 from printctl.preflight.gcode_checks import gcode_checks
-from printctl.preflight.head_checks import Loaded, head_checks, of_each_head
+from printctl.preflight.head_checks import head_checks, of_each_head
 from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
 from printctl.preflight.setup_checks import syringe_checks
 from printctl.preflight.shaft_checks import volumes, written_ul
 from printctl.preflight.step_checks import step_checks
-from printctl.preflight.viability_checks import PrintTime, budget_of, viability_checks
+from printctl.preflight.viability_checks import PrintTime, viability_checks
 from printctl.preflight.well_checks import Wells, well_checks
 from printctl.preflight.well_map import read_wells
+from printctl.set_up import Check, Loaded, SetUp, budget_of
 from sim.dryrun import DryRun
-
-
-@dataclass(frozen=True)
-class SetUp:
-    """What is mounted and filled.
-
-    Attributes
-    ----------
-    printer : Printer
-    syringe : Syringe
-    ink : Ink
-    needle, bath : Needle, Bath or None
-        None where nobody said it.
-    standing : Standing or None
-        The dish, where it stands and how high it is filled.
-    heads : tuple of Loaded
-        What each of several heads holds; syringe, ink and needle are then the first one's.
-    """
-
-    printer: Printer
-    syringe: Syringe
-    ink: Ink
-    needle: Needle | None = None
-    bath: Bath | None = None
-    standing: Standing | None = None
-    heads: tuple[Loaded, ...] = ()
-
-    def load_of(self, number: int) -> Loaded:
-        """What a head holds; the same in each where nobody said it of each."""
-        if number < len(self.heads):
-            return self.heads[number]
-        return Loaded(self.syringe, self.ink, self.needle)
 
 
 def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list[Check]:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from firmware_profiles import Needle, Printer, Syringe
-from printctl.preflight.check import Check
 from printctl.preflight.firmware_checks import widest_push_check
 from printctl.preflight.profile_checks import profile_checks
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer, ProfileError, steady_flow
-from printctl.preflight.check import Check
-from printctl.preflight.head_checks import Loaded
 from printctl.preflight.shaft_map import Written
+from printctl.set_up import Loaded
+from printctl.set_up.check import Check
 from sim.clearance import Clearance, NeedleBody, ShaftContact, check_clearance, motion_of
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE

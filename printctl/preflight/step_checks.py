@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Syringe
-from printctl.preflight.check import Check
 from printctl.rounding import last_digit_mm
+from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 

@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
-from printctl.preflight.check import Check
-from printctl.preflight.dish_checks import (
-    WALL_CLEARANCE_MM,
-    Standing,
-    hub_gap,
-    hub_remedy,
-    tips_of,
-    wall_gap,
-)
+from printctl.preflight.dish_checks import hub_remedy, tips_of
+from printctl.set_up import WALL_CLEARANCE_MM, Check, Standing, hub_gap, wall_gap
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 

@@ -10,7 +10,7 @@ from firmware_profiles import Printer, Syringe
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.reloading import plan_head_reloads, plan_reloads
-from printctl.preflight import Check
+from printctl.set_up import Check
 
 _ABOUT_THE_SYRINGE = ("plunger travel", "ink, with")
 """How the names of the checks begin that a change of syringe satisfies."""

@@ -26,7 +26,6 @@ from printctl.records.manifest import (
 )
 from printctl.records.plain_zip import PlainZipWriter, safe_name
 from printctl.records.verdict import outcome
-from registration.report.pdf import pdf_missing
 
 _BLOCK: Final = 1 << 20
 _LETTERS: Final = 4000
@@ -96,6 +95,8 @@ def filed(entry: PrintEntry) -> FiledPrint:
 def _sources(found: Evidence, key: LabKey | None) -> Iterator[Source]:
     yield "journal.log", "the link process's journal", found.entry.journal
     yield "cover.html", "one page to read and print", cover_page(found).encode()
+    from registration.report.pdf import pdf_missing  # Loads what draws; only wanted here.
+
     if pdf_missing() is None:
         from printctl.records.cover_pdf import cover_pdf  # reportlab is an extra
 

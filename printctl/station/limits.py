@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_profiles import Dish, Needle, Printer
 from printctl.link.errors import Refused
-from printctl.preflight.dish_checks import WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+from printctl.set_up import WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
 from printctl.station.status import Place
 
 RIM_MARGIN_MM: Final = 2.0

@@ -1,9 +1,14 @@
 """Scan files: read by content, whatever they are called."""
 
-from registration.readers.metadata import ScanOverrides
-from registration.readers.mosaic import is_mosaic, listed_files, read_mosaic
-from registration.readers.read import read_scan
-from registration.readers.tiff import write_scan_tiff
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.readers.metadata import ScanOverrides
+    from registration.readers.mosaic import is_mosaic, listed_files, read_mosaic
+    from registration.readers.read import read_scan
+    from registration.readers.tiff import write_scan_tiff
 
 __all__ = [
     "ScanOverrides",
@@ -13,3 +18,5 @@ __all__ = [
     "read_scan",
     "write_scan_tiff",
 ]
+
+__getattr__ = on_demand(__name__)

@@ -1,11 +1,17 @@
 """FRESH: layers of lines in a support bath, with the lumens kept open."""
 
-from design.toolpath.fresh.compensate import Compensation
-from design.toolpath.fresh.lumens import check_lumens
-from design.toolpath.fresh.options import DENSEST_GYROID, Filling, FreshOptions, Infill
-from design.toolpath.fresh.plan import FreshLayers, FreshPlan, fresh_toolpath, plan_fresh
-from design.toolpath.fresh.regions import Region
-from design.toolpath.fresh.report import FreshReport
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.toolpath.fresh.compensate import Compensation
+    from design.toolpath.fresh.filling import DENSEST_GYROID, Filling, Infill
+    from design.toolpath.fresh.lumens import check_lumens
+    from design.toolpath.fresh.options import FreshOptions
+    from design.toolpath.fresh.plan import FreshLayers, FreshPlan, fresh_toolpath, plan_fresh
+    from design.toolpath.fresh.regions import Region
+    from design.toolpath.fresh.report import FreshReport
 
 __all__ = [
     "DENSEST_GYROID",
@@ -21,3 +27,5 @@ __all__ = [
     "fresh_toolpath",
     "plan_fresh",
 ]
+
+__getattr__ = on_demand(__name__)

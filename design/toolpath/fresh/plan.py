@@ -13,8 +13,9 @@ from design.solids.solid import Solid
 from design.toolpath.fresh.carriage import Carriage, Laid, Section
 from design.toolpath.fresh.coarsen import without_short_moves
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
+from design.toolpath.fresh.filling import Filling
 from design.toolpath.fresh.infill import infill_paths
-from design.toolpath.fresh.options import Filling, FreshOptions
+from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Cut, Region, Regions

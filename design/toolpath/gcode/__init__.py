@@ -1,11 +1,16 @@
 """G-code: a writer per firmware behind one door."""
 
-from design.toolpath.gcode.grain import clear_mm, least_move_mm
-from design.toolpath.gcode.job import Gcode, GcodeOptions
-from design.toolpath.gcode.labels import labelled
-from design.toolpath.gcode.load import HeadLoad
-from design.toolpath.gcode.save import save_gcode
-from design.toolpath.gcode.write import stream_gcode, write_gcode
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.toolpath.gcode.grain import clear_mm, least_move_mm
+    from design.toolpath.gcode.job import Gcode, GcodeOptions
+    from design.toolpath.gcode.labels import labelled
+    from design.toolpath.gcode.load import HeadLoad
+    from design.toolpath.gcode.save import save_gcode
+    from design.toolpath.gcode.write import stream_gcode, write_gcode
 
 __all__ = [
     "Gcode",
@@ -18,3 +23,5 @@ __all__ = [
     "stream_gcode",
     "write_gcode",
 ]
+
+__getattr__ = on_demand(__name__)

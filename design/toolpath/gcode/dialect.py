@@ -36,8 +36,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.numbers import FEED_DECIMALS
-from design.toolpath.gcode.render import WORDS
+from design.toolpath.gcode.numbers import FEED_DECIMALS, WORDS
 from firmware_profiles import Aerotech, Printer
 
 _PLUNGER_S: Final = ("M221", "M200")

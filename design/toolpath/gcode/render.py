@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.toolpath.gcode.numbers import WORDS
 from design.toolpath.toolpath import IntArray
 from kernels import jit
 
 Bytes = NDArray[np.uint8]
 
-WORDS: Final = b"XYZEFP"
 CHUNK: Final = 65_536
 #: Longest text of a row: six words of a blank, a letter, sign, 19 digits and point; G and end.
 ROW_BYTES: Final = 160

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from design.files import write_text
 from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
+from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import dry_run as alone
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.plates import Well
 from printctl.preflight import (
     Check,

@@ -14,6 +14,7 @@ from design.toolpath.file import load_toolpath
 from design.toolpath.gcode import Gcode, labelled, save_gcode, stream_gcode
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.wells import Trip, led_to, placed, written_ul
+from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job_map import (
     bundles_of,
@@ -23,7 +24,7 @@ from printctl.pipeline.plate.job_map import (
 )
 from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, PATH, machine
+from printctl.pipeline.stages.toolpath import PATH, machine
 from printctl.progress import Report
 
 FloatArray = NDArray[np.float64]

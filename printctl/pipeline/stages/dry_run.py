@@ -12,12 +12,12 @@ from design.files import write_text
 from firmware_profiles import Printer
 from printctl.bead import PLAYED
 from printctl.link.job import parse_job
-from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.predicting import predicting
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP, of_heads
+from printctl.pipeline.stages.toolpath import of_heads
 from printctl.preflight import (
     Budget,
     Check,

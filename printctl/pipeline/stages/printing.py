@@ -12,10 +12,10 @@ from printctl.link import Care
 from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.retreat import Retreat
+from printctl.pipeline.artefacts import GCODE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.toolpath import GCODE
 from printctl.printing import (
     SIMULATED,
     Order,

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid, write_ply
-from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.pipeline.tracing import by_layer, made_by, read_job
 from printctl.pipeline.truth import pose_error
 from printctl.progress import Report

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
-from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
-from printctl.pipeline.stages.toolpath import GCODE, LINE_MAP
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from registration import Scan, ScanOverrides, read_scan

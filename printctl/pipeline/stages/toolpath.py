@@ -40,7 +40,7 @@ from design.toolpath.gcode import (
 )
 from firmware_profiles import Bath, Ink, Printer, Syringe
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import NETWORK, SOLID
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
     compensation_facts,
@@ -62,7 +62,6 @@ from printctl.recipe.making import Embedded, Fresh
 
 FloatArray = NDArray[np.float64]
 
-GCODE, LINE_MAP = "part.gcode", "part.map.npz"
 PATH: Final = "toolpath.npz"
 """Kept of a well, to be laid into the plate's job."""
 

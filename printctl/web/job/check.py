@@ -11,8 +11,7 @@ import hashlib
 import json
 import os
 import sys
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
@@ -32,8 +31,9 @@ from printctl.preflight import (
     volumes,
 )
 from printctl.printing import with_reloads_of
-from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.table import JobTable, make_table
+from printctl.web.job.question import Question
+from printctl.web.job.table import JobTable
+from printctl.web.job.tabulating import make_table
 from registration.report.gcode import GcodeJob
 from sim.dryrun import DryRun, dry_run
 
@@ -41,35 +41,6 @@ _POLITE: Final = 10
 """Niceness: a print that goes on comes first."""
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What to look at.
-
-    Attributes
-    ----------
-    gcode : Path
-    set_up : JobSetUp
-    table : Path
-        Where the job's table goes.
-    """
-
-    gcode: Path
-    set_up: JobSetUp
-    table: Path
-
-    def to_json(self) -> str:
-        """One line of text that `from_json` reads."""
-        said = self.set_up.model_dump(mode="json")
-        return json.dumps({"gcode": str(self.gcode), "set_up": said, "table": str(self.table)})
-
-    @staticmethod
-    def from_json(text: str) -> Question:
-        """Read `to_json`."""
-        found = json.loads(text)
-        said = JobSetUp.model_validate(found["set_up"])
-        return Question(Path(found["gcode"]), said, Path(found["table"]))
 
 
 def looked_at(asked: Question) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Protocol
 
 from printctl.link.client import PrintClient
-from printctl.preflight import Check
 from printctl.printing import Order
+from printctl.set_up import Check
 from printctl.web.job.set_up import JobSetUp
 
 AGREES_MM = 0.05

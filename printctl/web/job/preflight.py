@@ -15,9 +15,9 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.errors import SafetyError
-from printctl.preflight import Check
+from printctl.set_up import Check
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job.check import Question
+from printctl.web.job.question import Question
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.table import JobTable
 

@@ -16,8 +16,8 @@ from printctl.link.job import load_job
 from printctl.link.reach import alive, what_is_known
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import declared_start
-from printctl.preflight import Check
 from printctl.printing.find import running
+from printctl.set_up import Check
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError

@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from firmware_profiles import Printer, load
 from printctl.cli.set_up_options import Mounted, of_each, set_up
 from printctl.link.care import Care
-from printctl.preflight import Budget, SetUp, budget_of
 from printctl.printing import usable_mm
 from printctl.recipe.care import CarePart
+from printctl.set_up import Budget, SetUp, budget_of
 from printctl.web.errors import BadRequestError
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]

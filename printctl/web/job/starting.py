@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from printctl.preflight import SetUp
 from printctl.printing import Order, retreat_for
+from printctl.set_up import SetUp
 from printctl.web.errors import ConflictError
 from printctl.web.job.after import checklist
 from printctl.web.job.machine import Machine

@@ -1,7 +1,14 @@
 """The live 3D view of a print: its scene, its routes, its place in a page."""
 
-from printctl.web.live.errors import SceneError
-from printctl.web.live.scene import LiveScene, make_scene
-from printctl.web.live.source import JobSource
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.web.live.errors import SceneError
+    from printctl.web.live.scene import LiveScene, make_scene
+    from printctl.web.live.source import JobSource
 
 __all__ = ["JobSource", "LiveScene", "SceneError", "make_scene"]
+
+__getattr__ = on_demand(__name__)

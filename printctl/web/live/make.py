@@ -18,27 +18,14 @@ from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.gcode_view import read_line_map
 from printctl.web.live.errors import SceneError
-from printctl.web.live.pack import VERSION, pack_scene
+from printctl.web.live.kept import cached_scene
+from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
 
 _POLITE: Final = 10
 """Niceness: a print that goes on comes first."""
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
-
-
-def cached_scene(source: JobSource) -> Path:
-    """Where a job's scene is, or will be.
-
-    Raises
-    ------
-    SceneError
-        When the job can't be read.
-    """
-    try:
-        return source.cache / f"{source.key(VERSION)}.scene"
-    except OSError as exc:
-        raise SceneError(f"{source.gcode} can't be read: {exc.strerror}") from exc
 
 
 def write_scene(source: JobSource) -> Path:

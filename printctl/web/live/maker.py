@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from printctl.web.live.errors import SceneError
-from printctl.web.live.make import cached_scene
+from printctl.web.live.kept import cached_scene
 from printctl.web.live.source import JobSource
 
 _LONGEST_S: Final = 120.0

@@ -42,10 +42,10 @@ from typing import Final
 import numpy as np
 
 from printctl.web.live.errors import SceneError
+from printctl.web.live.kept import VERSION
 from printctl.web.live.scene import LiveScene
 
 MAGIC: Final = b"PRINTVIW"
-VERSION: Final = 1
 _HEAD: Final = struct.Struct("<8sII")
 _ALIGN: Final = 16
 

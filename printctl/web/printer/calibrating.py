@@ -4,91 +4,25 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Sequence
 from datetime import datetime
-from pathlib import Path
-from typing import Annotated, Final, Literal
-
-from pydantic import BaseModel, ConfigDict, Field
+from typing import TYPE_CHECKING, Final, Literal
 
 from design.files import write_text
 from firmware_profiles import Printer, Syringe
-from printctl.calibration import Readings, backlash_path, read_readings, weighing_path
-from printctl.calibration.paths import Axis
-from printctl.calibration.results import (
-    Result,
-    backlash_result,
-    level_result,
-    offset_result,
-    weighing_of,
-    weighing_result,
-)
-from printctl.calibration.writing import Job, Made, make_test, measured_key, save_measured
+from printctl.calibration.readings import Readings, read_readings
 from printctl.errors import PrintctlError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
 from printctl.web.printer.desk import Desk
 from printctl.web.printer.shelf import Shelf
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
 
-MOST_ROWS: Final = 200
+if TYPE_CHECKING:
+    from printctl.calibration.results import Result
+
 LARGEST: Final = 1e6
-_MM = Annotated[float, Field(ge=-1000, le=1000)]
-_Doses = Annotated[
-    tuple[Annotated[float, Field(gt=0, le=10_000)], ...], Field(min_length=1, max_length=20)
-]
-_Targets = Annotated[tuple[_MM, ...], Field(min_length=1, max_length=20)]
-_Cell = Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.+-]{0,24}$")]
-
-
-class Asked(BaseModel):
-    """What a test is made with; defaults are the command line's."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    printer: str = Field(description="Profile.")
-    syringe: str = "hamilton_1ml"
-    at_mm: tuple[_MM, _MM, _MM] = Field(description="Where the tip stands, mm.")
-    doses_ul: _Doses = (20.0, 40.0, 60.0)
-    repeats: Annotated[int, Field(ge=1, le=20)] = 4
-    flow_ul_s: Annotated[float, Field(ge=0.001, le=1000)] = 2.0
-    wait_s: Annotated[float, Field(ge=0, le=600)] = 30.0
-    axis: Axis = "x"
-    targets_mm: _Targets = (2.0, 4.0, 6.0, 8.0, 10.0)
-    overshoot_mm: Annotated[float, Field(ge=0.01, le=20)] = 1.0
-    speed_mm_s: Annotated[float, Field(ge=0.01, le=100)] = 2.0
-
-
-class Read(BaseModel):
-    """What was read of a test, as text of the sheet; empty last columns are left out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    rows: Annotated[tuple[tuple[_Cell, ...], ...], Field(min_length=1, max_length=MOST_ROWS)]
-    printer: str = "generic_marlin"
-    syringe: str = "hamilton_1ml"
-    density_g_cm3: Annotated[float, Field(gt=0.1, le=20)] = 0.998
-    density_error: Annotated[float, Field(ge=0, le=5)] = 0.001
-    part_mm: tuple[_MM, _MM] = (20.0, 20.0)
-
-
-class Prepared(BaseModel):
-    """A test that was made.
-
-    Attributes
-    ----------
-    job : str
-        As the Job page names it.
-    """
-
-    job: str
-    lines: int
-    duration_s: float
-    notes: tuple[str, ...]
-    start_mm: tuple[float, float, float]
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 class Calibrating:
@@ -130,7 +64,9 @@ class Calibrating:
         syringe = self._shelf.load(Syringe, asked.syringe)
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         path = self._desk.core.workspace.root / "jobs" / f"calibrate_{name}_{stamp}.gcode"
-        rows, made = _written(name, asked, printer, syringe, path)
+        from printctl.web.printer.calibrating_work import written  # Loads scipy and the kernels.
+
+        rows, made = written(name, asked, printer, syringe, path)
         return Prepared(
             job=f"file~{path.name}",
             lines=made.lines,
@@ -150,13 +86,9 @@ class Calibrating:
         """
         wizard = _on_page(name)
         data = self._readings(wizard, read.rows)
-        if name == "weigh":
-            found = weighing_of(data, read.density_g_cm3, read.density_error)
-            printer = self._shelf.load(Printer, read.printer)
-            return weighing_result(found, printer, self._shelf.load(Syringe, read.syringe))
-        if name == "level":
-            return level_result(data, *read.part_mm)
-        return offset_result(data) if name == "offset" else backlash_result(data)
+        from printctl.web.printer.calibrating_work import fitted  # Loads scipy and the kernels.
+
+        return fitted(name, data, read, self._shelf)
 
     def save(
         self, who: Principal, read: Read, mend: Literal["printer", "syringe"], copy: str
@@ -171,14 +103,9 @@ class Calibrating:
         """
         self._desk.core.controls.require(who)
         data = self._readings(BY_NAME["weigh"], read.rows)
-        found = weighing_of(data, read.density_g_cm3, read.density_error)
-        printer = self._shelf.load(Printer, read.printer)
-        syringe = self._shelf.load(Syringe, read.syringe)
-        if mend == "printer":
-            measured = measured_key(printer, "steps_per_mm.e", found.steps_per_mm(printer, syringe))
-            return save_measured(self._shelf.new_file(Printer, copy), printer, measured)
-        measured = measured_key(syringe, "inner_mm", found.bore_mm())
-        return save_measured(self._shelf.new_file(Syringe, copy), syringe, measured)
+        from printctl.web.printer.calibrating_work import copied  # Loads scipy and the kernels.
+
+        return copied(data, read, mend, copy, self._shelf)
 
     def _readings(self, wizard: Wizard, rows: Sequence[Sequence[str]]) -> Readings:
         """Readings by way of a file like the command line's; it stays as a record."""
@@ -209,27 +136,3 @@ def _on_page(name: str) -> Wizard:
     if not wizard.columns:
         raise ConflictError(f"it is done by the command line: printctl calibrate {name} --help")
     return wizard
-
-
-def _written(
-    name: str, asked: Asked, printer: Printer, syringe: Syringe, path: Path
-) -> tuple[list[list[str]], Made]:
-    """Write the test; give the sheet's rows, their last column to be filled in."""
-    columns = BY_NAME[name].columns
-    if name == "weigh":
-        doses = list(asked.doses_ul) * asked.repeats
-        per_ul = 4 / (math.pi * syringe.inner_mm**2)
-        rows = [[f"{dose * per_ul:.5f}", ""] for dose in doses]
-        toolpath = weighing_path(doses, asked.flow_ul_s, asked.wait_s)
-    else:
-        toolpath, places, sides = backlash_path(
-            asked.axis,
-            list(asked.targets_mm),
-            overshoot_mm=asked.overshoot_mm,
-            speed_mm_s=asked.speed_mm_s,
-            wait_s=min(asked.wait_s, 8.0),
-            syringe=syringe,
-        )
-        rows = [[f"{p:g}", f"{s:g}", ""] for p, s in zip(places, sides, strict=True)]
-    job = Job(path, toolpath, printer, syringe, asked.at_mm)
-    return rows, make_test(job, columns, rows, {})

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
 from firmware_profiles import Syringe
-from printctl.calibration.results import Result
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
-from printctl.web.printer.calibrating import Asked, Read
+from printctl.web.printer.calibrating_asked import Asked, Read
 from printctl.web.printer.parts import button, dialog, live, note, number, quiet_button, subheading
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.sheet import Sheet
 from printctl.web.printer.wizards import Wizard
 from printctl.web.shell.told import told
+
+if TYPE_CHECKING:
+    from printctl.calibration.results import Result
 
 
 def wizard_dialog(service: PrinterService, who: Principal, wizard: Wizard) -> Callable[[], None]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.web.printer.calibrating import Read
+from printctl.web.printer.calibrating_asked import Read
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.touching import Surface
 

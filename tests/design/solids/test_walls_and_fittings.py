@@ -22,7 +22,7 @@ from design.solids import (
     with_connector,
     with_text,
 )
-from design.solids.connectors import Kind
+from design.solids.connector import Kind
 from tests.design.solids.networks import channels, ladder
 
 BODY = block_solid((12, 12, 6))

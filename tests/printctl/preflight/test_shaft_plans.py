@@ -12,8 +12,8 @@ from design.toolpath.embedded import EmbeddedOptions, bundled, plan_embedded
 from design.toolpath.gcode import Gcode, GcodeOptions, stream_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
-from printctl.preflight.head_checks import Loaded
 from printctl.preflight.shaft_map import written_of
+from printctl.set_up import Loaded
 from sim.dryrun import dry_run
 from tests.design.toolpath.shapes import random_tree
 

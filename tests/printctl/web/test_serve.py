@@ -54,7 +54,8 @@ def test_where_the_server_is_stands_in_a_file_of_its_owner(server: tuple[Process
     request = urllib.request.Request(
         f"{told['url']}/api/v1/controls", headers={"Authorization": f"Bearer {told['token']}"}
     )
-    assert json.loads(urllib.request.urlopen(request, timeout=10).read())["holder"] is None
+    with urllib.request.urlopen(request, timeout=10) as answer:
+        assert json.loads(answer.read())["holder"] is None
     assert os.kill(told["pid"], 0) is None
     assert started.token == told["token"]
 
@@ -78,8 +79,9 @@ def test_a_port_in_use_is_said_with_a_remedy(server: tuple[Process, Path], tmp_p
 
 def test_nothing_secret_is_written_to_the_log(server: tuple[Process, Path]) -> None:
     started, workspace = server
-    with pytest.raises(urllib.error.HTTPError):
+    with pytest.raises(urllib.error.HTTPError) as told:
         urllib.request.urlopen(f"{started.url}/api/v1/controls?token={started.token}", timeout=10)
+    told.value.close()
     log = workspace.parent / "serve.log"
     limit = time.monotonic() + 10
     while "token=***" not in log.read_text() and time.monotonic() < limit:
@@ -116,12 +118,14 @@ def test_from_another_address_everything_that_changes_is_refused(tmp_path: Path)
             request = urllib.request.Request(url, method="POST", headers={"Origin": there})
             with pytest.raises(urllib.error.HTTPError) as told:
                 urllib.request.urlopen(request, timeout=10)
-            assert told.value.code in (401, 403)
-        log_in = urllib.request.urlopen(f"{there}/printer", timeout=10)
-        assert b'type="password"' in log_in.read()
+            with told.value as answer:
+                assert answer.code in (401, 403)
+        with urllib.request.urlopen(f"{there}/printer", timeout=10) as log_in:
+            assert b'type="password"' in log_in.read()
         token = {"Authorization": f"Bearer {started.token}"}
         request = urllib.request.Request(f"{there}/api/v1/stop", method="POST", headers=token)
-        assert urllib.request.urlopen(request, timeout=10).status == 200
+        with urllib.request.urlopen(request, timeout=10) as stopped:
+            assert stopped.status == 200
     said = (tmp_path / "serve.log").read_text()
     assert "no TLS" in said
     assert "bath and needle" not in said

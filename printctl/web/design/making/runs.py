@@ -16,7 +16,7 @@ from printctl.link.client import attach
 from printctl.link.errors import LinkError
 from printctl.link.states import ENDED
 from printctl.pipeline.manifest import MANIFEST
-from printctl.pipeline.sequences import TOOLPATH, until
+from printctl.pipeline.names import TOOLPATH_NAMES, names_until
 from printctl.web.design.making.detached import Detached
 from printctl.web.design.making.progress import RunProgress
 from printctl.web.design.recipes import Recipes
@@ -24,7 +24,7 @@ from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace, is_name
 
 RECIPE = "recipe.yaml"
-LAST_STAGE: Final = TOOLPATH[-1].name
+LAST_STAGE: Final = TOOLPATH_NAMES[-1]
 """As far as a design goes before it is printed."""
 
 
@@ -100,13 +100,13 @@ class Runs:
         ConflictError
             While the run, or a print of it, is going on.
         """
-        stages = until(last)
-        if len(stages) > len(TOOLPATH):
+        stages = names_until(last)
+        if len(stages) > len(TOOLPATH_NAMES):
             raise BadRequestError(
                 f"the design goes as far as {LAST_STAGE}; {last} comes with the print, which is "
                 "started in the Job room"
             )
-        return self._go(name, ["--until", stages[-1].name])
+        return self._go(name, ["--until", stages[-1]])
 
     def go_on(self, name: str) -> RunProgress:
         """After its print: scan, registration and report of a run.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from printctl.pipeline.sequences import TOOLPATH
+from printctl.pipeline.names import TOOLPATH_NAMES
 from printctl.web.design.making import RunProgress
 from printctl.web.design.making.runs import LAST_STAGE
 from printctl.web.design.pane.aside import aside
@@ -31,7 +31,7 @@ class MakeTab:
         self._shown: RunProgress | None = None
         with ui.row().classes("w-full items-center gap-2"):
             self._make = ui.button("Make the design", on_click=self._start)
-            names = {stage.name: stage.name for stage in TOOLPATH}
+            names = {name: name for name in TOOLPATH_NAMES}
             self._until = ui.select(names, label="As far as", value=LAST_STAGE)
             self._until.props("outlined dense").classes("pc-until")
             self._cancel = ui.button("Cancel", on_click=self._stop).props("outline")

@@ -63,6 +63,24 @@ def test_a_design_is_made_as_far_as_asked(service: DesignService) -> None:
     assert {figure.key for figure in service.figures("one")} >= {"vessels", "drop_pa", "shear_max"}
     assert "network.csv" in service.artefacts("one")
     assert "lumens" not in {figure.key for figure in service.figures("one")}
+    page = service.page("one", "network")
+    assert 'import "report/main"' in page.read_text(encoding="utf-8")
+    made = page.stat().st_mtime_ns
+    assert service.page("one", "network").stat().st_mtime_ns == made
+    with pytest.raises(ConflictError, match="no G-code yet"):
+        service.page("one", "layers")
+
+
+def test_a_page_that_cannot_be_made_says_why_in_one_line(
+    service: DesignService, workspace: Workspace
+) -> None:
+    folder = workspace.run("one")
+    folder.mkdir(parents=True)
+    (folder / "network.csv").write_text("nonsense\n")
+    with pytest.raises(ConflictError, match=r"couldn't be made: .*network\.csv") as told:
+        service.page("one", "network")
+    assert "Traceback" not in str(told.value)
+    assert "\n" not in str(told.value)
 
 
 def test_another_server_finds_a_run_and_cancels_it(

@@ -14,7 +14,8 @@ from printctl.preflight import Loaded, volumes
 from printctl.web.job.journalled import read_so_far
 from printctl.web.job.progress import Filling, progress
 from printctl.web.job.remaining import Estimate, Remaining
-from printctl.web.job.table import JobTable, make_table
+from printctl.web.job.table import JobTable
+from printctl.web.job.tabulating import make_table
 from sim.dryrun import dry_run
 from tests.printctl.link.layered import layered
 

@@ -10,7 +10,7 @@ import yaml
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import UsageError
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.printer.calibrating import Asked, Read
+from printctl.web.printer.calibrating_asked import Asked, Read
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME
 

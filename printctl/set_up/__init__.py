@@ -1,0 +1,24 @@
+"""What a print is set up with, and a check's answer: values, known without any mesh or kernel.
+
+The checks themselves, which look at G-code, are in `printctl.preflight`.
+"""
+
+from printctl.set_up.budget import Budget, budget_of
+from printctl.set_up.check import Check, placed_failures, refuse_failed, warnings
+from printctl.set_up.mounted import Loaded, SetUp
+from printctl.set_up.standing import WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+
+__all__ = [
+    "WALL_CLEARANCE_MM",
+    "Budget",
+    "Check",
+    "Loaded",
+    "SetUp",
+    "Standing",
+    "budget_of",
+    "hub_gap",
+    "placed_failures",
+    "refuse_failed",
+    "wall_gap",
+    "warnings",
+]

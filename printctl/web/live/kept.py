@@ -1,0 +1,26 @@
+"""Where a job's scene is kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from printctl.web.live.errors import SceneError
+from printctl.web.live.source import JobSource
+
+VERSION: Final = 1
+"""Of the scenes' format (`printctl.web.live.pack`)."""
+
+
+def cached_scene(source: JobSource) -> Path:
+    """Where a job's scene is, or will be.
+
+    Raises
+    ------
+    SceneError
+        When the job can't be read.
+    """
+    try:
+        return source.cache / f"{source.key(VERSION)}.scene"
+    except OSError as exc:
+        raise SceneError(f"{source.gcode} can't be read: {exc.strerror}") from exc

@@ -1,0 +1,88 @@
+"""What keeps a printer or serves a page begins without libraries that it doesn't need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+import pytest
+
+from design.on_demand import handed_on
+from printctl.pipeline.names import WHOLE_NAMES
+from printctl.pipeline.sequences import WHOLE
+from printctl.web.rooms import ROOMS
+
+HEAVY = (
+    "manifold3d",
+    "matplotlib",
+    "meshio",
+    "networkx",
+    "nibabel",
+    "numba",
+    "scipy",
+    "shapely",
+    "sim.gcode",
+    "trimesh",
+)
+PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)
+ON_DEMAND = (
+    "design.lattices",
+    "design.solids",
+    "design.toolpath.fresh",
+    "design.toolpath.gcode",
+    "printctl.calibration",
+    "printctl.gcode_view",
+    "printctl.web.live",
+    "registration.readers",
+)
+
+
+def loaded_by(*modules: str) -> set[str]:
+    """Modules that a new process has after importing some."""
+    lines = [*(f"import {module}" for module in modules), "import sys", "print(*sys.modules)"]
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "modules",
+    [
+        ("printctl.station.__main__",),
+        ("printctl.station",),
+        ("printctl.link.__main__",),
+        ("printctl.link.client",),
+        ("printctl.web.stop_door.__main__",),
+        ("printctl.recipe",),
+        ("printctl.web.app", "nicegui", *PAGES),
+    ],
+    ids=["station", "station's client", "link", "link's client", "stop door", "recipe", "server"],
+)
+def test_a_process_begins_without_kernels_meshes_and_figures(modules):
+    assert not loaded_by(*modules) & set(HEAVY)
+
+
+def test_a_name_on_demand_brings_what_it_needs():
+    assert "manifold3d" in loaded_by("design.solids; design.solids.lumen_solid")
+
+
+@pytest.mark.parametrize("package", ON_DEMAND)
+def test_each_name_that_is_handed_on_can_be_had_and_is_no_modules(package):
+    room = import_module(package)
+    homes = handed_on(package)
+    assert set(homes) == set(room.__all__)
+    assert not set(homes) & {
+        found.name for found in iter_modules([str(Path(room.__file__).parent)])
+    }
+    for name, home in homes.items():
+        assert getattr(room, name) is getattr(import_module(home), name)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = room.nothing
+
+
+def test_names_of_stages_are_those_of_the_stages():
+    assert tuple(stage.name for stage in WHOLE) == WHOLE_NAMES
