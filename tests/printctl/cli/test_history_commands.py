@@ -101,12 +101,3 @@ def test_repeat_of_a_bundle_that_another_machine_made(run, entry, tmp_path, monk
     assert code == 0
     assert Path(json.loads(out)["job"]).read_bytes() == GCODE
     assert run("repeat")[0] == 2
-
-
-@pytest.mark.parametrize(
-    "command", ["list", "show", "csv", "bundle", "verify", "key", "repeat", "rebuild"]
-)
-def test_every_help_has_an_example(run, command):
-    code, out, _ = run(command, "--help")
-    assert code == 0
-    assert "Example: printctl history" in " ".join(out.split()).replace("`", "")

@@ -87,6 +87,7 @@ def context(folder: Path, scan: Any, said: list[str]) -> Any:
         printer=PRINTER,
         folder=folder,
         scan_part=scan,
+        printed=False,
         recipe=SimpleNamespace(printer=SimpleNamespace(port="auto")),
         bars=SimpleNamespace(remark=lambda stage, text: said.append(f"{stage}: {text}")),
     )

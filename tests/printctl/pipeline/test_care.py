@@ -49,6 +49,7 @@ def ordered(
         lift_mm=8.0,
         start_mm=np.array([100.0, 100, 20]),
         bars=None,
+        printed=False,
         manifest=SimpleNamespace(
             stages={"dry run": SimpleNamespace(summary={"reload_at": reloads})}
         ),
