@@ -125,5 +125,5 @@ def _scan(page: Any, server: Process) -> None:
     page.get_by_role("button", name="Simulate the scan of this run's print").click()
     page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
     report = page.frame_locator('iframe[title="Report of the registration"]')
-    page.locator("iframe").scroll_into_view_if_needed()
+    page.mouse.wheel(0, 20_000)
     report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)

@@ -35,11 +35,11 @@ def quick_profile(folder: Path) -> str:
 
 
 @contextmanager
-def under_way(workspace: Path, run: str = "heart") -> Iterator[UnderWay]:
+def under_way(workspace: Path, run: str = "heart", lines: int = LINES) -> Iterator[UnderWay]:
     """Print ``run`` of a workspace; whatever is left of it is killed at last."""
     folder = workspace / "runs" / run
     folder.mkdir(parents=True, exist_ok=True)
-    write_job(folder / "part.gcode", LINES)
+    write_job(folder / "part.gcode", lines)
     with pty_printer(FakeMarlin()) as served:
         client = start_print(
             folder / "part.gcode", quick_profile(workspace), served.name, folder / "print"
