@@ -1,15 +1,58 @@
 """The design side: tissue, vasculature, network, hemodynamics, solids, toolpath.
 
-`import design` gives what scripts and notebooks use: the names of `design.interface`, which
-docs/python.md shows. Each is loaded when it is first asked for: a command that needs one room
-shouldn't wait for all.
+`import design` gives what scripts and notebooks use, and docs/python.md shows. These names stay as
+they are from one minor version to the next; what isn't named here may move. Each is loaded when
+it is first asked for: a command that needs one room shouldn't wait for all.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.interface import *
+    from design.display import LAB, Units
+    from design.errors import DesignError
+    from design.hemodynamics import FlowConditions, FlowSolution, flow_summary, solve_flow
+    from design.hemodynamics.zero_d.table import write_flow_csv
+    from design.network import VesselKind, VesselNetwork
+    from design.network_files import read_network, write_network
+    from design.solids import (
+        Solid,
+        block_solid,
+        construct_solid,
+        lumen_solid,
+        read_solid,
+        solid_from_surface,
+        write_3mf,
+        write_stl,
+    )
+    from design.tissue import (
+        Tissue,
+        annulus,
+        biventricle,
+        block,
+        cylinder,
+        folded_cortex,
+        load_tissue,
+        tissue_from_surface,
+    )
+    from design.toolpath import MoveKind, Toolpath
+    from design.toolpath.embedded import EmbeddedOptions, plan_embedded
+    from design.toolpath.fresh import FreshOptions, plan_fresh
+    from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
+    from design.vasculature import (
+        GrowthOptions,
+        LoopOptions,
+        RootSpec,
+        VesselTree,
+        check_network,
+        close_loops,
+        forest_to_network,
+        grow_forest,
+        grow_tree,
+        planar_four_vessel,
+        tree_to_network,
+    )
 
 __all__ = [
     "LAB",
@@ -62,11 +105,7 @@ __all__ = [
     "write_stl",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return getattr(import_module("design.interface"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = on_demand(__name__)
 
 
 def __dir__() -> list[str]:

@@ -1,16 +1,23 @@
 """Scan to report: read, segment, align, gauge.
 
-`import registration` gives what scripts and notebooks use: the names of
-`registration.interface`, which
-docs/python.md shows. Each is loaded when it is first asked for: a command that needs one room
-shouldn't wait for all.
+`import registration` gives what scripts and notebooks use, and docs/python.md shows. These names stay as
+they are from one minor version to the next; what isn't named here may move. Each is loaded when
+it is first asked for: a command that needs one room shouldn't wait for all.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.interface import *
+    from registration.errors import RegistrationError
+    from registration.exports import vessel_rows, write_tables
+    from registration.options import RegistrationOptions
+    from registration.readers import ScanOverrides, read_scan, write_scan_tiff
+    from registration.register import register_scan
+    from registration.report.alone import write_report
+    from registration.result import RegistrationReport, report_dict
+    from registration.scan import Scan
 
 __all__ = [
     "RegistrationError",
@@ -27,11 +34,7 @@ __all__ = [
     "write_tables",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return getattr(import_module("registration.interface"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = on_demand(__name__)
 
 
 def __dir__() -> list[str]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from design.files import write_text
 from printctl.link.errors import NoLink
 
+Kept = TypeVar("Kept")
 RECORD = "link.json"
 JOURNAL = "journal.log"
 LOG = "link.log"
@@ -53,9 +54,7 @@ class LinkRecord:
 
     def save(self, folder: Path) -> None:
         """Write it; readable by its owner alone, since it holds the token."""
-        path = folder / RECORD
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
-        path.chmod(0o600)
+        save_private(folder / RECORD, self)
 
 
 def load_record(folder: Path) -> LinkRecord:
@@ -66,13 +65,30 @@ def load_record(folder: Path) -> LinkRecord:
     NoLink
         When no print was ever started in ``folder``, or the record can't be read.
     """
-    path = folder / RECORD
+    absent = (
+        f"no print was started in {folder} (no {RECORD} there); give the print's own folder, "
+        "its run's folder, or its G-code file"
+    )
+    return read_private(folder / RECORD, LinkRecord, absent)
+
+
+def save_private(path: Path, record: Any) -> None:
+    """Write a process's record, a dataclass; readable by its owner alone."""
+    write_text(path, json.dumps(asdict(record), indent=1) + "\n")
+    path.chmod(0o600)
+
+
+def read_private(path: Path, kind: type[Kept], absent: str) -> Kept:
+    """Read what `save_private` wrote.
+
+    Raises
+    ------
+    NoLink
+        ``absent`` when there is no such file; or it can't be read.
+    """
     try:
-        return LinkRecord(**json.loads(path.read_text(encoding="utf-8")))
+        return kind(**json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError as exc:
-        raise NoLink(
-            f"no print was started in {folder} (no {RECORD} there); give the print's own folder, "
-            "its run's folder, or its G-code file"
-        ) from exc
+        raise NoLink(absent) from exc
     except (ValueError, TypeError, OSError) as exc:
         raise NoLink(f"{path} can't be read: {exc}") from exc

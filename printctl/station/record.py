@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from design.files import write_text
-from printctl.link.errors import NoLink
 from printctl.link.history import data_folder
+from printctl.link.record import read_private, save_private
 from printctl.station.status import Mounted, StationState, StationStatus
 
 RECORD: Final = "station.json"
@@ -53,9 +51,7 @@ class StationRecord:
 
     def save(self, folder: Path) -> None:
         """Write it; readable by its owner alone, since it holds the token."""
-        path = folder / RECORD
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
-        path.chmod(0o600)
+        save_private(folder / RECORD, self)
 
     @property
     def last(self) -> StationStatus:
@@ -79,15 +75,8 @@ def load_station(folder: Path) -> StationRecord:
     NoLink
         When no station was ever opened in ``folder``, or the record can't be read.
     """
-    path = folder / RECORD
-    try:
-        return StationRecord(**json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError as exc:
-        raise NoLink(
-            f"no printer was ever connected in {folder} (no {RECORD} there); connect first"
-        ) from exc
-    except (ValueError, TypeError, OSError) as exc:
-        raise NoLink(f"{path} can't be read: {exc}") from exc
+    absent = f"no printer was ever connected in {folder} (no {RECORD} there); connect first"
+    return read_private(folder / RECORD, StationRecord, absent)
 
 
 def usual_folder() -> Path:

@@ -68,6 +68,11 @@ class Mounted:
     floor_mm: float | None = None
     bath_level_mm: float | None = None
 
+    @property
+    def touch_off_due(self) -> bool:
+        """Whether a needle is above a dish whose floor it hasn't touched."""
+        return bool(self.needle and self.dish) and self.floor_mm is None
+
     @staticmethod
     def from_dict(data: dict[str, Any]) -> Mounted:
         """Read a JSON object; keys of later versions are ignored."""

@@ -12,7 +12,6 @@ from printctl.station import Station, StationState, StationStatus, attach
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
 from printctl.web.job.to_start import go_to
-from printctl.web.printer.hands import needs_touch_off
 
 _THINGS = ("needle", "syringe", "ink", "dish", "bath")
 
@@ -48,7 +47,7 @@ class StationPrinting:
             dish_centre_mm=mounted.dish_centre_mm,
             bath_depth_mm=depth,
             ul_left=status.ul_left,
-            touch_off_due=needs_touch_off(status),
+            touch_off_due=status.mounted.touch_off_due,
         )
 
     def start(self, order: Order) -> PrintClient:

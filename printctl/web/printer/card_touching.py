@@ -7,7 +7,6 @@ from nicegui import ui
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import touching as t
-from printctl.web.printer.hands import needs_touch_off
 from printctl.web.printer.parts import Refresh, button, card, live, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.told import told
@@ -74,7 +73,7 @@ def _stands(status: StationStatus) -> str:
     mounted = status.mounted
     if not mounted.needle:
         return "No needle is named; say first what is mounted."
-    if needs_touch_off(status):
+    if status.mounted.touch_off_due:
         return f"Needle {_short(mounted.needle)}: to be touched off before the next print."
     floor = "not touched off" if mounted.floor_mm is None else f"Z {mounted.floor_mm:.2f} mm"
     level = "not known" if mounted.bath_level_mm is None else f"Z {mounted.bath_level_mm:.2f} mm"

@@ -127,9 +127,3 @@ def fastest_ul_s(status: StationStatus) -> float | None:
     ink = status.mounted.ink
     bears = load(Ink, ink).plunger_ul_s if ink else UNNAMED_UL_S
     return min(area * load(Printer, status.profile).max_speed_mm_s.e, bears)
-
-
-def needs_touch_off(status: StationStatus) -> bool:
-    """Whether a needle is above a dish whose floor it hasn't touched."""
-    mounted = status.mounted
-    return bool(mounted.needle and mounted.dish) and mounted.floor_mm is None

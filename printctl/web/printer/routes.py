@@ -10,7 +10,6 @@ from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
-from printctl.web.printer.hands import needs_touch_off
 from printctl.web.printer.routes_calibration import add_calibration
 from printctl.web.printer.routes_tools import add_tools
 from printctl.web.printer.service import PrinterService
@@ -40,7 +39,7 @@ def who(request: Request) -> Principal:
 
 def status_of(status: StationStatus) -> m.Status:
     """A status as it is given."""
-    return m.Status(**status.to_dict(), needs_touch_off=needs_touch_off(status))
+    return m.Status(**status.to_dict(), needs_touch_off=status.mounted.touch_off_due)
 
 
 def router(service: PrinterService) -> APIRouter:

@@ -10,7 +10,6 @@ from fastapi import APIRouter, Request
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
-from printctl.web.printer.hands import needs_touch_off
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.touching import Touching
@@ -103,4 +102,4 @@ def _add_changes(routes: APIRouter, service: PrinterService, who: Who) -> None:
 
 
 def _status(status: StationStatus) -> m.Status:
-    return m.Status(**status.to_dict(), needs_touch_off=needs_touch_off(status))
+    return m.Status(**status.to_dict(), needs_touch_off=status.mounted.touch_off_due)

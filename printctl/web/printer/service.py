@@ -13,7 +13,7 @@ from printctl.web.printer.changing import Changing
 from printctl.web.printer.console import Console
 from printctl.web.printer.desk import Desk
 from printctl.web.printer.following import Follower
-from printctl.web.printer.hands import Hands, needs_touch_off
+from printctl.web.printer.hands import Hands
 from printctl.web.printer.macros import Macros
 from printctl.web.printer.plots import Plots
 from printctl.web.printer.shelf import FoundPort, Shelf, ports_with_profiles
@@ -135,5 +135,5 @@ class PrinterService:
     def _publish(self, status: StationStatus) -> None:
         self.plots.add(status)
         self.core.events.publish(
-            "station", **status.to_dict(), needs_touch_off=needs_touch_off(status)
+            "station", **status.to_dict(), needs_touch_off=status.mounted.touch_off_due
         )

@@ -6,7 +6,7 @@ from firmware_profiles import Dish, load
 from printctl.link.errors import Refused
 from printctl.station import StationState
 from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
-from printctl.web.printer.hands import BLIND_LIFT_MM, CLEAR_MM, needs_touch_off
+from printctl.web.printer.hands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME, OTHER, make_service, wait_for
 
@@ -120,8 +120,8 @@ def targets(service: PrinterService) -> list[float | None]:
 
 
 def test_a_needle_above_a_dish_is_to_be_touched_off(service: PrinterService) -> None:
-    assert not needs_touch_off(service.status)
-    assert needs_touch_off(service.hands.mount(ME, needle="25g", dish="petri_60mm"))
+    assert not service.status.mounted.touch_off_due
+    assert service.hands.mount(ME, needle="25g", dish="petri_60mm").mounted.touch_off_due
 
 
 def test_two_services_hear_the_same(service: PrinterService) -> None:
