@@ -1,8 +1,8 @@
 """Scan to report: read, segment, align, gauge.
 
-`import registration` gives what scripts and notebooks use, and docs/python.md shows. These names stay as
-they are from one minor version to the next; what isn't named here may move. Each is loaded when
-it is first asked for: a command that needs one room shouldn't wait for all.
+`import registration` gives what scripts and notebooks use, and docs/python.md shows. These names
+stay as they are from one minor version to the next; what isn't named here may move. Each is loaded
+when it is first asked for: a command that needs one room shouldn't wait for all.
 """
 
 from typing import TYPE_CHECKING
