@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import getpass
-import json
 import platform
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from printctl.link.journal import Record, read_records
-from printctl.link.record import JOURNAL
+from printctl.link.noted import noted
 
-NOTED = "record.json"
-"""What the operator notes of a print, beside its journal."""
-
-_LARGEST_NOTE = 16 * 2**20
 INTERRUPTED = "interrupted"
 """State of a print whose journal has no end: its link process died, or it is going on."""
 
@@ -58,7 +53,7 @@ class PrintEntry:
         How often it was begun or gone on with.
     alarms : tuple of Alarm
     operator : str
-        As the print's record names them (``record.json`` beside the journal); empty without one.
+        As the print's record names them (`printctl.link.noted`); empty without one.
     """
 
     id: str
@@ -147,15 +142,9 @@ def plain_text(value: object) -> str:
 
 
 def _operator(journal: Path) -> str:
-    """Who is named in the record beside the folder's present journal."""
-    path = journal.with_name(NOTED)
-    try:
-        if journal.name != JOURNAL or path.stat().st_size > _LARGEST_NOTE:
-            return ""
-        values = json.loads(path.read_text(encoding="utf-8"))["values"]
-        return plain_text(values.get("operator") or "")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return ""
+    """Who is named in the print's record."""
+    values = noted(journal).get("values")
+    return plain_text(values.get("operator") or "") if isinstance(values, dict) else ""
 
 
 def _identity(job: Record) -> str:

@@ -28,6 +28,7 @@ from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
+from printctl.link.noted import put_aside
 from printctl.link.origin import origin
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
@@ -159,7 +160,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     job = load_job(order.job, printer.max_line_bytes)
     history = resumable(order.folder, job.sha256) if order.resume else None
     transport = wire.transport if wire else open_port(order.port, printer, order.baud)
-    journal = Journal(order.folder / JOURNAL if order.resume else _fresh(order.folder))
+    journal = Journal(order.folder / JOURNAL if order.resume else put_aside(order.folder))
     try:
         listener, address, token = listen(order.folder)
         streamer = Streamer(
@@ -212,15 +213,6 @@ def _publish(status: Status, server: Server, wire: Wire | None) -> None:
     server.publish(status)
     if wire:
         wire.on_status(status)
-
-
-def _fresh(folder: Path) -> Path:
-    """Put an earlier journal aside, by a number, and give the path of the new one."""
-    path = folder / JOURNAL
-    if path.exists():
-        count = len(list(folder.glob(f"{path.stem}.*{path.suffix}")))
-        path.rename(folder / f"{path.stem}.{count + 1}{path.suffix}")
-    return path
 
 
 def ignore_signals() -> None:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.history_entry import NOTED, PrintEntry
+from printctl.link.history_entry import PrintEntry
 from printctl.link.journal import read_records
+from printctl.link.noted import NOTED, noted, noted_beside
 from printctl.link.record import JOURNAL
 from printctl.pipeline.artefacts import HTML, JSON, PDF
 from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file
@@ -71,9 +72,7 @@ class Evidence:
 
     def note(self) -> dict[str, Any]:
         """What the operator noted; empty where there is nothing."""
-        path = self.noted.get(NOTED)
-        found = read_json(path) if path is not None else None
-        return found if isinstance(found, dict) else {}
+        return noted(self.entry.journal)
 
 
 def evidence(entry: PrintEntry) -> Evidence:
@@ -165,17 +164,25 @@ def _job_record(entry: PrintEntry, missing: list[str]) -> dict[str, Any]:
 
 
 def _noted(entry: PrintEntry) -> Iterator[tuple[str, Path]]:
-    """The operator's record and photos; of an earlier print in the folder nothing is known."""
-    folder = entry.journal.parent
-    if entry.journal.name != JOURNAL:
-        return
-    if (folder / NOTED).is_file():
-        yield NOTED, folder / NOTED
-    photos = folder / PHOTOS
-    if photos.is_dir() and not photos.is_symlink():
-        for path in sorted(photos.iterdir()):
-            if path.is_file() and not path.is_symlink():
-                yield f"{PHOTOS}/{path.name}", path
+    """The operator's record with the photos that it names, and the film."""
+    record, folder = noted_beside(entry.journal), entry.journal.parent
+    if record.is_file():
+        yield NOTED, record
+    for name in _named_photos(entry):
+        path = folder / PHOTOS / name
+        if path.is_file() and not path.is_symlink() and not path.parent.is_symlink():
+            yield f"{PHOTOS}/{name}", path
     film = film_file(folder, entry.started)
     if film.is_file() and not film.is_symlink():
         yield f"{TIMELAPSE}/{film.name}", film
+
+
+def _named_photos(entry: PrintEntry) -> list[str]:
+    """Plain file names only: the folder may be another's, and its record say anything."""
+    listed = noted(entry.journal).get("photos")
+    told = (
+        [one.get("name") for one in listed if isinstance(one, dict)]
+        if isinstance(listed, list)
+        else []
+    )
+    return sorted({name for name in told if isinstance(name, str) and name == Path(name).name})

@@ -82,7 +82,7 @@ def _connect(page: Any, server: Process) -> None:
 def _begin(page: Any, server: Process) -> None:
     page.goto(f"{server.url}/job?job=run~one")
     page.get_by_role("button", name="Move the tip to the start").click()
-    page.get_by_text(re.compile("^The tip stands at the start")).wait_for(timeout=_LONG_MS)
+    page.get_by_text(re.compile(r"^The tip stands at the start\.$")).wait_for(timeout=_LONG_MS)
     page.get_by_role("button", name="Check", exact=True).click()
     page.get_by_text(re.compile("^All checks passed")).wait_for(timeout=_LONG_MS)
     page.get_by_label("Operator's name").fill("Ada")

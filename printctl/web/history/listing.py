@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
-from urllib.parse import urlencode
 
 from nicegui import ui
 
 from printctl.errors import UsageError
 from printctl.link.history_entry import PrintEntry
-from printctl.link.history_query import PAGE, Found, HistoryQuery, SortBy
-from printctl.records.days import day_begins, day_ends
+from printctl.link.history_query import PAGE, Found, SortBy
 from printctl.records.table import local_time
-from printctl.web.api.answers import API
 from printctl.web.history.look import STYLE, cell, download, head
 from printctl.web.history.service import HistoryService
+from printctl.web.history.wished import Wished
 from printctl.web.history.wording import duration, state_words
 from printctl.web.shell.told import told
 
@@ -31,56 +30,18 @@ ORDERS: Final = {
 _WAIT: Final = "debounce=300"
 
 
-@dataclass(frozen=True)
-class Wished:
-    """What stands in the form."""
-
-    words: str = ""
-    state: str = ""
-    profile: str = ""
-    who: str = ""
-    since: str = ""
-    until: str = ""
-    sort: str = SortBy.STARTED.value
-    descending: bool = True
-
-    def query(self, page: int) -> HistoryQuery:
-        """As it is asked.
-
-        Raises
-        ------
-        UsageError
-            For what is no day.
-        """
-        return HistoryQuery(
-            words=self.words,
-            states=(self.state,) if self.state else (),
-            profile=self.profile,
-            who=self.who,
-            since=day_begins(self.since, "from"),
-            until=day_ends(self.until, "to"),
-            sort=SortBy(self.sort),
-            descending=self.descending,
-            limit=PAGE,
-            offset=PAGE * page,
-        )
-
-    def address(self) -> str:
-        """Of the same as CSV."""
-        values = {k: v for k, v in vars(self).items() if v not in ("", True)}
-        return f"{API}/history/csv?{urlencode(values)}"
-
-
 class Listing:
     """The list with its form, for one browser.
 
     Parameters
     ----------
     service : HistoryService
+    address : mapping of str to str
+        What the page's address asks for; it follows the form, so that a list can be shared.
     """
 
-    def __init__(self, service: HistoryService) -> None:
-        self._service, self._wished, self._page = service, Wished(), 0
+    def __init__(self, service: HistoryService, address: Mapping[str, str]) -> None:
+        self._service, self._wished, self._page = service, *Wished.asked(address)
 
     async def show(self) -> None:
         """Build it."""
@@ -93,7 +54,7 @@ class Listing:
         with ui.element("section").classes("ph-card").props('aria-label="Prints"'):
             with ui.element("div").classes("ph-row").style("justify-content:space-between"):
                 self._count = ui.label().props("role=status")
-                self._csv = download("Export as CSV", self._wished.address())
+                self._csv = download("Export as CSV", self._wished.csv())
             self._table = ui.element("table").classes("ph-table ph-list")
             with ui.element("nav").classes("ph-row").props('aria-label="Pages of the list"'):
                 self._back = self._turner("Earlier page", -1)
@@ -102,23 +63,30 @@ class Listing:
         await self._find()
 
     def _form(self, profiles: list[str], people: list[str], states: list[str]) -> None:
+        wished = self._wished
         with ui.element("div").classes("ph-row"):
-            words = ui.input("Search: words, hash, alarm", on_change=self._wish("words"))
+            words = ui.input(
+                "Search: words, hash, alarm", value=wished.words, on_change=self._wish("words")
+            )
             words.props(f"{_WAIT} clearable type=search").style("flex:1 1 16em")
             self._select("End", "state", {one: state_words(one) for one in states})
             self._select("Profile", "profile", {one: one for one in profiles})
             self._select("Operator", "who", {one: one for one in people})
             for name, field in (("From day", "since"), ("To day", "until")):
-                day = ui.input(name, on_change=self._wish(field)).props("type=date stack-label")
+                day = ui.input(name, value=getattr(wished, field), on_change=self._wish(field))
+                day.props("type=date stack-label")
                 day.style("flex:0 1 11em")
-            self._select("Order", "sort", {k.value: v for k, v in ORDERS.items()}, "started")
-            ui.checkbox("last first", value=True, on_change=self._wish("descending")).style(
-                "min-height:44px"
+            self._select("Order", "sort", {k.value: v for k, v in ORDERS.items()}, every=False)
+            last = ui.checkbox(
+                "last first", value=wished.descending, on_change=self._wish("descending")
             )
+            last.style("min-height:44px")
 
-    def _select(self, name: str, field: str, options: dict[str, str], value: str = "") -> None:
-        every = {} if value else {"": "all"}
-        made = ui.select({**every, **options}, label=name, value=value)
+    def _select(self, name: str, field: str, options: dict[str, str], every: bool = True) -> None:
+        value = getattr(self._wished, field)
+        named = {value: value} if value else {}
+        first = {"": "all"} if every else {}
+        made = ui.select({**first, **named, **options}, label=name, value=value)
         made.on_value_change(self._wish(field))
         made.style("flex:0 1 11em")
 
@@ -145,13 +113,17 @@ class Listing:
         except UsageError:  # a day that is half typed
             return
         found = await told(self._service.find, query)
-        if found is not None:
+        if found is not None and self._page > 0 and not found.entries:  # an address of old
+            self._page = max(0, -(-found.total // PAGE) - 1)
+            await self._find()
+        elif found is not None:
             self._fill(found)
+            ui.navigate.history.replace(self._wished.address(self._page))
 
     def _fill(self, found: Found) -> None:
         many = "print" if found.total == 1 else "prints"
         self._count.set_text(f"{found.total} {many}" if found.total else "No print fits.")
-        self._csv.props["href"] = self._wished.address()
+        self._csv.props["href"] = self._wished.csv()
         self._csv.update()
         pages = max(1, -(-found.total // PAGE))
         self._place.set_text(f"page {self._page + 1} of {pages}")

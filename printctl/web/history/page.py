@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fastapi import Request
 from nicegui import ui
 
 from printctl.web.history.listing import Listing
@@ -23,9 +24,9 @@ def register(service: HistoryService) -> None:
     """
 
     @ui.page(WAY)
-    async def listing() -> None:
+    async def listing(request: Request) -> None:
         with frame(WAY):
-            await Listing(service).show()
+            await Listing(service, request.query_params).show()
             verify_card(service)
 
     @ui.page(f"{WAY}/{{print_id}}")

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 from nicegui import ui
 
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe
-from firmware_profiles.load import shipped
 from printctl.web.controls import Principal
 from printctl.web.job.card_tip import add_tip
 from printctl.web.job.machine import Machine
 from printctl.web.job.parts import button, card, live, number, small, span, subheading, tried
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.to_start import Place
+from printctl.web.job.set_up_form import Said, SetUpForm
 
-Said = Callable[[], JobSetUp]
-_THINGS: Final = (
-    ("printer", "Printer", Printer),
-    ("needle", "Needle", Needle),
-    ("syringe", "Syringe", Syringe),
-    ("ink", "Ink", Ink),
-    ("bath", "Bath", Bath),
-    ("dish", "Dish", Dish),
-)
 _WORDS: Final = {"passed": "Passed", "failed": "Failed", "warning": "Warning"}
 
 
@@ -36,73 +24,20 @@ def add_preflight(
     with card("Set-up and preflight"):
         if machine is None:
             small("No printer is connected; the job can be checked, but not started.")
-        with ui.element("div").classes("job-form"):
-            fields = {key: _choice(name, kind, getattr(first, key)) for key, name, kind in _THINGS}
-            depth = ui.number("Bath depth", value=first.bath_depth_mm, min=0.1, suffix="mm").props(
-                "outlined"
-            )
-            start = [
-                ui.number(f"Start {axis}", value=value, step=0.1, suffix="mm", precision=3)
-                for axis, value in zip("XYZ", first.start_mm, strict=True)
-            ]
-            for one in start:
-                one.props("outlined")
-
-            def place() -> Place:
-                x, y, z = (float(one.value or 0.0) for one in start)
-                return x, y, z
-
-            deadman = ui.number(
-                "Pause unless confirmed within", value=first.care.deadman_min, min=0, suffix="min"
-            )
-            prime = ui.number(
-                "Extra ink after a pause", value=first.care.prime_ul, min=0, suffix="µL"
-            )
-            for one in (deadman, prime):
-                one.props("outlined")
+        form = SetUpForm(service.shelf, first, service.declared(job))
         if machine is not None:
-            add_tip(service, who, job, machine, place)
-        reload = ui.checkbox(
-            "Pause for a new syringe where one doesn't last", value=first.care.reload
-        )
-        stops = ui.checkbox(
-            "Stop instead of pausing when nobody confirms", value=first.care.deadman_stops
-        )
-        accept = ui.checkbox(
-            "Print although the needle's shaft passes through written vessels (goes into the "
-            "journal)",
-            value=first.accept_crossings,
-        )
+            # A check while the tip moves would find it away from the start.
+            add_tip(service, who, job, machine, form.start, lambda on: check.set_enabled(not on))
+        form.add_answers()
         verdict = live().classes("font-semibold").mark("verdict")
         problem = live().classes("job-problem")
         table = ui.element("div").classes("w-full")
-
-        def said() -> JobSetUp:
-            care = first.care.model_dump() | {
-                "deadman_min": float(deadman.value or 0.0),
-                "deadman_stops": bool(stops.value and deadman.value),
-                "prime_ul": float(prime.value or 0.0),
-                "reload": bool(reload.value),
-            }
-            given = {key: str(field.value or "") for key, field in fields.items()}
-            dish = bool(given["dish"])
-            return JobSetUp.model_validate(
-                first.model_dump()
-                | given
-                | {
-                    "care": care,
-                    "bath_depth_mm": float(depth.value) if depth.value and dish else None,
-                    "dish_centre_mm": first.dish_centre_mm if dish else None,
-                    "start_mm": place(),
-                    "accept_crossings": bool(accept.value),
-                }
-            )
 
         async def look() -> None:
             problem.set_text("")
             verdict.set_text("Checking: the whole job is run through the planner …")
             check.disable()
-            found, text = await tried(lambda: service.preflight(job, said()))
+            found, text = await tried(lambda: service.preflight(job, form.said()))
             check.enable()
             problem.set_text(text)
             verdict.set_text("" if found is None else _verdict(found))
@@ -112,13 +47,7 @@ def add_preflight(
                     _rows(found)
 
         check = button("Check", look)
-    return said
-
-
-def _choice(name: str, kind: Any, value: str) -> ui.select:
-    names = shipped(kind)
-    options = {one: one for one in names} | ({value: value} if value else {}) | {"": "none named"}
-    return ui.select(options, label=name, value=value, with_input=False).props("outlined")
+    return form.said
 
 
 def _verdict(found: dict[str, Any]) -> str:

@@ -10,10 +10,10 @@ from nicegui import ui
 
 from printctl.web.controls import Principal
 from printctl.web.job.after import checklist
-from printctl.web.job.card_preflight import Said
 from printctl.web.job.parts import button, card, live, quiet_button, small, subheading, tried, when
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.job.set_up_form import Said
 from printctl.web.shell.dialogs import dialog_named
 
 _LINES: Final = (

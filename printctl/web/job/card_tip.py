@@ -14,9 +14,17 @@ from printctl.web.job.to_start import Place
 
 
 def add_tip(
-    service: JobService, who: Principal, job: str, machine: Machine, start: Callable[[], Place]
+    service: JobService,
+    who: Principal,
+    job: str,
+    machine: Machine,
+    start: Callable[[], Place],
+    on_its_way: Callable[[bool], object],
 ) -> None:
-    """A line that says where the tip stands, and the button beside it."""
+    """A line that says where the tip stands, and the button beside it.
+
+    ``on_its_way`` is told when the tip sets out, and when it has arrived or was refused.
+    """
     with ui.row().classes("items-center gap-2 w-full"):
         told = live().classes("text-sm")
         told.set_text(standing(machine, start()))
@@ -24,8 +32,10 @@ def add_tip(
         async def go() -> None:
             told.set_text("The tip is on its way: up, over, down …")
             move.disable()
+            on_its_way(True)
             found, problem = await tried(service.to_start, who, job, start())
             move.enable()
+            on_its_way(False)
             told.set_text(problem or standing(found, start()))
 
         move = quiet_button("Move the tip to the start", go)

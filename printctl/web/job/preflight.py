@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import subprocess
-import sys
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,10 +14,11 @@ from typing import Any, Final
 from design.files import write_text
 from printctl.errors import SafetyError
 from printctl.set_up import Check
-from printctl.web.errors import BadRequestError, ConflictError
+from printctl.web.errors import BadRequestError
 from printctl.web.job.question import Question
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.table import JobTable
+from printctl.web.worker import worked
 
 _VERSION: Final = 1
 _LONGEST_S: Final = 900.0
@@ -160,28 +159,16 @@ def load_table(path: Path) -> JobTable:
 
 
 def _ask(question: Question) -> dict[str, Any]:
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "printctl.web.job.check"],
-            input=question.to_json() + "\n",
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            timeout=_LONGEST_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as exc:
-        raise ConflictError(
-            f"{question.gcode.name} couldn't be checked within {_LONGEST_S:g} s; try "
-            "`printctl simulate` on it, or split the job"
-        ) from exc
-    try:
-        found: dict[str, Any] = json.loads(done.stdout)
-    except ValueError as exc:
-        last = done.stderr.strip().splitlines()[-1:] or ["no word"]
-        raise ConflictError(
-            f"{question.gcode.name} couldn't be checked, the process ended: {last[0][:300]}"
-        ) from exc
+    name = question.gcode.name
+    told = worked(
+        "printctl.web.job.check",
+        said=question.to_json() + "\n",
+        longest_s=_LONGEST_S,
+        late=f"{name} couldn't be checked within {_LONGEST_S:g} s; try `printctl simulate` on it, "
+        "or split the job",
+        died=f"{name} couldn't be checked, the process ended",
+    )
+    found: dict[str, Any] = json.loads(told)
     if "error" in found:
         raise BadRequestError(found["error"])
     return found

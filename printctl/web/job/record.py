@@ -12,12 +12,13 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
+from printctl.link.history import remember_meanwhile
+from printctl.link.noted import journal_begun_by, noted_beside
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 
 Line = Annotated[str, Field(max_length=200)]
 Text = Annotated[str, Field(max_length=10_000)]
-RECORD = "record.json"
 
 
 class PrintRecord(BaseModel):
@@ -146,7 +147,10 @@ class Records:
         text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         write_text(self._path(found["id"]), text)
         if found.get("folder"):
-            write_text(Path(found["folder"]) / RECORD, text)
+            journal = journal_begun_by(Path(found["folder"]), found["started"])
+            write_text(noted_beside(journal), text)
+            if "operator" in said or "started" in said:
+                remember_meanwhile(journal.parent)  # the history can be searched for people
 
     def _path(self, record: str) -> Path:
         for part in record.split("~"):

@@ -6,16 +6,9 @@ import json
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any
 
 from design.files import write_text
-from printctl.link.errors import LinkError, NoLink
-from printctl.link.job import load_job
-from printctl.link.reach import alive, what_is_known
-from printctl.link.record import JOURNAL, load_record
-from printctl.link.recovering import declared_start
 from printctl.printing.find import running
 from printctl.set_up import Check
 from printctl.web.controls import Principal
@@ -23,33 +16,23 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
 from printctl.web.job.camera.watching import Watching
-from printctl.web.job.finding import Finder
-from printctl.web.job.following import Heard, PrintFollower
+from printctl.web.job.declared import declared_of
+from printctl.web.job.following import Heard
 from printctl.web.job.hands import PrintHands
-from printctl.web.job.jobs import (
-    JobEntry,
-    add_job,
-    entry_of,
-    list_jobs,
-    recipe_of,
-    set_up_of_recipe,
-)
-from printctl.web.job.journalled import journalled
+from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
-from printctl.web.job.preflight import Preflight, Preflights, file_hash, load_table, refuse, row
-from printctl.web.job.progress import predicted_s, progress
+from printctl.web.job.preflight import Preflight, Preflights, refuse, row
+from printctl.web.job.prints import Prints
 from printctl.web.job.record import PrintRecord, Records
-from printctl.web.job.remaining import Remaining
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
+from printctl.web.job.set_ups import SetUps
 from printctl.web.job.starting import order_of, refuse_unconfirmed
 from printctl.web.job.station_printing import StationPrinting
-from printctl.web.job.table import JobTable
+from printctl.web.job.to_start import Place
 from printctl.web.job.viability import Viability, viability
 from printctl.web.live import JobSource
 from printctl.web.live.maker import SceneMaker
-
-SET_UP: Final = "set_up.json"
-_LONGEST_LINE: Final = 10_000
+from printctl.web.shelf import Shelf
 
 
 class JobService:
@@ -66,6 +49,8 @@ class JobService:
     Attributes
     ----------
     core : Core
+    shelf : Shelf
+        Profiles that a set-up can name.
     records : Records
     hands : PrintHands
         Pause, resume, change of syringe, cancel.
@@ -79,27 +64,27 @@ class JobService:
 
     def __init__(self, core: Core, printing: Printing | None = None) -> None:
         self.core = core
+        self.shelf = Shelf(core.workspace.root)
         self.printing: Printing = printing or StationPrinting(core.workspace.station)
         self._facts = core.workspace.private / "jobs"
         self._preflights = Preflights(core.workspace.private / "preflight")
+        self._set_ups = SetUps(core.workspace)
         self.records = Records(core.workspace.root / "records")
         self.hands = PrintHands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
         self.watching = Watching(core)
-        self._followers: dict[str, PrintFollower] = {}
-        self._lock = threading.Lock()
+        self._prints = Prints(
+            core.workspace, self._preflights, self._set_ups, self.records, self._tell
+        )
         self._starting = threading.Lock()
-        self._finder = Finder(core.workspace, self._follow)
-        self._finder.begin()
+        self._prints.begin()
 
     def close(self) -> None:
         """Follow no more; prints go on."""
-        self._finder.end()
+        self._prints.close()
         self.after.close()
         self.watching.close()
-        for follower in list(self._followers.values()):
-            follower.end()
 
     # --- jobs ----------------------------------------------------------------------------------
 
@@ -125,7 +110,7 @@ class JobService:
             When there is no such job.
         """
         try:
-            file, said = self.core.workspace.job_file(job), self._own_set_up(job)
+            file, said = self.core.workspace.job_file(job), self._set_ups.of(job)
         except WebError as exc:
             raise KeyError(job) from exc
         cache = self.core.workspace.private / "scenes"
@@ -139,10 +124,13 @@ class JobService:
 
     def set_up(self, job: str) -> JobSetUp:
         """The form filled in: as last time, else by the run's recipe; the printer knows better."""
-        declared = _declared(self.core.workspace.job_file(job))
-        return set_up_of(self.printing.machine(), self._own_set_up(job), declared)
+        return set_up_of(self.printing.machine(), self._set_ups.of(job), self.declared(job))
 
-    def to_start(self, who: Principal, job: str, start_mm: tuple[float, float, float]) -> Machine:
+    def declared(self, job: str) -> Place | None:
+        """Where the job itself says that it starts; None where it starts where the tip stands."""
+        return declared_of(self.core.workspace.job_file(job))
+
+    def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
         """Bring the tip to where the job starts: up, over, down, within the soft limits.
 
         Raises
@@ -214,8 +202,7 @@ class JobService:
             order = order_of(file, folder, said, said.mounted(), machine, found)
             client = running(order)
             if client is None:
-                folder.mkdir(parents=True, exist_ok=True)
-                write_text(folder / SET_UP, said.model_dump_json(indent=1) + "\n")
+                self._set_ups.keep_printed(folder, said)
                 client = self.printing.start(order)
             client.detach()
             self.records.mark(
@@ -228,35 +215,20 @@ class JobService:
                 confirmed=confirmed,
                 accepted=list(found.facts["accepted"]),
             )
-            self._follow(job, folder)
-        return self._heard_soon(job)
+            self._prints.follow(job, folder)
+        return self._prints.heard_soon(job)
 
     def heard(self, job: str) -> Heard | None:
         """The job's print as it was heard of last; None when none was ever started."""
-        folder = self.core.workspace.print_folder(job)
-        with self._lock:
-            follower = self._followers.get(job)
-        if follower is not None and follower.heard is not None:
-            return follower.heard
-        try:
-            going_on = not load_record(folder).status and alive(folder)
-        except NoLink:
-            return None
-        if going_on:
-            self._follow(job, folder)
-            return self._heard_soon(job)
-        return self._ended(job, folder)
+        return self._prints.heard(job)
 
     def current(self) -> Heard | None:
         """The print that goes on; of several the one begun last."""
-        with self._lock:
-            heard = [one.heard for one in self._followers.values() if one.heard]
-        live = [one for one in heard if not one.status.ended]
-        return max(live, key=lambda one: one.journal.started, default=None)
+        return self._prints.current()
 
     def viability(self, job: str) -> Viability:
         """The clock of the cells."""
-        said = self._own_set_up(job)
+        said = self._set_ups.of(job)
         heard = self.heard(job)
         left = heard.progress.remaining_s if heard and heard.progress else None
         budget = said.budget(said.mounted())
@@ -277,110 +249,13 @@ class JobService:
         refuse_foreign_files(said, self.core.workspace.root, frozenset(known))
         found = self._preflights.of(self.core.workspace.job_file(job), said)
         write_text(self._facts / f"{found.facts['sha256']}.json", json.dumps(found.facts) + "\n")
-        self._keep_set_up(job, said)
+        self._set_ups.keep(job, said)
         return found
 
     def _against_mounted(self, said: JobSetUp, found: Preflight) -> list[Check]:
         ink_ul = float(found.facts.get("ink_pushed_ul", 0.0))
         return mounted_checks(self.printing.machine(), said, ink_ul)
 
-    def _own_set_up(self, job: str) -> JobSetUp:
-        """As it was said for this job last, else by its recipe and its first lines."""
-        kept = self._kept(job)
-        if kept.is_file():
-            return JobSetUp.model_validate_json(kept.read_text(encoding="utf-8"))
-        path, said = self.core.workspace.job_file(job), JobSetUp()
-        recipe = recipe_of(path.parent) if job.startswith("run~") else None
-        if recipe is not None:
-            said = set_up_of_recipe(recipe, said)
-        declared = _declared(path)
-        return said if declared is None else said.model_copy(update={"start_mm": declared})
-
-    def _kept(self, job: str) -> Path:
-        self.core.workspace.job_file(job)
-        return self.core.workspace.private / "set_ups" / f"{job}.json"
-
-    def _keep_set_up(self, job: str, said: JobSetUp) -> None:
-        write_text(self._kept(job), said.model_dump_json() + "\n")
-
-    def _follow(self, job: str, folder: Path) -> None:
-        with self._lock:
-            before = self._followers.get(job)
-            if before is not None and before.alive and not before.over:
-                return
-            follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._tell)
-            self._followers[job] = follower
-            follower.begin()
-
-    def _ended(self, job: str, folder: Path) -> Heard:
-        """A print that is over, from what it left; it is told to nobody."""
-        status, journal = what_is_known(folder), journalled(folder / JOURNAL)
-        heard = Heard(job, folder, status, journal)
-        self._note_end(heard)
-        file = self.core.workspace.job_file(job)
-        if journal.sha256 != file_hash(file) or not (folder / SET_UP).is_file():
-            return heard
-        said = JobSetUp.model_validate_json((folder / SET_UP).read_text(encoding="utf-8"))
-        known = self._preflights.known(file, said)
-        if known is None:
-            return heard
-        table = load_table(known.table)
-        at = predicted_s(table, status.lines_executed)
-        done = progress(
-            table,
-            status.lines_executed,
-            journal.active_s,
-            time.time(),
-            Remaining(float(table.time_s[-1])).estimate(at),
-        )
-        return replace(heard, progress=done)
-
-    def _heard_soon(self, job: str) -> Heard:
-        limit = time.monotonic() + 10.0
-        while time.monotonic() < limit:
-            found = self._followers[job].heard
-            if found is not None:
-                return found
-            time.sleep(0.01)
-        raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
-
     def _tell(self, heard: Heard) -> None:
-        if heard.status.ended:
-            self._note_end(heard)
         self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())
-
-    def _note_end(self, heard: Heard) -> None:
-        for record in self.records.of_job(heard.job)[-1:]:
-            found = self.records.load(record)
-            if found.get("started") and "ended" not in found:
-                self.records.mark(
-                    record, "printctl", ended=time.time(), state=heard.status.state.value
-                )
-
-    def _table(self, job: str, folder: Path) -> JobTable | None:
-        """The table of the file that is printed; None when that file has changed since."""
-        link = load_record(folder)
-        said = self._set_up_of_print(job, folder, link.profile, str(link.care.get("syringe", "")))
-        file = self.core.workspace.job_file(job)
-        printed = journalled(folder / JOURNAL).sha256
-        if printed and printed != file_hash(file):
-            return None
-        return load_table(self._preflights.of(file, said).table)
-
-    def _set_up_of_print(self, job: str, folder: Path, profile: str, syringe: str) -> JobSetUp:
-        path = folder / SET_UP
-        if path.is_file():
-            return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))
-        said = self._own_set_up(job).model_dump()
-        said |= {"printer": profile} | ({"syringe": syringe} if syringe else {})
-        return JobSetUp.model_validate(said)
-
-
-def _declared(path: Path) -> tuple[float, float, float] | None:
-    """Where the job tells the firmware that the tip stands; None where it doesn't, or can't."""
-    try:
-        job = load_job(path, _LONGEST_LINE)
-        return declared_start(job, len(job))
-    except LinkError:
-        return None

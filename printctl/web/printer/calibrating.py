@@ -16,8 +16,8 @@ from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
 from printctl.web.printer.desk import Desk
-from printctl.web.printer.shelf import Shelf
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
+from printctl.web.shelf import Shelf
 
 if TYPE_CHECKING:
     from printctl.calibration.results import Result

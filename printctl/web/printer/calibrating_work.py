@@ -19,8 +19,8 @@ from printctl.calibration.results import (
 )
 from printctl.calibration.writing import Job, Made, make_test, measured_key, save_measured
 from printctl.web.printer.calibrating_asked import Asked, Read
-from printctl.web.printer.shelf import Shelf
 from printctl.web.printer.wizards import BY_NAME
+from printctl.web.shelf import Shelf
 
 
 def written(

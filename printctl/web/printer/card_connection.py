@@ -8,8 +8,8 @@ from firmware_profiles import Printer
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.parts import IN_WORDS, Refresh, button, card, live, note, quiet_button
+from printctl.web.printer.ports import SIMULATED, FoundPort, summary, unmeasured
 from printctl.web.printer.service import PrinterService
-from printctl.web.printer.shelf import SIMULATED, FoundPort, summary, unmeasured
 from printctl.web.shell.told import told
 
 _BAUDS = {"": "the profile's", "auto": "auto: try each"}

@@ -12,7 +12,7 @@ from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.printer.desk import Desk
 from printctl.web.printer.hands import fastest_ul_s
-from printctl.web.printer.shelf import Shelf
+from printctl.web.shelf import Shelf
 
 PURGE_STEP_UL: Final = 5.0
 PURGE_UL: Final = 50.0

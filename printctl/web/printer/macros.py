@@ -17,7 +17,7 @@ from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line
 from printctl.web.printer.desk import Desk
-from printctl.web.printer.shelf import Shelf
+from printctl.web.shelf import Shelf
 
 MOST: Final = 50
 

@@ -10,10 +10,10 @@ from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
+from printctl.web.printer.ports import summary
 from printctl.web.printer.routes_calibration import add_calibration
 from printctl.web.printer.routes_tools import add_tools
 from printctl.web.printer.service import PrinterService
-from printctl.web.printer.shelf import summary
 
 REFUSALS: dict[int | str, dict[str, Any]] = {
     403: {"description": "Not allowed"},

@@ -16,8 +16,9 @@ from printctl.web.printer.following import Follower
 from printctl.web.printer.hands import Hands
 from printctl.web.printer.macros import Macros
 from printctl.web.printer.plots import Plots
-from printctl.web.printer.shelf import FoundPort, Shelf, ports_with_profiles
+from printctl.web.printer.ports import FoundPort, ports_with_profiles
 from printctl.web.printer.touching import Guide
+from printctl.web.shelf import Shelf
 
 
 class PrinterService:

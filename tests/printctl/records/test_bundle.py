@@ -51,9 +51,11 @@ def test_bundle_holds_what_there_is_and_any_unzip_program_opens_it(tmp_path):
     with_run_at = tmp_path / "run"
     entry = printed(with_run_at)
     with_run(with_run_at)
-    (with_run_at / "print" / "record.json").write_text('{"cells": "hiPSC"}')
+    said = {"cells": "hiPSC", "photos": [{"name": "after <b>print.jpg"}]}
+    (with_run_at / "print" / "record.json").write_text(json.dumps(said))
     (with_run_at / "print" / "photos").mkdir()
     (with_run_at / "print" / "photos" / "after <b>print.jpg").write_bytes(b"jpeg")
+    (with_run_at / "print" / "photos" / "of_the_print_before.jpg").write_bytes(b"jpeg")
     film = film_file(with_run_at / "print", entry.started)
     film.parent.mkdir()
     film.write_bytes(b"webp")
@@ -68,6 +70,7 @@ def test_bundle_holds_what_there_is_and_any_unzip_program_opens_it(tmp_path):
         assert b"secret" not in b"".join(map(opened.read, names))
     assert {"journal.log", "recipe.json", "report/report.html", "record.json"} <= names
     assert {"preflight/dry_run.json", "profiles/ink.json", "photos/photo_0001.jpg"} <= names
+    assert [name for name in names if "photos" in name] == ["photos/photo_0001.jpg"]
     assert [name for name in names if "timelapse" in name] == [f"timelapse/{film.name}"]
     assert manifest.verdict == "pass"
     assert verify_bundle(tmp_path / "out.zip", [lab_key().public]).good

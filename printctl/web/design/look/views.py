@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import Final
 
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN
 from printctl.web.errors import ConflictError
+from printctl.web.worker import worked
 
 LUMENS: Final = "lumens.json"
 _OF_NETWORK: Final = (NETWORK, "flow.csv", "tissue.stl", LUMENS, OXYGEN, "registration.json")
@@ -73,22 +72,13 @@ def _kept(run: Path, kept: Path, sort: str, names: tuple[str, ...]) -> Path:
 
 
 def _make(sort: str, run: Path, page: Path) -> None:
-    """Make it in a process of its own: the server stays free, and loads no kernels for it."""
-    command = [sys.executable, "-m", "printctl.web.design.look.make", sort, str(run), str(page)]
-    try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            timeout=_LONGEST_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as exc:
-        raise ConflictError(
-            f"the page of run {run.name!r} wasn't made within {_LONGEST_S:g} s; look at it by "
-            "`printctl view`"
-        ) from exc
-    if done.returncode:
-        said = done.stderr.strip().splitlines()[-1:] or ["no word"]
-        raise ConflictError(f"the page of run {run.name!r} couldn't be made: {said[0][:500]}")
+    worked(
+        "printctl.web.design.look.make",
+        sort,
+        str(run),
+        str(page),
+        longest_s=_LONGEST_S,
+        late=f"the page of run {run.name!r} wasn't made within {_LONGEST_S:g} s; look at it by "
+        "`printctl view`",
+        died=f"the page of run {run.name!r} couldn't be made",
+    )

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image, ImageChops, ImageStat
 
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, TABLET, chromium, shown
+from tests.printctl.web.shell.browsers import PHONE, TABLET, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
@@ -32,21 +32,6 @@ def served(workspace: Path) -> Iterator[Process]:
         yield server
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-def _serious(page: Any) -> list[str]:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    found = axe.run(page).response["violations"]
-    return [f"{v['id']}: {v['nodes'][0]['html']}" for v in found if v["impact"] in _BAD]
-
-
-_BAD = ("serious", "critical")
-
-
 def _new_recipe(page: Any, name: str) -> None:
     page.get_by_role("button", name="New", exact=True).click()
     page.get_by_label("Name", exact=True).fill(name)
@@ -59,7 +44,7 @@ def test_without_a_recipe_the_page_invites_to_one(browser: Any, tmp_path: Path) 
         page = shown(browser, f"{server.url}/design")
         page.get_by_text("Choose a recipe, make a new one, or begin with an example.").wait_for()
         assert not page.get_by_label("Recipe as YAML").is_visible()
-        assert _serious(page) == []
+        assert serious(page) == []
         page.get_by_role("button", name="New recipe").click()
         page.get_by_label("Name", exact=True).fill("first")
         page.get_by_role("button", name="Make", exact=True).click()
@@ -82,7 +67,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     page.get_by_text("one: 1 to mend · saved").wait_for()
     assert "layer_um: 1, line_um: 400}" in text.input_value()
     page.wait_for_timeout(500)  # the hint fades away under the error
-    assert _serious(page) == []
+    assert serious(page) == []
     layer.fill("150")
     page.get_by_text("one: ready to be made · saved").wait_for()
     _make(page)
@@ -94,7 +79,7 @@ def _make(page: Any) -> None:
     page.get_by_role("button", name="Make the design").click()
     page.get_by_text("one: made as far as lumens").wait_for(timeout=_LONG_MS)
     assert page.get_by_role("progressbar").count() >= 7
-    assert _serious(page) == []
+    assert serious(page) == []
 
 
 def _look(page: Any) -> None:
@@ -112,7 +97,7 @@ def _look(page: Any) -> None:
     slider.focus()
     slider.press("ArrowRight")
     assert slider.input_value() != before
-    assert _serious(page) == []
+    assert serious(page) == []
 
 
 def test_networks_that_are_compared_turn_together(
@@ -160,7 +145,7 @@ def test_the_page_fits_small_screens(
         page = shown(browser, url, viewport=viewport, color_scheme=colours)
         page.wait_for_timeout(1500)
         assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
-        assert _serious(page) == []
+        assert serious(page) == []
         page.context.close()
 
 

@@ -155,8 +155,11 @@ def test_photos_are_pictures_of_this_print_only(script, tmp_path):
     (photos / "a.jpg").write_bytes(b"\xff\xd8\xff")
     (photos / "a.html").write_text("<script>")
     (photos / "link.png").symlink_to("/etc/passwd")
+    (photos / "c.jpg").write_bytes(b"of the print before")
+    named = [{"name": name} for name in ("a.jpg", "a.html", "link.png", "b.jpg", "../journal.log")]
+    (photos.parent / "record.json").write_text(json.dumps({"photos": [*named, 7, {"name": 7}]}))
     assert script.get(f"{WAY}/{entry.id}/photos/a.jpg").headers["content-type"] == "image/jpeg"
-    for name in ("a.html", "link.png", "b.jpg", "..%2fjournal.log"):
+    for name in ("a.html", "link.png", "b.jpg", "c.jpg", "..%2fjournal.log"):
         assert script.get(f"{WAY}/{entry.id}/photos/{name}").status_code in (404, 422)
 
 

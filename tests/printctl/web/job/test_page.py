@@ -13,7 +13,7 @@ from printctl.web.workspace import Workspace
 from tests.printctl.link.layered import layered
 from tests.printctl.web.job.conftest import START, shut
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, chromium, shown
+from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
 HOSTILE = b"<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
@@ -37,12 +37,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Any:
             yield server, workspace
     finally:
         shut(station)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Any:
-    with chromium() as found:
-        yield found
 
 
 def upload(page: Any, path: Path) -> None:
@@ -109,7 +103,6 @@ def test_a_job_out_of_bounds_is_refused_with_the_reason(
 def test_the_page_is_for_everybody(
     served: tuple[Process, Path], browser: Any, tmp_path: Path, viewport: Any, theme: Any
 ) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     server, workspace = served
     file = tmp_path / "small.gcode"
     file.write_bytes(layered(2, 10))
@@ -124,13 +117,8 @@ def test_the_page_is_for_everybody(
     page.click("button:has-text('Check')")
     says(page, "All checks passed")
     page.wait_for_timeout(500)
-    found = axe.Axe().run(page)
-    serious = [
-        (one["id"], [node["html"][:200] for node in one["nodes"]])
-        for one in found.response["violations"]
-        if one["impact"] in ("serious", "critical")
-    ]
+    found = serious(page)
     width = viewport["width"]
     page.screenshot(path=str(workspace.parent / f"{theme}_{width}.png"), full_page=True)
-    assert not serious, serious
+    assert found == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width

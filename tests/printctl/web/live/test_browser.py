@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -16,15 +15,11 @@ from PIL import Image
 
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.page import application
+from tests.printctl.web.shell.browsers import serious
 
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = Path("/usr/bin/chromium")
 NASTY = jobs.HEAD + b";<img src=x onerror=alert(1)>\nG1 X5 F600\n"
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="no Chromium at /usr/bin/chromium"),
-]
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +40,6 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     yield f"http://127.0.0.1:{port}"
     server.should_exit = True
     thread.join(10)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        arguments = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-        found = started.chromium.launch(executable_path=str(CHROMIUM), args=arguments)
-        yield found
-        found.close()
 
 
 @pytest.fixture
@@ -187,7 +173,5 @@ def test_nothing_is_drawn_while_nothing_changes(page: Any, address: str) -> None
 
 
 def test_without_serious_findings_of_axe(page: Any, address: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     opened(page, f"{address}/job/squares?live=true")
-    found = axe.Axe().run(page).response["violations"]
-    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
+    assert serious(page) == []

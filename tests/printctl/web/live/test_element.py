@@ -4,16 +4,11 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-playwright = pytest.importorskip("playwright.sync_api")
-CHROMIUM = Path("/usr/bin/chromium")
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="no Chromium at /usr/bin/chromium"),
-]
+pytestmark = pytest.mark.browser
 
 # NiceGUI is one application a process, so that this page gets a process of its own.
 PAGE = """
@@ -64,18 +59,14 @@ def address(tmp_path: Path) -> Iterator[str]:
     process.stdout.close()
 
 
-def test_a_page_of_nicegui_shows_the_view_and_tells_it(address: str) -> None:
+def test_a_page_of_nicegui_shows_the_view_and_tells_it(address: str, browser: Any) -> None:
     problems: list[str] = []
-    with playwright.sync_playwright() as started:
-        arguments = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-        browser = started.chromium.launch(executable_path=str(CHROMIUM), args=arguments)
-        page = browser.new_page()
-        page.on("pageerror", lambda problem: problems.append(str(problem)))
-        page.goto(address)
-        page.wait_for_selector("[data-drawn]")
-        assert "0 of 88" in page.locator(".live-words").inner_text()
-        page.get_by_role("button", name="tell").click()
-        page.wait_for_selector("text=30 of 88 commands executed")
-        assert page.locator(".live-tip").is_visible()
-        browser.close()
+    page = browser.new_page()
+    page.on("pageerror", lambda problem: problems.append(str(problem)))
+    page.goto(address)
+    page.wait_for_selector("[data-drawn]")
+    assert "0 of 88" in page.locator(".live-words").inner_text()
+    page.get_by_role("button", name="tell").click()
+    page.wait_for_selector("text=30 of 88 commands executed")
+    assert page.locator(".live-tip").is_visible()
     assert not problems

@@ -1,24 +1,19 @@
 """The printer's page in Chromium, with a server and a simulated printer as real processes."""
 
 import contextlib
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe  # type: ignore[import-untyped]
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from printctl.link.errors import LinkError
 from printctl.station import attach
 from tests.printctl.web.serving import server_process
+from tests.printctl.web.shell.browsers import serious
+from tests.printctl.web.shell.dialogs import serious_in_dialog
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="chromium isn't installed"),
-]
+pytestmark = pytest.mark.browser
 Open = Callable[..., Page]
 
 
@@ -29,16 +24,6 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield server.url
     with contextlib.suppress(LinkError):  # it outlives its server, as it should
         attach(workspace / "station").close()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-gpu"]
-        )
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")
@@ -103,17 +88,6 @@ def comes_to(page: Page, axis: int, value: float) -> None:
 def chosen(page: Page, label: str, option: str) -> None:
     page.get_by_role("dialog").get_by_label(label, exact=True).click()
     page.get_by_role("option", name=option, exact=True).click()
-
-
-def grave(page: Page, within: dict[str, list[list[str]]] | None = None) -> list[str]:
-    """What axe finds that is serious or worse."""
-    found = Axe().run(page, context=within).response["violations"]
-    return [
-        f"{one['id']}: {node['html'][:160]}"
-        for one in found
-        if one["impact"] in ("serious", "critical")
-        for node in one["nodes"]
-    ]
 
 
 def test_connect_jog_by_button_and_key_and_see_it_move(visit: Open) -> None:
@@ -258,7 +232,7 @@ def test_wizard_of_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> No
 def test_page_is_accessible_and_fits(visit: Open, width: int, height: int, scheme: str) -> None:
     page = connected(visit(width, height, scheme))
     page.wait_for_timeout(500)
-    assert grave(page) == []
+    assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     small = page.evaluate(
         """() => [...document.querySelectorAll('.pc-content button, .pc-content [role=button]')]
@@ -275,13 +249,7 @@ def test_page_is_accessible_and_fits(visit: Open, width: int, height: int, schem
 def test_dialogs_are_accessible(visit: Open, opener: str) -> None:
     page = connected(visit(820, 1180))
     page.get_by_role("button", name=opener).first.click()
-    page.wait_for_timeout(1200)  # it fades in, and axe measures what it sees
-    # What lies dimmed behind a modal dialog is out of reach. Axe looks through the dialog at it,
-    # and through a filled button in it, too: those are measured on the page, in the same colours.
-    behind = ".q-dialog__backdrop, .pc-content, .pc-header { display: none !important }"
-    page.add_style_tag(content=behind)
-    within = {"include": [["[role=dialog]"]], "exclude": [["[role=dialog] .bg-primary"]]}
-    assert grave(page, within) == []
+    assert serious_in_dialog(page) == []
 
 
 def test_page_of_a_new_server_finds_the_printer_again(browser: Browser, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, chromium, shown
+from tests.printctl.web.shell.browsers import PHONE, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
@@ -43,19 +43,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Process, 
         yield server, scan
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
-def _serious(page: Any) -> list[str]:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    found = axe.run(page).response["violations"]
-    bad = [one for one in found if one["impact"] in ("serious", "critical")]
-    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in bad]
-
-
 def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
     server, scan = served
     page = shown(browser, f"{server.url}/scan")
@@ -78,15 +65,15 @@ def test_a_scan_is_added_seen_and_registered(served: Any, browser: Any) -> None:
     page.wait_for_function(
         "document.querySelector('.pc-slice img').getAttribute('src').includes('threshold')"
     )
-    assert _serious(page) == []
+    assert serious(page) == []
     page.get_by_role("button", name="Register", exact=True).click()
     page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
     assert page.locator("tbody tr").count() >= 14
     report = page.frame_locator('iframe[title="Report of the registration"]')
     page.locator("iframe").scroll_into_view_if_needed()
     report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
-    assert _serious(page) == []
+    assert serious(page) == []
     small = shown(browser, f"{server.url}/scan", viewport=PHONE, color_scheme="dark")
     small.get_by_text("Shifted by x, y, z").wait_for(timeout=60_000)
     assert small.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
-    assert _serious(small) == []
+    assert serious(small) == []

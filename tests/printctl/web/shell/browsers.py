@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-CHROMIUM = shutil.which("chromium")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]  # 3D without a graphics card
 WIDE = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
 TABLET = {"width": 820, "height": 1180}
@@ -22,9 +23,23 @@ def chromium() -> Iterator[Any]:
         pytest.skip("no chromium here")
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         yield browser
         browser.close()
+
+
+def serious(page: Any, within: dict[str, list[list[str]]] | None = None) -> list[str]:
+    """What axe finds in a page, or within a part of it, that is serious or worse.
+
+    Skips the test where axe isn't installed.
+    """
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    return [
+        f"{one['id']}: {node['html'][:400]}"
+        for one in axe.run(page, context=within).response["violations"]
+        if one["impact"] in ("serious", "critical")
+        for node in one["nodes"]
+    ]
 
 
 def shown(browser: Any, url: str, **options: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
+from tests.printctl.web.shell.browsers import serious
 
 _BEHIND = ".q-dialog__backdrop, .pc-content, .pc-header { display: none !important }"
 _WITHIN = {"include": [["[role=dialog]"]], "exclude": [["[role=dialog] .bg-primary"]]}
@@ -13,10 +13,8 @@ _WITHIN = {"include": [["[role=dialog]"]], "exclude": [["[role=dialog] .bg-prima
 
 def serious_in_dialog(page: Any) -> list[str]:
     """Serious findings in the open dialog."""
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page.wait_for_timeout(1200)  # it fades in, and axe measures what it sees
     style = page.add_style_tag(content=_BEHIND)
-    found = axe.run(page, context=_WITHIN).response["violations"]
+    found = serious(page, _WITHIN)
     style.evaluate("one => one.remove()")
-    bad = [one for one in found if one["impact"] in ("serious", "critical")]
-    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in bad]
+    return found

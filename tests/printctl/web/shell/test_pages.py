@@ -7,7 +7,7 @@ import pytest
 
 from tests.printctl.web.printing import ended_by_kill, soon, under_way
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, chromium, shown
+from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
 PAGES = ("/printer", "/job", "/design", "/scan", "/history")
@@ -27,12 +27,6 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> tuple[Process, Path]:
     workspace = tmp_path_factory.mktemp("shell") / "workspace"
     with server_process(workspace) as server:
         yield server, workspace
-
-
-@pytest.fixture(scope="module")
-def browser() -> Any:
-    with chromium() as found:
-        yield found
 
 
 def banner(page: Any) -> str:
@@ -134,14 +128,9 @@ def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: 
 def test_axe_finds_nothing_serious(
     served: Any, browser: Any, way: str, size: dict[str, int], theme: str
 ) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page = shown(browser, f"{served[0].url}{way}", viewport=size, color_scheme=theme)
     page.wait_for_timeout(500)
-    found = [
-        (one["id"], one["impact"], [node["html"][:200] for node in one["nodes"]][:3])
-        for one in axe.run(page).response["violations"]
-        if one["impact"] in ("serious", "critical")
-    ]
+    found = serious(page)
     page.context.close()
     assert found == []
 

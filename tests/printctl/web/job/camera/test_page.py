@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,12 @@ from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import film, sequence, until
 from tests.printctl.web.job.conftest import OPERATOR, add, ready
 from tests.printctl.web.serving import server_process
-from tests.printctl.web.shell.browsers import WIDE, chromium, shown
+from tests.printctl.web.shell.browsers import WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
 pytest.importorskip("cv2")
 _WIDTH = "document.querySelector('.job-camera')?.naturalWidth"
 _PLAYS = "document.querySelectorAll('.job-camera')[1]?.naturalWidth === 320"
-
-
-@pytest.fixture
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 def _printed(core: Core, source: str) -> str:
@@ -49,13 +42,6 @@ def _printed(core: Core, source: str) -> str:
         service.close()
 
 
-def _serious(page: Any) -> list[str]:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    found = axe.run(page).response["violations"]
-    bad = [one for one in found if one["impact"] in ("serious", "critical")]
-    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in bad]
-
-
 def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
     core: Core, station: Any, browser: Any, tmp_path: Path
 ) -> None:
@@ -72,7 +58,7 @@ def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
         page.get_by_text("Download the time-lapse (WebP)").wait_for()
         page.locator(".job-camera").nth(1).scroll_into_view_if_needed()
         page.wait_for_function(_PLAYS)
-        assert _serious(page) == []
+        assert serious(page) == []
         page.screenshot(path=str(tmp_path / "camera.png"), full_page=True)
         shutil.rmtree(tmp_path / "seen")
         page.get_by_text("no picture from").wait_for()

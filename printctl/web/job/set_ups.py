@@ -1,0 +1,63 @@
+"""What was said of each job's set-up, kept between visits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from design.files import write_text
+from printctl.web.job.declared import declared_of
+from printctl.web.job.jobs import recipe_of, set_up_of_recipe
+from printctl.web.job.set_up import JobSetUp
+from printctl.web.workspace import Workspace
+
+PRINTED: Final = "set_up.json"
+"""In a print's folder: what it was started with."""
+
+
+class SetUps:
+    """Set-ups of a workspace's jobs.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+
+    def of(self, job: str) -> JobSetUp:
+        """As it was said for this job last, else by its recipe and its first lines.
+
+        Raises
+        ------
+        WebError
+            When there is no such job.
+        """
+        path, kept = self._workspace.job_file(job), self._kept(job)
+        if kept.is_file():
+            return JobSetUp.model_validate_json(kept.read_text(encoding="utf-8"))
+        recipe = recipe_of(path.parent) if job.startswith("run~") else None
+        said = JobSetUp() if recipe is None else set_up_of_recipe(recipe, JobSetUp())
+        declared = declared_of(path)
+        return said if declared is None else said.model_copy(update={"start_mm": declared})
+
+    def keep(self, job: str, said: JobSetUp) -> None:
+        """Remember it for the next visit."""
+        write_text(self._kept(job), said.model_dump_json() + "\n")
+
+    def printed(self, folder: Path) -> JobSetUp | None:
+        """What the print in a folder was started with; None where the page didn't start it."""
+        path = folder / PRINTED
+        if not path.is_file():
+            return None
+        return JobSetUp.model_validate_json(path.read_text(encoding="utf-8"))
+
+    def keep_printed(self, folder: Path, said: JobSetUp) -> None:
+        """Write down what a print is started with."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / PRINTED, said.model_dump_json(indent=1) + "\n")
+
+    def _kept(self, job: str) -> Path:
+        self._workspace.job_file(job)  # refuses names that would lead elsewhere
+        return self._workspace.private / "set_ups" / f"{job}.json"

@@ -1,0 +1,64 @@
+"""Serial ports with the profiles that fit them, and a printer's profile in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles import Printer
+from printctl.link.finding import matches
+from printctl.link.ports import PortInfo, list_ports
+from printctl.web.shelf import Shelf
+
+SIMULATED: Final = "simulated"
+
+
+@dataclass(frozen=True)
+class FoundPort:
+    """A port, and the profiles whose USB id it has."""
+
+    device: str
+    description: str
+    usb_id: str
+    serial_number: str
+    profiles: tuple[str, ...]
+
+
+def ports_with_profiles(shelf: Shelf, ports: list[PortInfo] | None = None) -> list[FoundPort]:
+    """List this machine's serial ports; nothing is opened."""
+    printers = {name: shelf.load(Printer, name) for name in shelf.printers()}
+    return [
+        FoundPort(
+            port.device,
+            port.description,
+            port.usb_id,
+            port.serial_number,
+            tuple(name for name, printer in printers.items() if matches(printer, port)),
+        )
+        for port in (list_ports() if ports is None else ports)
+    ]
+
+
+def summary(printer: Printer) -> str:
+    """What a printer is, on one line."""
+    x, y, z = (f"{s.low:g} to {s.high:g}" for s in (printer.x_mm, printer.y_mm, printer.z_mm))
+    pushes = (
+        f"pneumatic, {printer.pneumatic.pressure_kpa:g} kPa"
+        if printer.pneumatic
+        else f"plunger, {printer.plunger_travel_mm:g} mm of travel"
+    )
+    heads = f", {printer.head_count} heads" if printer.heads else ""
+    return (
+        f"{printer.name}: {printer.firmware}, {printer.baud} Bd, X {x}, Y {y}, Z {z} mm; "
+        f"{pushes}{heads}"
+    )
+
+
+def unmeasured(printer: Printer) -> str:
+    """Which of its numbers are starting values; empty for none."""
+    if not printer.starting_values:
+        return ""
+    return (
+        f"Starting values, to be measured or compared with the machine: "
+        f"{', '.join(printer.starting_values)}"
+    )

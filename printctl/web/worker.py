@@ -1,0 +1,45 @@
+"""Long work of the pages in a process of its own: the server stays free, and loads no kernels."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from printctl.web.errors import ConflictError
+
+
+def worked(module: str, *words: str, said: str = "", longest_s: float, late: str, died: str) -> str:
+    """Run a module of ours to its end and give what it printed.
+
+    Parameters
+    ----------
+    module : str
+    *words : str
+        Its arguments.
+    said : str
+        What it is given to read.
+    longest_s : float, s
+    late, died : str
+        What a person is told when it takes longer, or ends in failure; the last line that it
+        wrote to stderr is added to ``died``.
+
+    Raises
+    ------
+    ConflictError
+    """
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", module, *words],
+            input=said,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            timeout=longest_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as exc:
+        raise ConflictError(late) from exc
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or ["no word"]
+        raise ConflictError(f"{died}: {last[0][:500]}")
+    return done.stdout

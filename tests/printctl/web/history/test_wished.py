@@ -1,0 +1,51 @@
+"""The list's address: what a form says is found again, and nonsense is left out."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl, urlsplit
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from printctl.web.history.wished import Wished
+
+WISHED = st.builds(
+    Wished,
+    words=st.text(max_size=20),
+    state=st.sampled_from(["", "done", "killed"]),
+    who=st.text(max_size=20),
+    since=st.sampled_from(["", "2026-01-31"]),
+    sort=st.sampled_from(["started", "file"]),
+    descending=st.booleans(),
+)
+
+
+@given(WISHED, st.integers(0, 10_000))
+def test_an_address_says_the_same_as_its_form(wished: Wished, page: int) -> None:
+    asked = dict(parse_qsl(urlsplit(wished.address(page)).query, keep_blank_values=True))
+    assert Wished.asked(asked) == (wished, page)
+
+
+def test_the_usual_list_has_a_plain_address() -> None:
+    assert Wished().address(0) == "/history"
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"sort": "nonsense"},
+        {"since": "yesterday", "until": "0000-00-00"},
+        {"page": "-1"},
+        {"page": "²"},
+        {"page": "9" * 99},
+        {"page": "0"},
+        {"descending": "maybe", "other": "1"},
+    ],
+)
+def test_nonsense_is_left_out(asked: dict[str, str]) -> None:
+    assert Wished.asked(asked) == (Wished(), 0)
+
+
+def test_a_long_text_is_cut() -> None:
+    assert len(Wished.asked({"words": "x" * 10_000})[0].words) == 200
