@@ -89,9 +89,12 @@ test-dist: $(VENV)/.ready-release
 audit: $(VENV)/.ready-release
 	$(BIN)/python .ci/audit.py
 
-# The page while it prints: the stop's way to the wire, what browsers cost; BENCH="--quick" for few tries.
+# The page while it prints: the stop's way to the wire, what browsers cost, how soon a picture is seen;
+# and the way from a clone to a first print. BENCH="--quick" for few tries.
 bench-operator: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.operator $(BENCH)
+	@$(BIN)/python -m benchmarks.operator_view $(BENCH)
+	@$(BIN)/python -m benchmarks.operator_first_print
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
