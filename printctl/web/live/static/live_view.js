@@ -11,8 +11,9 @@ import { Panel, element, listenToKeys } from "./panel.js";
 import { SceneProblem, loadScene, movesAhead, movesDone, placeOf } from "./scene.js";
 
 // While a print goes on, between two places of the needle, two pictures and two sentences. A picture
-// costs a browser without a graphics card ten times what the needle does.
+// costs a browser without a graphics card ten times what the needle does: there it comes half as often.
 const LEAST_MS = { needle: 200, picture: 500, words: 1000 };
+const SOFTWARE_PICTURE_MS = 1000;
 const AHEAD_S = 10; // what comes next
 const HELP = "Picture of the print. Arrow keys turn it, with Shift they move it, plus and minus zoom, "
   + "F fits it, 1, 2 and 3 look from the top, the front and the side.";
@@ -35,6 +36,7 @@ class LiveView {
     this.root.append(this.stage);
     host.replaceChildren(this.root);
     this.status = { executed: 0, acknowledged: 0, position: null };
+    this.least = { ...LEAST_MS };
     this.last = { needle: -Infinity, picture: -Infinity, words: -Infinity };
   }
 
@@ -63,6 +65,7 @@ class LiveView {
     }
     const { GlPainter } = await import("./gl_painter.js");
     const software = /swiftshader|llvmpipe|software|basic render/i.test(drawer);
+    if (software) this.least.picture = SOFTWARE_PICTURE_MS;
     return new GlPainter(this.stage, { software, onView });
   }
 
@@ -145,7 +148,7 @@ class LiveView {
     }
     this.live = true;
     if (this.timer || !this.panel) return;
-    const wait = Math.max(this.last.needle + LEAST_MS.needle - performance.now(), 0);
+    const wait = Math.max(this.last.needle + this.least.needle - performance.now(), 0);
     this.timer = setTimeout(() => this.tick(), wait);
   }
 
@@ -158,12 +161,12 @@ class LiveView {
     if (this.isDue("picture")) this.painter.advance(this.state);
     if (this.isDue("words")) this.speak();
     clearTimeout(this.late);
-    this.late = setTimeout(() => this.settle(), LEAST_MS.words);
+    this.late = setTimeout(() => this.settle(), this.least.words);
   }
 
   isDue(what) {
     const now = performance.now();
-    if (now - this.last[what] < LEAST_MS[what]) return false;
+    if (now - this.last[what] < this.least[what]) return false;
     this.last[what] = now;
     return true;
   }
