@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -79,15 +79,15 @@ def streaming_rows(
     """Lines per second to a peer that only answers, with the page at work and with it asleep.
 
     One print is streamed as fast as it goes; server and browsers are put to sleep (SIGSTOP) and
-    woken in turns, so that both are measured within seconds of each other. The rate itself drifts by
-    a factor of two in minutes here: the pseudo-terminal's wake-ups bound it, not the processor.
+    woken in turns, so that both are measured within seconds of each other: the rate itself drifts
+    by a factor of two within minutes here, bound as it is by the pseudo-terminal's wake-ups.
     """
     job = zigzag(MOVES).write(workspace / "speed.gcode")
     facts = profile(workspace, "speed", resets_on_connect=False)
-    for way in ("elsewhere", "on the same two cores"):
-        show(pages, f"{url}{WATCHED}" if way != "elsewhere" else "about:blank")
-        hearing = listeners(workspace / ".printctl" / "serve.json", WATCHING)
-        with nullcontext() if way != "elsewhere" else hearing:
+    elsewhere = listeners(workspace / ".printctl" / "serve.json", WATCHING)
+    here = _looking(pages, f"{url}{WATCHED}")
+    for way, watched in (("elsewhere", elsewhere), ("on the same two cores", here)):
+        with watched:
             place = workspace / "runs" / f"speed-{way.replace(' ', '-')}"
             awake, asleep = _rates(pairs, job, facts, place, server)
         ratios = [a / b for a, b in zip(awake, asleep, strict=True)]
@@ -103,6 +103,14 @@ def streaming_rows(
             | {"without_lines_s": round(float(np.median(asleep)))}
             | {"quartiles_percent": spread}
         )
+
+
+@contextmanager
+def _looking(pages: list[Any], url: str) -> Iterator[None]:
+    show(pages, url)
+    yield
+    for page in pages:
+        page.goto("about:blank")
 
 
 def _rates(
