@@ -6,10 +6,8 @@ The job's table (`printctl.web.job.table`) is written beside the answer's file.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 import sys
 from dataclasses import replace
 from typing import Any, Final
@@ -34,11 +32,10 @@ from printctl.printing import with_reloads_of
 from printctl.web.job.question import Question
 from printctl.web.job.table import JobTable
 from printctl.web.job.tabulating import make_table
+from printctl.web.polite import step_back
 from registration.report.gcode import GcodeJob
 from sim.dryrun import DryRun, dry_run
 
-_POLITE: Final = 10
-"""Niceness: a print that goes on comes first."""
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
 
@@ -133,9 +130,8 @@ def _ink(run: DryRun, mounted: SetUp, reloads: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer one question; `os.nice` isn't everywhere."""
-    with contextlib.suppress(AttributeError, OSError):
-        os.nice(_POLITE)
+    """Answer one question."""
+    step_back()
     try:
         answer = looked_at(Question.from_json(sys.stdin.readline()))
     except Exception as exc:

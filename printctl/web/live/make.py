@@ -7,7 +7,6 @@ One `JobSource` as a line of JSON comes in, one answer goes out: ``{"scene": PAT
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,9 +21,8 @@ from printctl.web.live.kept import cached_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
+from printctl.web.polite import step_back
 
-_POLITE: Final = 10
-"""Niceness: a print that goes on comes first."""
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
 
 
@@ -65,7 +63,7 @@ def warm() -> None:
 
 def main() -> None:
     """Answer until the input ends."""
-    os.nice(_POLITE)
+    step_back()
     warm()
     for line in sys.stdin:
         try:

@@ -5,13 +5,10 @@ What can't be made is said in the last line of standard error, with exit code 1.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
-import os
 import sys
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -24,14 +21,12 @@ from printctl.networks import Drive, load_source
 from printctl.pipeline.artefacts import GCODE, OXYGEN
 from printctl.pipeline.manifest import Manifest
 from printctl.web.design.look.views import LUMENS
+from printctl.web.polite import step_back
 from registration.picture import Quantity, quantities
 from registration.picture.quantity import magnitude, signed
 from registration.report import NetworkPage, ReportSurface, write_network_html
 from registration.report.gcode import GcodePage, write_gcode_html
 from registration.report.gcode.colouring import colourings
-
-_POLITE: Final = 10
-"""Niceness: a print that goes on comes first."""
 
 
 def write_network(run: Path, path: Path) -> None:
@@ -108,9 +103,8 @@ def _pushing(run: Path) -> Pushing:
 
 
 def main() -> int:
-    """Make one page; `os.nice` isn't everywhere."""
-    with contextlib.suppress(AttributeError, OSError):
-        os.nice(_POLITE)
+    """Make one page."""
+    step_back()
     sort, run, page = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     try:
         {"network": write_network, "gcode": write_gcode}[sort](run, page)

@@ -6,20 +6,17 @@ import json
 import os
 import sys
 import threading
-from typing import Final
 
 from printctl.web.job.camera.capture import Capture
 from printctl.web.job.camera.pipe import write_message
-
-_BEHIND_THE_PRINT: Final = 10
+from printctl.web.polite import step_back
 
 
 def main() -> None:
     """Look until the server is gone."""
     told = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_the_server, daemon=True).start()
-    if hasattr(os, "nice"):
-        os.nice(_BEHIND_THE_PRINT)
+    step_back()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what drivers print must not come between the pictures
     import cv2  # an extra, and slow to load

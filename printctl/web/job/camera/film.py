@@ -6,7 +6,6 @@ takes a minute of a processor.
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Final
 from PIL import Image
 
 from design.files import replacing
+from printctl.web.polite import step_back
 
 MOST_FRAMES: Final = 600
 LONGEST_PX: Final = 960
@@ -89,6 +89,5 @@ def _readable(path: Path) -> bool:
 
 
 if __name__ == "__main__":
-    if hasattr(os, "nice"):
-        os.nice(_BEHIND_THE_PRINT)
+    step_back(_BEHIND_THE_PRINT)
     write_film(Path(sys.argv[1]), Path(sys.argv[2]))
