@@ -8,7 +8,7 @@ from pathlib import Path
 from firmware_profiles import Facts, Printer, ProfileError, load, shipped
 from firmware_profiles.load import FOLDERS, Profile
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.workspace import checked_name
+from printctl.web.workspace import checked_name, is_name
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Shelf:
 
     def names(self, model: type[Facts]) -> list[str]:
         """The workspace's own first, then those shipped."""
-        own = sorted(path.stem for path in self.folder(model).glob("*.yaml"))
+        own = sorted(p.stem for p in self.folder(model).glob("*.yaml") if is_name(p.stem))
         return [*own, *(name for name in shipped(model) if name not in own)]
 
     def given(self, model: type[Facts], name: str) -> str:

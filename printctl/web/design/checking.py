@@ -26,6 +26,7 @@ from printctl.web.design import form as forms
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import read_text
 from printctl.web.errors import BadRequestError
+from printctl.web.shelf import Shelf
 
 PROFILES: Final[dict[str, type[Facts]]] = {
     "printers": Printer,
@@ -76,7 +77,7 @@ class Checked:
     problems: tuple[Problem, ...]
 
 
-def check_text(text: str, folder: Path) -> Checked:
+def check_text(text: str, folder: Path, shelf: Shelf) -> Checked:
     """Read and check a recipe.
 
     Parameters
@@ -84,17 +85,19 @@ def check_text(text: str, folder: Path) -> Checked:
     text : str
     folder : Path
         That the recipe's paths are relative to, and stay in.
+    shelf : Shelf
+        Profiles that it may name.
     """
     try:
         data = read_text(text)
     except BadRequestError as exc:
         return Checked(None, None, (Problem((), str(exc)),))
-    return check_data(data, folder)
+    return check_data(data, folder, shelf)
 
 
-def check_data(data: dict[str, Any], folder: Path) -> Checked:
+def check_data(data: dict[str, Any], folder: Path, shelf: Shelf) -> Checked:
     """As `check_text`, of data."""
-    named = tuple(_named(data, folder))
+    named = tuple(_named(data, folder, shelf))
     try:
         recipe = Recipe.model_validate(data)
     except ValidationError as exc:
@@ -108,7 +111,7 @@ def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:
     return Problem(path, sentence(raw, path).strip())
 
 
-def _named(data: dict[str, Any], folder: Path) -> list[Problem]:
+def _named(data: dict[str, Any], folder: Path, shelf: Shelf) -> list[Problem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
     found = []
     # Unknown keys are refused by the schema itself.
@@ -118,7 +121,7 @@ def _named(data: dict[str, Any], folder: Path) -> list[Problem]:
             continue
         message = ""
         if field.node.sort == "profile":
-            message = _profile(field.node.profile, value)
+            message = _profile(PROFILES[field.node.profile], value, shelf)
         elif field.node.sort == "file":
             message = _file(value, folder)
         if message:
@@ -126,11 +129,14 @@ def _named(data: dict[str, Any], folder: Path) -> list[Problem]:
     return found
 
 
-def _profile(sort: str, name: str) -> str:
-    if name.endswith((".yaml", ".yml")):
-        return "on the page a shipped profile is named; a file of your own is used from a terminal"
+def _profile(model: type[Facts], name: str, shelf: Shelf) -> str:
+    if name.endswith((".yaml", ".yml")) and name not in shelf.choices(model):
+        return (
+            f"on the page a shipped profile is named, or one of your own in {shelf.folder(model)}; "
+            "any other file is used from a terminal"
+        )
     try:
-        load(PROFILES[sort], name)
+        load(model, name)
     except ProfileError as exc:
         return str(exc)
     return ""

@@ -15,6 +15,7 @@ from printctl.cli.init import STARTER
 from printctl.web.design.checking import Checked, check_text
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.shelf import Shelf
 from printctl.web.workspace import Workspace, checked_name, is_name
 
 EXAMPLES: Final = Path(__file__).resolve().parents[3] / "examples"
@@ -66,10 +67,16 @@ class RecipeText:
 
 
 class Recipes:
-    """The folder ``recipes`` of a workspace, and its bin."""
+    """The folder ``recipes`` of a workspace, and its bin.
+
+    Attributes
+    ----------
+    shelf : Shelf
+        Profiles that a recipe may name.
+    """
 
     def __init__(self, workspace: Workspace) -> None:
-        self._workspace = workspace
+        self._workspace, self.shelf = workspace, Shelf(workspace.root)
         self._lock = threading.Lock()
 
     @property
@@ -99,7 +106,7 @@ class Recipes:
 
     def check(self, text: str) -> Checked:
         """Read a recipe's text and hold it against the schema."""
-        return check_text(text, self.folder)
+        return check_text(text, self.folder, self.shelf)
 
     def read(self, name: str) -> RecipeText:
         """A recipe's text.

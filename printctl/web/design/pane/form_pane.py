@@ -24,7 +24,7 @@ class FormPane:
     """Shows an editor's data as a form; rebuilt where the data's shape changes."""
 
     def __init__(self, editor: Editor) -> None:
-        self._editor = editor
+        self._editor, self._shelf = editor, editor.recipes.shelf
         self._inputs: dict[forms.Path, ValidationElement[Any]] = {}
         self._heads: dict[forms.Path, ui.expansion] = {}
         self._opened: set[forms.Path] = set()
@@ -197,7 +197,11 @@ class FormPane:
                 )
                 said = now[k] if k < len(now) else None
                 self._inputs[(*path, k)] = leaf(
-                    one, said, self._saying_item(field, path, k), f"{label(field)} {names[k]}"
+                    one,
+                    said,
+                    self._saying_item(field, path, k),
+                    self._shelf,
+                    f"{label(field)} {names[k]}",
                 )
 
     def _saying_item(self, field: FormField, path: forms.Path, k: int) -> Say:
@@ -219,7 +223,7 @@ class FormPane:
             await self._say(path, None if same and value is not True else value)
 
         value = forms.value_at(self._editor.data, path)
-        self._inputs[path] = leaf(field, value, say)
+        self._inputs[path] = leaf(field, value, say, self._shelf)
 
     # --- changes ----------------------------------------------------------------------------
 

@@ -9,18 +9,21 @@ from nicegui import ui
 from nicegui.elements.mixins.validation_element import ValidationElement
 from nicegui.events import ValueChangeEventArguments
 
-from firmware_profiles import shipped
 from printctl.web.design.checking import PROFILES
 from printctl.web.design.pane.words import hint, label, placeholder, shown, typed
 from printctl.web.design.schema import FormField, Node
+from printctl.web.shelf import Shelf
 
 Say = Callable[[Any], Awaitable[None]]
 """Told of a new value; None for the default."""
 
 _DEFAULT = "\0default"
+_YES_NO = {True: "yes", False: "no"}
 
 
-def leaf(field: FormField, value: Any, say: Say, name: str = "") -> ValidationElement[Any]:
+def leaf(
+    field: FormField, value: Any, say: Say, shelf: Shelf, name: str = ""
+) -> ValidationElement[Any]:
     """An input that shows a value, or its default, and says what is made of it.
 
     Parameters
@@ -29,11 +32,13 @@ def leaf(field: FormField, value: Any, say: Say, name: str = "") -> ValidationEl
     value : JSON value
         None where nothing is said.
     say : function
+    shelf : Shelf
+        Profiles that can be chosen.
     name : str
         In place of the field's label.
     """
     if field.node.sort in ("one_of", "profile", "flag"):
-        element = _choice(field, value, say, name or label(field))
+        element = _choice(field, value, say, shelf, name or label(field))
     else:
         element = _text(field, value, say, name or label(field))
     words = hint(field)
@@ -56,31 +61,31 @@ def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElemen
     return element
 
 
-def _choice(field: FormField, value: Any, say: Say, name: str) -> ValidationElement[Any]:
+def _choice(
+    field: FormField, value: Any, say: Say, shelf: Shelf, name: str
+) -> ValidationElement[Any]:
+    known = {_key(one): (one, word) for one, word in _values(field.node, shelf)}
     options = {_DEFAULT: f"{placeholder(field)} (default)"} if not field.required else {}
-    options |= {_key(one): str(_word(one)) for one in _values(field.node)}
+    options |= {key: word for key, (_, word) in known.items()}
     now = _DEFAULT if value is None else _key(value)
     if now not in options:
         options[now] = str(value) if value is not None else "to be given"
 
     async def changed(event: ValueChangeEventArguments[str | None]) -> None:
         chosen = event.value or _DEFAULT
-        values = {_key(one): one for one in _values(field.node)}
-        await say(values.get(chosen))
+        await say(known[chosen][0] if chosen in known else None)
 
     element = ui.select(options, label=name, value=now, on_change=changed)
     element.props("outlined dense stack-label options-dense").classes("pc-field")
     return element
 
 
-def _values(node: Node) -> list[Any]:
-    if node.sort == "flag":
-        return [True, False]
-    return list(node.values) if node.sort == "one_of" else shipped(PROFILES[node.profile])
-
-
-def _word(value: Any) -> Any:
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+def _values(node: Node, shelf: Shelf) -> list[tuple[Any, str]]:
+    """Each with its word."""
+    if node.sort in ("flag", "one_of"):
+        plain = (True, False) if node.sort == "flag" else node.values
+        return [(one, _YES_NO[one] if isinstance(one, bool) else str(one)) for one in plain]
+    return list(shelf.choices(PROFILES[node.profile]).items())
 
 
 def _key(value: Any) -> str:

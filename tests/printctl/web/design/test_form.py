@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
+from firmware_profiles import Ink, load
 from printctl.cli.init import STARTER
 from printctl.recipe import Recipe, parse_recipe
 from printctl.web.design import form as forms
@@ -17,6 +18,7 @@ from printctl.web.design.recipes import EXAMPLES
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError
+from printctl.web.shelf import Shelf
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
 FORM = recipe_form()
@@ -51,7 +53,9 @@ def test_a_shipped_recipe_goes_through_the_form_unchanged(path: Path) -> None:
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_shipped_recipe_has_nothing_to_mend(path: Path) -> None:
-    assert check_text(path.read_text(encoding="utf-8"), path.parent).problems == ()
+    assert (
+        check_text(path.read_text(encoding="utf-8"), path.parent, Shelf(path.parent)).problems == ()
+    )
 
 
 def test_every_key_of_the_model_is_in_the_form() -> None:
@@ -121,10 +125,31 @@ def test_an_optional_section_stays_when_it_is_empty() -> None:
 def test_a_problem_stands_at_its_field(
     more: dict[str, Any], place: str, words: str, tmp_path: Path
 ) -> None:
-    problems = check_data({**PLANAR, **more}, tmp_path).problems
+    problems = check_data({**PLANAR, **more}, tmp_path, Shelf(tmp_path)).problems
     found = [problem for problem in problems if problem.place == place]
     assert found, [problem.message for problem in problems]
     assert words in found[0].message
+
+
+def test_own_profiles_are_those_on_the_shelf(tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path)
+    own = shelf.folder(Ink) / "measured.yaml"
+    own.parent.mkdir(parents=True)
+    own.write_text(yaml.safe_dump(load(Ink, "collagen_fresh").model_dump(mode="json")))
+    (own.parent / "no name.yaml").write_text("{}")
+    elsewhere = tmp_path / "elsewhere.yaml"
+    elsewhere.write_text(own.read_text())
+
+    def problems(name: str) -> list[str]:
+        data = {**PLANAR, "printer": {"ink": name}}
+        return [one.message for one in check_data(data, tmp_path, shelf).problems]
+
+    assert problems(shelf.given(Ink, "measured")) == []
+    assert "of your own in" in problems(str(elsewhere))[0]
+    assert "of your own in" in problems("../profiles/inks/measured.yaml")[0]
+    own.write_text("viscosity: x")
+    assert problems(shelf.given(Ink, "measured")) != []
+    assert shelf.names(Ink)[0] == "measured"
 
 
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
@@ -187,4 +212,4 @@ def test_hostile_text_is_refused(text: str, words: str) -> None:
     ],
 )
 def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
-    assert check_text(text, tmp_path).problems
+    assert check_text(text, tmp_path, Shelf(tmp_path)).problems
