@@ -100,6 +100,10 @@ class Recipes:
         """Their names, sorted."""
         return sorted(p.stem for p in self.folder.glob("*.yaml") if is_name(p.stem))
 
+    def files(self) -> list[str]:
+        """Files beside the recipes that these may name, sorted."""
+        return sorted(p.name for p in self.folder.iterdir() if p.suffix.lower() in SUFFIXES)
+
     def examples(self) -> list[str]:
         """What a new recipe can begin from."""
         return ["starter", *sorted(path.stem for path in EXAMPLES.glob("*.yaml"))]

@@ -35,6 +35,7 @@ if (!window.pcThemed) {
     }
   });
   themed();
+  reachable();
 }
 """
 

@@ -24,7 +24,7 @@ class FormPane:
     """Shows an editor's data as a form; rebuilt where the data's shape changes."""
 
     def __init__(self, editor: Editor) -> None:
-        self._editor, self._shelf = editor, editor.recipes.shelf
+        self._editor = editor
         self._inputs: dict[forms.Path, ValidationElement[Any]] = {}
         self._heads: dict[forms.Path, ui.expansion] = {}
         self._opened: set[forms.Path] = set()
@@ -200,7 +200,7 @@ class FormPane:
                     one,
                     said,
                     self._saying_item(field, path, k),
-                    self._shelf,
+                    self._editor.recipes,
                     f"{label(field)} {names[k]}",
                 )
 
@@ -223,7 +223,7 @@ class FormPane:
             await self._say(path, None if same and value is not True else value)
 
         value = forms.value_at(self._editor.data, path)
-        self._inputs[path] = leaf(field, value, say, self._shelf)
+        self._inputs[path] = leaf(field, value, say, self._editor.recipes)
 
     # --- changes ----------------------------------------------------------------------------
 

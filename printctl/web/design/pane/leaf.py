@@ -11,8 +11,8 @@ from nicegui.events import ValueChangeEventArguments
 
 from printctl.web.design.checking import PROFILES
 from printctl.web.design.pane.words import hint, label, placeholder, shown, typed
+from printctl.web.design.recipes import Recipes
 from printctl.web.design.schema import FormField, Node
-from printctl.web.shelf import Shelf
 
 Say = Callable[[Any], Awaitable[None]]
 """Told of a new value; None for the default."""
@@ -22,7 +22,7 @@ _YES_NO = {True: "yes", False: "no"}
 
 
 def leaf(
-    field: FormField, value: Any, say: Say, shelf: Shelf, name: str = ""
+    field: FormField, value: Any, say: Say, recipes: Recipes, name: str = ""
 ) -> ValidationElement[Any]:
     """An input that shows a value, or its default, and says what is made of it.
 
@@ -32,13 +32,13 @@ def leaf(
     value : JSON value
         None where nothing is said.
     say : function
-    shelf : Shelf
-        Profiles that can be chosen.
+    recipes : Recipes
+        They know the profiles and files that can be chosen.
     name : str
         In place of the field's label.
     """
-    if field.node.sort in ("one_of", "profile", "flag"):
-        element = _choice(field, value, say, shelf, name or label(field))
+    if field.node.sort in ("one_of", "profile", "flag", "file"):
+        element = _choice(field, value, say, recipes, name or label(field))
     else:
         element = _text(field, value, say, name or label(field))
     words = hint(field)
@@ -62,9 +62,9 @@ def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElemen
 
 
 def _choice(
-    field: FormField, value: Any, say: Say, shelf: Shelf, name: str
+    field: FormField, value: Any, say: Say, recipes: Recipes, name: str
 ) -> ValidationElement[Any]:
-    known = {_key(one): (one, word) for one, word in _values(field.node, shelf)}
+    known = {_key(one): (one, word) for one, word in _values(field.node, recipes)}
     options = {_DEFAULT: f"{placeholder(field)} (default)"} if not field.required else {}
     options |= {key: word for key, (_, word) in known.items()}
     now = _DEFAULT if value is None else _key(value)
@@ -80,12 +80,14 @@ def _choice(
     return element
 
 
-def _values(node: Node, shelf: Shelf) -> list[tuple[Any, str]]:
+def _values(node: Node, recipes: Recipes) -> list[tuple[Any, str]]:
     """Each with its word."""
     if node.sort in ("flag", "one_of"):
         plain = (True, False) if node.sort == "flag" else node.values
         return [(one, _YES_NO[one] if isinstance(one, bool) else str(one)) for one in plain]
-    return list(shelf.choices(PROFILES[node.profile]).items())
+    if node.sort == "file":
+        return [(one, one) for one in recipes.files()]
+    return list(recipes.shelf.choices(PROFILES[node.profile]).items())
 
 
 def _key(value: Any) -> str:

@@ -107,6 +107,9 @@ class RecipesBar:
             await self._go(recipes.take_in, name, data)
         elif (taken := await told(recipes.take_file, name, data)) is not None:
             ui.notify(f"{taken} can be named in recipes now", type="positive")
+            if self._editor.name and self._editor.saved:
+                await told(self._editor.load, self._editor.name)
+                self._editor.tell(True)
 
     async def _delete(self) -> None:
         name = self._editor.name

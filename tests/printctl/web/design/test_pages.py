@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 from PIL import Image, ImageChops, ImageStat
+from playwright.sync_api import expect
 
+from printctl.cli.init import STARTER
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, TABLET, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
@@ -61,7 +63,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     text.fill(quick)
     page.get_by_text("toolpath", exact=True).first.click()
     layer = page.get_by_label("layer (µm)")
-    assert layer.input_value() == "150"
+    expect(layer).to_have_value("150")  # what is typed is taken up a moment later
     layer.fill("1")
     page.get_by_text("Input should be greater than or equal to 10 (is 1)", exact=True).wait_for()
     page.get_by_text("one: 1 to mend · saved").wait_for()
@@ -128,8 +130,9 @@ def _differ(one: bytes, other: bytes) -> float:
 
 def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None:
     page = shown(browser, f"{served.url}/design?recipe=one&tab=look")
-    frame = page.wait_for_selector("iframe[src]", timeout=30_000).content_frame()
-    frame.wait_for_load_state()
+    inside = page.frame_locator("iframe").first  # it is loaded anew once the theme is known
+    inside.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    frame = page.query_selector("iframe[src]").content_frame()
     assert frame.evaluate("origin") == "null"
     asked = "fetch('/api/v1/runs').then(() => 'reached', () => 'refused')"
     assert frame.evaluate(asked) == "refused"
@@ -147,6 +150,27 @@ def test_the_page_fits_small_screens(
         assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
         assert serious(page) == []
         page.context.close()
+
+
+def test_a_file_is_imported_and_chosen_in_the_form(
+    served: Process, browser: Any, workspace: Path, tmp_path: Path
+) -> None:
+    given = STARTER.read_text().replace(
+        "\n  design: planar_four_vessel", " {network: missing.csv, unit: mm}#"
+    )
+    (workspace / "recipes" / "given.yaml").write_text(given)
+    vessels = tmp_path / "vessels.csv"
+    vessels.write_text((workspace / "runs" / "one" / "network.csv").read_text())
+    page = shown(browser, f"{served.url}/design?recipe=given")
+    page.get_by_text(re.compile("^given: 1 to mend")).wait_for()
+    page.get_by_role("button", name="Import").click()
+    page.locator("input[type=file]").set_input_files(str(vessels))
+    page.get_by_text("vessels.csv can be named in recipes now").wait_for()
+    page.get_by_text("vasculature", exact=True).first.click()
+    page.get_by_label("network", exact=True).click()
+    page.get_by_role("option", name="vessels.csv").click()
+    page.get_by_text(re.compile("^given: ready to be made")).wait_for()
+    assert "network: vessels.csv" in (workspace / "recipes" / "given.yaml").read_text()
 
 
 def test_markup_in_a_file_s_name_is_shown_as_text(
