@@ -17,15 +17,15 @@ serve: $(VENV)/.ready-web
 test: lint
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
-# Long runs of shipped examples, minutes each.
+# Long runs of shipped examples, minutes each; more sizes, seeds and themes of what CI tests.
 test-slow: $(VENV)/.ready-test
 	$(BIN)/python -m pytest -m slow --numprocesses 2
 
 # Pages in Chromium, and the API against its description; skipped where there is no Chromium.
 # What fails beside another browser on the same two cores is tried once more, alone.
 test-browser: $(VENV)/.ready-test
-	$(BIN)/python -m pytest -m browser --numprocesses 2 --dist loadfile || \
-	  $(BIN)/python -m pytest -m browser --last-failed --last-failed-no-failures none
+	$(BIN)/python -m pytest -m "browser and not slow" --numprocesses 2 --dist loadfile || \
+	  $(BIN)/python -m pytest -m "browser and not slow" --last-failed --last-failed-no-failures none
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .

@@ -6,10 +6,13 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 OURS = {"design", "firmware_profiles", "kernels", "printctl", "registration", "sim"}
 
 
+@pytest.mark.slow
 def test_wheel_has_our_packages_and_their_data_and_nothing_else(tmp_path: Path) -> None:
     # From a copy: setuptools leaves its build folder behind.
     source = tmp_path / "source"

@@ -91,6 +91,7 @@ def test_report_is_json_with_the_promised_keys(planar: tuple[Scanned, Registrati
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_decibels_give_the_same_surface_as_linear_values(
     planar: tuple[Scanned, RegistrationReport],
 ) -> None:
@@ -146,6 +147,7 @@ def test_embedded_lumens_in_microct_are_registered_from_any_rotation() -> None:
         assert abs(vessel.error_percent) < 6
 
 
+@pytest.mark.slow
 def test_bright_lumens_are_found_when_told() -> None:
     network = bent_network()
     scanned = microct_of(network, network, seed=3)

@@ -30,6 +30,7 @@ def _part(text: str) -> str:
     return "".join([*lines[:LINES], "M400\n"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "profile",
     ["ender5_duet3_replistruder5", pytest.param("klipper_bioprinter", marks=pytest.mark.slow)],

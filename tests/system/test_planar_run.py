@@ -75,6 +75,7 @@ def test_manifest_holds_versions_frames_and_hashes(planar_run: Path) -> None:
     assert manifest["stages"]["toolpath"]["outputs"]["part.gcode"] == digest
 
 
+@pytest.mark.slow
 def test_second_run_does_nothing_again(planar_run: Path) -> None:
     before = (planar_run / "part.gcode").stat().st_mtime_ns
     done = printctl("run", RECIPE, "--out", planar_run, "--pdf", "--json", cwd=planar_run)

@@ -8,15 +8,15 @@ from typing import Any, Final
 
 from nicegui import run, ui
 
-from printctl.link.states import ENDED
 from printctl.web.errors import WebError
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
 from printctl.web.job.card_preflight import add_preflight
-from printctl.web.job.card_print import add_print, heard
+from printctl.web.job.card_print import PrintCard, heard
 from printctl.web.job.card_start import add_start
 from printctl.web.job.parts import card, small, tried
+from printctl.web.job.print_words import ENDED_STATES
 from printctl.web.job.service import JobService
 from printctl.web.live.element import LiveView, live_view
 from printctl.web.shell.frame import frame
@@ -24,7 +24,6 @@ from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
 _STYLE: Final = Path(__file__).with_name("job.css")
-_ENDED: Final = {state.value for state in ENDED}
 
 
 def register(service: JobService) -> None:
@@ -88,7 +87,7 @@ async def _cards(service: JobService, job: str) -> None:
     record, _ = await tried(service.record, job)
     with ui.element("div").classes("job-column"):
         ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
-        show_print = add_print(service, who, job)
+        show_print = PrintCard(service, who, job).show
         tell_view = _teller(_live_view(service, job))
         await add_camera(service, job)
         said = add_preflight(service, who, job, first, machine)
@@ -98,7 +97,7 @@ async def _cards(service: JobService, job: str) -> None:
 
     def show(told: dict[str, Any] | None) -> None:
         show_print(told)
-        show_start(told is not None and told["state"] not in _ENDED)
+        show_start(told is not None and told["state"] not in ENDED_STATES)
 
     def refresh() -> None:
         told = service.core.events.latest.get("print")

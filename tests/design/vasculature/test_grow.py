@@ -118,6 +118,7 @@ def test_printable_tree_fits_the_real_gyrus():
     np.testing.assert_array_equal(tree.proximal[0], tissue.top_vertex()[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 2))])
 @pytest.mark.parametrize("smallest", [pytest.param(None, marks=pytest.mark.slow), 0.01])
 def test_trees_stay_out_of_a_slit_thinner_than_a_cell(slit, seed, smallest):
@@ -141,6 +142,7 @@ def test_large_tree_stays_in_the_real_heart():
     assert outside_exactly(tree, tissue) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_stem_is_as_long_as_asked_with_its_final_radius(tissues, seed):
     options = GrowthOptions(terminals=100, seed=seed, murray_exponent=2.3, clearance_mm=0.02)
@@ -162,6 +164,7 @@ def test_stem_without_room_for_its_length_is_refused(tissues):
         grow_tree(tissues["block"], GrowthOptions(terminals=20, length_to_radius=100.0))
 
 
+@pytest.mark.slow
 def test_refusal_says_what_was_reserved_and_fewer_terminals_do_fit():
     cube = tissue_of(block((10.0, 10.0, 10.0)))
     asked = {"smallest_radius_mm": 0.1, "clearance_mm": 0.1}

@@ -68,6 +68,7 @@ def test_polish_keeps_them(tissues):
     check(done.tree, limits)
 
 
+@pytest.mark.slow
 def test_limits_that_leave_no_tree_are_told(tissues):
     options = GrowthOptions(terminals=60, branch_angle_degrees=(170.0, 175.0))
     with pytest.raises(GrowthError):

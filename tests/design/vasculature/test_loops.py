@@ -141,6 +141,7 @@ def test_no_connection_is_thinner_than_asked(tissue):
     assert radius.min() >= 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(4, marks=pytest.mark.slow), 7])
 def test_short_connections_dont_overlap_within_their_joints(seed):
     ring = tissue_of(annulus(28.0, 12.0, 10.0))

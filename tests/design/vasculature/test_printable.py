@@ -53,6 +53,7 @@ def test_says_how_far_it_grew(brick):
         grow_printable(brick, GrowthOptions(terminals=5))
 
 
+@pytest.mark.slow
 def test_takes_a_deep_root_where_the_default_one_is_too_shallow():
     """Both ventricles, scaled to 60 mm: at the highest vertex the wall is too thin for a trunk."""
     path = SHARED / "biventricle_svv.stl"

@@ -149,6 +149,7 @@ def test_a_scan_in_mid_print_shows_the_missing_line_and_its_line_of_the_file(
     assert "http" not in page.replace("http-equiv", "")
 
 
+@pytest.mark.slow
 def test_a_calibration_of_walls_moves_gels_border(tmp_path: Path, shell: Shell) -> None:
     """The slot of 0.2 mm is free of lines; its walls 20 um further back leave less gel in it."""
     share = []
@@ -250,6 +251,7 @@ def test_lines_written_larger_are_laid_over_the_design_in_its_size(tmp_path: Pat
     assert "as written" in rigid.notes[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radial_um", "gaps"), [(-100.0, 0), (0.0, 1)])
 def test_a_lumen_written_narrower_that_came_out_as_designed_is_no_gap(
     radial_um: float, gaps: int, tmp_path: Path, shell: Shell

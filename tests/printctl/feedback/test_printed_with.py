@@ -111,6 +111,7 @@ def test_from_a_run_to_the_next_ones_gcode(first: Path, shell: Shell) -> None:
     assert read_print(first / "next").base.stretch.factor == tuple(factor)
 
 
+@pytest.mark.slow
 def test_another_files_content_makes_the_toolpath_again(first: Path, made: dict[str, Any]) -> None:
     printed(first, "again", made)
     key = Manifest.load(first / "again").stages["toolpath"].key
@@ -196,6 +197,7 @@ def test_both_ways_to_compensate_at_once_are_refused() -> None:
         parse_recipe(data, "r.yaml")
 
 
+@pytest.mark.slow
 def test_a_print_with_the_recipes_own_numbers_is_composed_with(first: Path) -> None:
     own = {"shrink_percent": [2.0, 1.0, 0.0], "radial_um": 12.0}
     run(first, "own", recipe_of(compensate=own))

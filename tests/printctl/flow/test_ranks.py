@@ -199,6 +199,7 @@ def test_poiseuilles_pressure_drop_comes_out(engine, tmp_path):
     assert len(found.report["memory_mb"]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one processor")
 def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
     mesh = pipe_mesh(RADIUS, LENGTH, 2, 3, bend_rad=1.0)
@@ -217,6 +218,7 @@ def test_two_ranks_find_what_one_does_by_either_solver(engine, tmp_path):
     assert one.port_pressure[0] - one.port_pressure[1] > straight
 
 
+@pytest.mark.slow
 def test_a_supplys_flow_and_given_pressures_come_out(engine, tmp_path):
     ports = PortShare(0), PortPressure(3.0)
     found = solved(tmp_path, engine, 1, *ports, supplies=(FLOW,), model="stokes")

@@ -109,6 +109,7 @@ def test_changes_that_the_dry_run_planned_are_given_on(
     assert order.care.reload_at == (120, 240)
 
 
+@pytest.mark.slow
 def test_part_too_big_for_the_plunger_is_refused_or_printed_with_changes(tmp_path: Path) -> None:
     short = PRINTER.model_dump(mode="json", exclude_unset=True) | {"plunger_travel_mm": 10.0}
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(short))

@@ -56,6 +56,7 @@ def planned(folder: Path, regions: list[dict[str, Any]], name: str = "run") -> d
     return toolpath_recipe(made, folder, folder / name, Console(quiet=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("region", "second_ul"),
     [(HALF, WHOLE_UL / 2), ({"around_vessels_mm": 0.4, "head": 1}, ROUND_UL)],

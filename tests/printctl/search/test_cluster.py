@@ -27,6 +27,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return left_behind(folder / "out")
 
 
+@pytest.mark.slow
 def test_killed_it_loses_what_ran_and_goes_on_to_the_same_end(
     tmp_path: Path, alone: dict[str, bytes]
 ) -> None:

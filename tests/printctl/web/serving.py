@@ -8,10 +8,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI
 from starlette.responses import HTMLResponse
@@ -27,6 +28,7 @@ from printctl.web.workspace import Workspace
 ROOT = Path(__file__).resolve().parents[3]
 PORT = 8080
 PAGE = f"http://127.0.0.1:{PORT}"
+_DESCRIBED: dict[str, Callable[[], dict[str, Any]]] = {}
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ def served(folder: Path, **said: object) -> Served:
     def page() -> HTMLResponse:
         return HTMLResponse("<!doctype html><script>1</script>")
 
+    described = _DESCRIBED.setdefault("app", app.openapi)
+    app.openapi = described  # type: ignore[method-assign]  # the same of every app, slow to make
     gate = make_gate(settings, workspace, PORT, PORT + 1)
     return Served(core, app, gate, guarded(app, core, gate))
 

@@ -103,6 +103,7 @@ def test_vessels_in_series_with_a_closed_one_are_named_with_it(tmp_path: Path) -
     assert report.vessels[8].patency == "not reached"
 
 
+@pytest.mark.slow
 def test_shake_and_drift_leave_arrivals_where_they_are(tmp_path: Path) -> None:
     calm = planar_report(tmp_path / "calm", spoilt=Disturbance())
     rough = planar_report(tmp_path / "rough", spoilt=Disturbance(drift=0.15, shake_px=1.5))

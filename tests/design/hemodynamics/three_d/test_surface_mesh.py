@@ -33,6 +33,7 @@ def drop(mesh: LumenMesh, order: int = 2) -> float:
     return float(np.ptp(solution.port_pressure)) / ideal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_a_faceted_tube_flows_like_the_round_one(beyond: float) -> None:
     pytest.importorskip("netgen")

@@ -15,7 +15,7 @@ from playwright.sync_api import expect
 
 from printctl.cli.init import STARTER
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, TABLET, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
@@ -138,8 +138,7 @@ def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None
     assert frame.evaluate(asked) == "refused"
 
 
-@pytest.mark.parametrize("viewport", [PHONE, TABLET], ids=["phone", "tablet"])
-@pytest.mark.parametrize("colours", ["light", "dark"])
+@pytest.mark.parametrize(("viewport", "colours"), LOOKS[1:])
 def test_the_page_fits_small_screens(
     served: Process, browser: Any, viewport: dict[str, int], colours: str
 ) -> None:

@@ -66,6 +66,7 @@ def test_a_job_out_of_bounds_or_not_g_code_is_refused_with_its_reason(service):
         service.preflight(bad, JobSetUp())
 
 
+@pytest.mark.slow
 def test_a_needle_that_goes_up_and_down_without_a_map_is_a_row_of_the_list(service):
     rising = b"M302 P1\nG90\nM82\nG92 X50 Y50 Z10 E0\nG1 X60 Z12 E0.5 F300\nG1 X50 Z10 E1 F300\n"
     job = service.upload("rising.gcode", [rising]).id

@@ -55,6 +55,7 @@ def test_a_print_is_started_held_gone_on_with_and_done(service, station):
         service.start(OPERATOR, job, said, WORDS)
 
 
+@pytest.mark.slow
 def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
     job = add(service)
     service.start(OPERATOR, job, ready(service, job), WORDS)

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 from printctl.link.errors import LinkError
 from printctl.station import attach
 from tests.printctl.web.serving import server_process
-from tests.printctl.web.shell.browsers import serious
+from tests.printctl.web.shell.browsers import LOOKS, serious
 from tests.printctl.web.shell.dialogs import serious_in_dialog
 
 pytestmark = pytest.mark.browser
@@ -227,10 +227,9 @@ def test_wizard_of_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> No
     expect(page.get_by_text("written: steps_per_mm.e")).to_be_visible(timeout=10_000)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(("width", "height"), [(1400, 1000), (820, 1180), (390, 844)])
-def test_page_is_accessible_and_fits(visit: Open, width: int, height: int, scheme: str) -> None:
-    page = connected(visit(width, height, scheme))
+@pytest.mark.parametrize(("size", "scheme"), LOOKS)
+def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: str) -> None:
+    page = connected(visit(size["width"], size["height"], scheme))
     page.wait_for_timeout(500)
     assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -252,6 +251,7 @@ def test_dialogs_are_accessible(visit: Open, opener: str) -> None:
     assert serious_in_dialog(page) == []
 
 
+@pytest.mark.slow
 def test_page_of_a_new_server_finds_the_printer_again(browser: Browser, tmp_path: Path) -> None:
     workspace = tmp_path / "ws"
     page = browser.new_page()

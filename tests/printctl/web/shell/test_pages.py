@@ -7,7 +7,7 @@ import pytest
 
 from tests.printctl.web.printing import ended_by_kill, soon, under_way
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, TABLET, WIDE, serious, shown
+from tests.printctl.web.shell.browsers import LOOKS, PHONE, TABLET, WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
 PAGES = ("/printer", "/job", "/design", "/scan", "/history")
@@ -122,8 +122,7 @@ def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: 
         page.context.close()
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+@pytest.mark.parametrize(("size", "theme"), LOOKS)
 @pytest.mark.parametrize("way", PAGES)
 def test_axe_finds_nothing_serious(
     served: Any, browser: Any, way: str, size: dict[str, int], theme: str

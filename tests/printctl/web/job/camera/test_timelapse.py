@@ -33,6 +33,7 @@ def ended(service: JobService, job: str):
     return heard if heard is not None and heard.status.state is LinkState.DONE else None
 
 
+@pytest.mark.slow
 def test_a_print_leaves_a_picture_a_layer_and_a_film(core, service, station):
     job = add(service, layers=6)
     until(lambda: service.watching.seen().state == "there")
