@@ -14,6 +14,8 @@ from registration import RegistrationReport, register_scan
 from registration.errors import SegmentationError
 from registration.scan import Scan
 
+pytestmark = pytest.mark.slow  # half a minute; registration by scans of the simulator is in CI
+
 DESIGN = planar()
 SETTING = Setting(shape=(430, 280, 84), voxel_mm=(0.030, 0.030, 0.030), turn_deg=8.0)
 

@@ -41,6 +41,7 @@ def test_design_says_how_far_the_tree_could_grow(tmp_path: Path) -> None:
     assert said in done.stderr
 
 
+@pytest.mark.slow
 def test_printable_finds_its_root_itself(tmp_path: Path) -> None:
     recipe = recipe_file(tmp_path, "heart_printable", vasculature={"root": "search"})
     done = printctl("design", recipe, "--out", "heart", cwd=tmp_path)

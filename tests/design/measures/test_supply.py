@@ -43,6 +43,7 @@ def supply(network: VesselNetwork, tissue: Tissue, **options: object) -> Supply:
     return measured
 
 
+@pytest.mark.slow
 def test_a_straight_vessel_in_a_rod_has_the_distances_of_its_annulus(rod: Tissue) -> None:
     found = supply(straight(), rod, samples=100_000)
     area = RADIUS**2 - LUMEN**2

@@ -134,6 +134,7 @@ def test_asked_spacing_too_coarse_for_the_wall_is_refused():
         tissue_of(surfaces.thin_box(0.3), spacing_mm=0.5)
 
 
+@pytest.mark.slow
 def test_grid_is_the_same_whatever_the_number_of_threads():
     import numba
 

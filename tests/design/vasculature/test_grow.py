@@ -107,6 +107,7 @@ def test_printable_tree_keeps_its_smallest_radius(tissues):
     assert tree_radii(tree).min() == pytest.approx(0.12)
 
 
+@pytest.mark.slow
 def test_printable_tree_fits_the_real_gyrus():
     path = SHARED / "gyrus_patch_fsaverage5.stl"
     if not path.is_file():

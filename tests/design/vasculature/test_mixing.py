@@ -8,6 +8,7 @@ from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, RootSpec, collisions, grow_forest, mix_trees
+from tests.slower import first_of
 
 A, V, L, C = (
     VesselKind.ARTERY,
@@ -38,7 +39,7 @@ def grown(tissue, kinds, counts=None, seed=1):
     )
 
 
-@pytest.mark.parametrize("kinds", [[A, A, V], [A, V, L], [A, V, A, V]], ids=str)
+@pytest.mark.parametrize("kinds", first_of([[A, A, V], [A, V, L], [A, V, A, V]]), ids=str)
 def test_every_node_mixes_all_trees_in_equal_shares(tissue, kinds):
     mixed = mix_trees(tissue, grown(tissue, kinds), kinds)
     network = mixed.network

@@ -15,6 +15,7 @@ from design.vasculature.polish.polish import find_faults, polish
 from design.vasculature.polish.workbench import Bench
 from tests.design.tissue import surfaces
 from tests.design.vasculature.test_grow import check, tissue_of
+from tests.slower import first_of
 
 SHAPES = {
     "hollow sphere": surfaces.hollow_sphere,
@@ -41,7 +42,7 @@ def tips(tree):
     return ends[np.lexsort(ends.T)]
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", first_of(SHAPES, 2))
 def test_polished_trees_are_smaller_and_still_fit(name):
     tissue = tissue_of(SHAPES[name]())
     for seed in range(3):

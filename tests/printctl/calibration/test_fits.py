@@ -24,6 +24,7 @@ from printctl.calibration import (
 )
 from printctl.calibration.lag import expected_width
 from printctl.errors import UsageError
+from tests.slower import first_of
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 AREA = math.pi / 4 * SYRINGE.inner_mm**2
@@ -261,7 +262,7 @@ def test_expected_widths_are_those_of_the_differential_equation() -> None:
 
 
 @pytest.mark.parametrize("bead", ["flat", "round"])
-@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("index", first_of(range(3)))
 def test_lag_and_flow_factor_are_covered_as_promised(bead: str, index: int) -> None:
     truth = (0.92, 0.45, 0.7)
     pattern = LagPattern(bead=bead)  # type: ignore[arg-type]

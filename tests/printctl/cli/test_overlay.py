@@ -179,6 +179,7 @@ def test_only_the_layers_that_are_asked_for(tmp_path: Path, shell: Shell) -> Non
         assert 900 < picture.size[0] < 1300
 
 
+@pytest.mark.slow
 def test_the_same_scan_gives_the_same_bytes(tmp_path: Path, shell: Shell) -> None:
     kept = []
     for _ in range(2):

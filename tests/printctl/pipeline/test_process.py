@@ -36,6 +36,7 @@ def test_a_print_longer_than_its_cells_have_is_refused(tmp_path: Path) -> None:
         dry_run(tmp_path, viability_min=minutes / 2, **said)
 
 
+@pytest.mark.slow
 def test_ink_is_told_with_what_stays_behind(tmp_path: Path) -> None:
     found = dry_run(tmp_path)
     assert "not known" in found["time_the_cells_have"]

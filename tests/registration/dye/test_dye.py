@@ -96,6 +96,7 @@ def test_an_occluded_branch_is_found_in_its_vessel(tmp_path: Path, seep: float) 
         assert found.blocked_from_mm is None
 
 
+@pytest.mark.slow
 def test_vessels_in_series_with_a_closed_one_are_named_with_it(tmp_path: Path) -> None:
     report = planar_report(tmp_path, [Occlusion(8, 0.3)])
     assert report.vessels[4].patency == "blocked"
@@ -121,6 +122,7 @@ def test_shake_and_drift_alone_are_no_arrival(tmp_path: Path) -> None:
         planar_report(tmp_path, spoilt=spoilt, dye=faint, seconds=8.0)
 
 
+@pytest.mark.slow
 def test_glowing_dye_is_read_too(tmp_path: Path) -> None:
     report = planar_report(tmp_path, dye=Dye(fluorescence_per_mm=120.0))
     assert report.traces.glows

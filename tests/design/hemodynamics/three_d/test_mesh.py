@@ -108,12 +108,14 @@ def test_junctions_loops_and_crowds_are_meshed(network: VesselNetwork) -> None:
     _sound(network)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fillet_ratio", [0.05, 1.0])
 def test_fillets_may_be_tiny_or_wide(fillet_ratio: float) -> None:
     mesh = _sound(cross(), MeshOptions(fillet_ratio=fillet_ratio))
     assert len(mesh.tets) < 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edge_ratio", [1.0])
 def test_coarse_meshes_keep_the_lumens_volume(edge_ratio: float) -> None:
     """Elements that fold are few enough that straightening them takes nothing that counts."""
@@ -151,6 +153,7 @@ def test_fillets_without_room_are_refused_and_smaller_ones_fit() -> None:
     _sound(network, MeshOptions(fillet_ratio=0.1))
 
 
+@pytest.mark.slow
 def test_far_from_junctions_vessels_side_by_side_stay_apart() -> None:
     """Nearer than the fillet's ball is wide: 0.1 mm, and 0.4."""
     nodes = [[-4.0, 0, 0], [3, 0, 0], [6, 4, 0], [6, -4, 0], [-4, 0.9, 0], [0, 0.9, 0]]

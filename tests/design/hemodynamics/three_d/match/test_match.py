@@ -63,6 +63,7 @@ def test_flows_can_be_asked_for_at_outlets() -> None:
     assert done.network.radius[2] < network.radius[2]
 
 
+@pytest.mark.slow
 def test_bounds_are_kept_and_told() -> None:
     network = _fork()
     options = replace(COARSE, least_radius_mm=0.39, most_change=1.02, rounds=2)

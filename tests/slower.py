@@ -1,0 +1,16 @@
+"""Parameters of which CI tries the first few, and `make test-slow` the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def first_of(values: Iterable[Any], keep: int = 1) -> list[Any]:
+    """The same values, all but the first ``keep`` marked slow."""
+    return [
+        value if k < keep else pytest.param(value, marks=pytest.mark.slow)
+        for k, value in enumerate(values)
+    ]
