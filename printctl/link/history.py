@@ -29,7 +29,8 @@ from printctl.link.record import JOURNAL
 
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
 _VERSION: Final = 1
-_PATIENCE_S: Final = 5.0
+_PATIENCE_S: Final = 20.0
+"""For another process that writes: SQLite's waiting is not in turns, and a busy disk slow."""
 _COLUMNS: Final = [
     field.name for field in fields(PrintEntry) if field.name not in ("alarms", "operator")
 ]
