@@ -36,6 +36,7 @@ WATCHING = 5
 WATCHED = "/printer"
 MOVES = 1_000_000
 WINDOW_S, SETTLE_S = 1.5, 0.5
+MOST_PRINTS = 20
 FOUND_S = 3.0
 """So long after a print's start the stop door has found it for certain."""
 
@@ -89,8 +90,9 @@ def streaming_rows(
     for way, watched in (("elsewhere", elsewhere), ("on the same two cores", here)):
         with watched:
             place = workspace / "runs" / f"speed-{way.replace(' ', '-')}"
-            awake, asleep = _rates(pairs, job, facts, place, server)
-        ratios = [a / b for a, b in zip(awake, asleep, strict=True)]
+            found = _rates(pairs, job, facts, place, server)
+        awake, asleep = zip(*found, strict=True)
+        ratios = [a / b for a, b in found]
         slower = 100 * (1 - float(np.median(ratios)))
         name = f"streaming as fast as it goes, {WATCHING} browsers {way}, slower by"
         made = row(name, round(slower, 1), "%", "<= 5", slower <= 5)
@@ -115,26 +117,46 @@ def _looking(pages: list[Any], url: str) -> Iterator[None]:
 
 def _rates(
     pairs: int, job: Path, facts: str, folder: Path, server: psutil.Process
-) -> tuple[list[float], list[float]]:
-    """Rates with the page at work, and with it asleep, window by window."""
+) -> list[tuple[float, float]]:
+    """Rates with the page at work and with it asleep, in pairs of windows."""
+    found: list[tuple[float, float]] = []
+    for k in range(MOST_PRINTS):  # a quick machine prints the job more than once
+        found += _of_one_print(pairs - len(found), job, facts, folder / str(k), server)
+        if len(found) == pairs:
+            return found
+    raise PeerFailedError(f"{MOST_PRINTS} prints ended before {pairs} pairs of windows were over")
+
+
+def _of_one_print(
+    pairs: int, job: Path, facts: str, folder: Path, server: psutil.Process
+) -> list[tuple[float, float]]:
+    """As many pairs as one print lasts."""
     folder.mkdir(parents=True)
     (folder / "part.gcode").hardlink_to(job)
-    rates: dict[bool, list[float]] = {True: [], False: []}
+    found: list[tuple[float, float]] = []
     with answerer(folder / "answered.json") as port:
         client = start_print(folder / "part.gcode", facts, port, folder / "print")
         time.sleep(FOUND_S)
         _until_checked(server)
         try:
-            for k in range(2 * pairs):
-                works = k % 4 in (0, 3)  # in turns, and neither always first
-                _put(server, works)
-                time.sleep(SETTLE_S)
-                rates[works].append(_rate(client))
+            while len(found) < pairs:
+                rates = {}
+                for works in (True, False) if len(found) % 2 else (False, True):
+                    _put(server, works)
+                    time.sleep(SETTLE_S)
+                    rates[works] = _rate(client)
+                found.append((rates[True], rates[False]))
+        except _PrintEndedError:
+            pass
         finally:
             _put(server, True)
         client.kill()
         client.wait(60)
-    return rates[True], rates[False]
+    return found
+
+
+class _PrintEndedError(Exception):
+    """The print is over; what was being measured counts for nothing."""
 
 
 def _rate(client: PrintClient) -> float:
@@ -142,8 +164,10 @@ def _rate(client: PrintClient) -> float:
     begin, done = time.monotonic(), client.status.lines_done
     time.sleep(WINDOW_S)
     status = client.status
-    if status.ended:
+    if status.ended and status.state is not LinkState.DONE:
         raise PeerFailedError(f"the print ended as {status.state}: {status.message}")
+    if status.ended:
+        raise _PrintEndedError
     return (status.lines_done - done) / (time.monotonic() - begin)
 
 
@@ -178,7 +202,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer tries")
     asked = parser.parse_args()
-    tries, pairs = (3, 4) if asked.quick else (20, 12)
+    tries, pairs = (3, 4) if asked.quick else (20, 24)
     load, measured = os.getloadavg()[0], commit()
     rows: list[Row] = []
     left_out: dict[str, str] = {}
