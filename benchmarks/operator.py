@@ -121,7 +121,9 @@ def _rates(
     """Rates with the page at work and with it asleep, in pairs of windows."""
     found: list[tuple[float, float]] = []
     for k in range(MOST_PRINTS):  # a quick machine prints the job more than once
-        found += _of_one_print(pairs - len(found), job, facts, folder / str(k), server)
+        found += _of_one_print(
+            pairs - len(found), job, facts, folder.with_name(f"{folder.name}-{k}"), server
+        )
         if len(found) == pairs:
             return found
     raise PeerFailedError(f"{MOST_PRINTS} prints ended before {pairs} pairs of windows were over")
@@ -130,7 +132,7 @@ def _rates(
 def _of_one_print(
     pairs: int, job: Path, facts: str, folder: Path, server: psutil.Process
 ) -> list[tuple[float, float]]:
-    """As many pairs as one print lasts."""
+    """As many pairs as one print lasts; ``folder`` is a run's, so that the page follows it."""
     folder.mkdir(parents=True)
     (folder / "part.gcode").hardlink_to(job)
     found: list[tuple[float, float]] = []
