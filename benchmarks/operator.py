@@ -189,14 +189,19 @@ def _server(workspace: Path) -> psutil.Process:
 
 def _put(server: psutil.Process, works: bool) -> None:
     """Wake the page, server and browsers, or put it to sleep; not the red button's own process."""
-    mine = psutil.Process().children(recursive=True)
-    names = ("chrom", "operator_watch")
-    for one in [server, *(p for p in mine if any(n in " ".join(p.cmdline()) for n in names))]:
+    for one in [server, *_of_the_page()]:
         with contextlib.suppress(psutil.NoSuchProcess):
             if works:
                 one.resume()
             else:
                 one.suspend()
+
+
+def _of_the_page() -> Iterator[psutil.Process]:
+    for one in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.NoSuchProcess):  # it ended meanwhile
+            if any(name in " ".join(one.cmdline()) for name in ("chrom", "operator_watch")):
+                yield one
 
 
 def main() -> None:

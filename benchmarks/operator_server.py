@@ -36,6 +36,7 @@ def page_server(workspace: Path) -> Iterator[str]:
                 time.sleep(0.1)
             yield json.loads(record.read_text())["url"]
         finally:
+            process.send_signal(signal.SIGCONT)
             process.send_signal(signal.SIGINT)
             process.wait(30)
 
