@@ -75,7 +75,7 @@ async def _melt_out(service: JobService, who: Principal, job: str, do: Any) -> N
         rate = ui.number(
             "Rate", value=checklist()["melt_out"]["rate_c_min"], min=0.1, max=20, suffix="°C/min"
         ).props("outlined")
-    heater.props("outlined")
+    heater.props("outlined").classes("min-w-[120px]")
     told = live()
 
     async def warm() -> None:

@@ -113,7 +113,7 @@ def _mixing(record: PrintRecord, save: Callable[..., Any]) -> None:
 
     with ui.row().classes("items-center gap-2"):
         ago = ui.number("Cells were mixed … ago", value=0, min=0, max=10_000, suffix="min")
-        ago.props("outlined")
+        ago.props("outlined").classes("min-w-[210px]")
         quiet_button("Start the clock of the cells", mixed)
         told = small(_mixed(record.mixed_at))
 
