@@ -41,15 +41,18 @@ def cloned_and_served(folder: Path) -> Iterator[str]:
     env["PRINTCTL_DATA"] = str(folder / "data")
     command = ["make", "serve", f"ARGS=--no-open --port {port}"]
     log = (folder / "serve.log").open("w")
-    with subprocess.Popen(command, cwd=clone, env=env, stdout=log, stderr=log) as serving:
+    with subprocess.Popen(
+        command, cwd=clone, env=env, stdout=log, stderr=log, start_new_session=True
+    ) as serving:
         try:
             url = f"http://127.0.0.1:{port}"
             _wait_for(url, serving)
             yield url
         finally:
             station = [".venv/bin/printctl", "station", "disconnect"]
-            subprocess.run([*station, "workspace/station"], cwd=clone, env=env, check=False)
-            serving.send_signal(signal.SIGINT)
+            where = ["--folder", "workspace/station"]
+            subprocess.run([*station, *where], cwd=clone, env=env, check=False, stdout=log)
+            os.killpg(serving.pid, signal.SIGTERM)  # make, and the server that it runs
             log.close()
 
 
