@@ -16,6 +16,8 @@ from typing import Any
 from benchmarks.link_printers import PeerFailedError
 from benchmarks.machine import ROOT
 
+WATCHING = 5
+WATCHED = "/printer"
 _START_S = 120.0
 # The wall clock of the touch, before any listener of the page has it.
 _NOTE = """window.addEventListener("pointerdown",
