@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
-from starlette.middleware.gzip import GZipMiddleware
 from starlette.responses import RedirectResponse, Response
 
 from printctl.web.api.answers import API, our_version
@@ -15,6 +14,7 @@ from printctl.web.api.described import describe_refusals
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors
 from printctl.web.api.routes import router, watch_holder
+from printctl.web.compressing import Compressed
 from printctl.web.core import Core
 from printctl.web.rooms import make_services, register_pages, routers
 from printctl.web.security.bodies import BodyLimits
@@ -24,8 +24,6 @@ from printctl.web.security.login import router as login_router
 from printctl.web.security.nonces import Nonces
 from printctl.web.shell.assets import serve_assets
 from printctl.web.stop_door.wires import Wires
-
-_GZIP_FROM = 1000
 
 
 def build_app(core: Core, pages: bool = True) -> FastAPI:
@@ -45,8 +43,11 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
         core.events.bind(asyncio.get_running_loop())
         wires.follow()
         watching = asyncio.create_task(watch_holder(core))
+        if pages:  # it is ready when somebody opens the first job
+            await services.job.scenes.start()
         yield
         watching.cancel()
+        await services.job.scenes.close()
         wires.close()
         await asyncio.to_thread(services.close)
 
@@ -75,7 +76,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
 def guarded(app: FastAPI, core: Core, gate: Gate) -> Guard:
     """Put the guard around an app."""
     limits = BodyLimits.of(app.openapi(), core.settings.upload_mb)
-    return Guard(GZipMiddleware(Nonces(app), minimum_size=_GZIP_FROM), gate, limits)
+    return Guard(Compressed(Nonces(app)), gate, limits)
 
 
 def _add_pages(app: FastAPI) -> None:

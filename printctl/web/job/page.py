@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 
 from printctl.web.errors import WebError
 from printctl.web.job.card_after import add_after
@@ -18,6 +20,7 @@ from printctl.web.job.card_start import add_start
 from printctl.web.job.parts import card, small, tried
 from printctl.web.job.print_words import ENDED_STATES
 from printctl.web.job.service import JobService
+from printctl.web.live import SceneError
 from printctl.web.live.element import LiveView, live_view
 from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
@@ -33,6 +36,8 @@ def register(service: JobService) -> None:
     @ui.page("/job", response_timeout=30.0)  # else no frame, no stop
     async def job_page(job: str = "") -> None:
         chosen = await run.io_bound(first_job, service, job) or ""
+        if chosen:  # while the browser loads its scripts
+            background_tasks.create(_make_scene(service, chosen), name=f"scene of {chosen}")
         with frame("/job"):
             ui.add_css(style)
             with ui.element("div").classes("job-cards"):
@@ -60,6 +65,12 @@ def _live_view(service: JobService, job: str) -> LiveView:
     current = service.current()
     with card("Live view"), ui.element("div").classes("job-live"):
         return live_view(job, live=current is not None and current.job == job)
+
+
+async def _make_scene(service: JobService, job: str) -> None:
+    """What is wrong with it is told when the view asks for it."""
+    with contextlib.suppress(KeyError, SceneError):
+        await service.scenes.scene_file(await asyncio.to_thread(service.scene, job))
 
 
 def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:

@@ -52,7 +52,7 @@ def router(jobs: Jobs, maker: SceneMaker) -> APIRouter:
     async def scene(job: str, request: Request) -> Response:
         """A job's moves, packed as `printctl.web.live.pack` says."""
         try:
-            source = jobs(job)
+            source = await asyncio.to_thread(jobs, job)
         except KeyError as exc:
             raise HTTPException(404, "there is no such job") from exc
         try:
