@@ -5,8 +5,8 @@ card: WebGL is SwiftShader's and the page is put together by the processor, as C
 itself where there is none. First pictures are those of `printctl serve`'s page Job, from the
 navigation until the drawing of all moves is done (a fence behind it), confirmed by a photograph:
 the first visit of all with a job that nobody has looked at, cold with the scene still to be made,
-cached with it on the disk. Updates come over the page's WebSocket as a print of 20 mm/s would send them; processor
-time is the browser's, all its processes, less that of the same page left alone.
+cached with it on the disk. Updates come over the page's WebSocket as a print of 20 mm/s would send
+them; processor time is the browser's, all its processes, less that of the same page left alone.
 """
 
 from __future__ import annotations
