@@ -99,4 +99,5 @@ def _add_pages(app: FastAPI) -> None:
         # A tablet that was out of reach for a moment goes on where it was, unsaved words with it.
         reconnect_timeout=30.0,
         gzip_middleware_factory=None,
+        tailwind=False,  # shell/static/utilities.css
     )

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import os
-from typing import Final
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final, TypeVar
 
 _LATER: Final = 10
+T = TypeVar("T")
 
 
 def step_back(niceness: int = _LATER) -> None:
-    """Let this process run behind a print's; nothing happens where the system has no such thing."""
+    """Let what this thread does run behind a print; for good, since only root may step forward.
+
+    Outside Linux it is the whole process; on Windows, which has no such thing, nothing happens.
+    """
     with contextlib.suppress(AttributeError, OSError):  # no os.nice on Windows
-        os.nice(niceness)
+        os.nice(max(niceness - os.nice(0), 0))
+
+
+def behind_a_print(work: Callable[[], T]) -> T:
+    """Do something in a thread of its own that has stepped back; what is done later hasn't."""
+    with ThreadPoolExecutor(1, initializer=step_back) as behind:
+        return behind.submit(work).result()

@@ -14,7 +14,7 @@ from printctl.errors import PrintctlError
 from printctl.pipeline.manifest import Manifest
 from printctl.recipe.model import Recipe
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.job.preflight import file_hash
+from printctl.web.hashes import file_hash
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.security.uploads import UploadLimits, save_upload
 from printctl.web.workspace import Workspace, checked_name

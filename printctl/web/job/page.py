@@ -21,7 +21,7 @@ from printctl.web.job.parts import card, small, tried
 from printctl.web.job.print_words import ENDED_STATES
 from printctl.web.job.service import JobService
 from printctl.web.live import SceneError
-from printctl.web.live.element import LiveView, live_view
+from printctl.web.live.element import LiveView, live_view, preload
 from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
 
@@ -40,6 +40,8 @@ def register(service: JobService) -> None:
             background_tasks.create(_make_scene(service, chosen), name=f"scene of {chosen}")
         with frame("/job"):
             ui.add_css(style)
+            if chosen:
+                ui.add_head_html(preload(chosen))
             with ui.element("div").classes("job-cards"):
                 with ui.element("div").classes("job-column"):
                     await add_jobs(service, chosen)

@@ -15,6 +15,7 @@ from design.files import write_text
 from printctl.errors import SafetyError
 from printctl.set_up import Check
 from printctl.web.errors import BadRequestError
+from printctl.web.hashes import file_hash
 from printctl.web.job.question import Question
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.table import JobTable
@@ -133,23 +134,6 @@ def profile_files(set_up: JobSetUp) -> list[Path]:
     ]
     parts = [Path(part) for name in names for part in name.split(",") if part]
     return [path for path in parts if path.is_file()]
-
-
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file; read again when its size or time of change is another.
-
-    Raises
-    ------
-    OSError
-    """
-    stat = path.stat()
-    return _hash(path, stat.st_size, stat.st_mtime_ns)
-
-
-@lru_cache(maxsize=256)
-def _hash(path: Path, size: int, changed_ns: int) -> str:
-    with path.open("rb") as handle:
-        return hashlib.file_digest(handle, "sha256").hexdigest()
 
 
 @lru_cache(maxsize=4)

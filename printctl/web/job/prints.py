@@ -12,10 +12,11 @@ from typing import Final
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.reach import alive, what_is_known
 from printctl.link.record import JOURNAL, load_record
+from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import Heard, PrintFollower
 from printctl.web.job.journalled import journalled
-from printctl.web.job.preflight import Preflights, file_hash, load_table
+from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.progress import predicted_s, progress
 from printctl.web.job.record import Records
 from printctl.web.job.remaining import Remaining

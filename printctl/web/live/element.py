@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 from nicegui.element import Element
+
+from printctl.web.live.modules import static_files
+
+_NOT_AT_ONCE: Final = ("element.js", "flat_painter.js")
+"""NiceGUI's own, and what only browsers without WebGL draw with."""
 
 
 class LiveView(Element, component="static/element.js"):
@@ -32,7 +37,7 @@ class LiveView(Element, component="static/element.js"):
             nor ``source`` all of it is shown as planned.
         """
         super().__init__()
-        self._props["scene"] = f"/live/{quote(job, safe='')}/scene"
+        self._props["scene"] = _scene(job)
         self._props["job"] = job
         self._props["source"] = source
         self._props["live"] = live
@@ -52,3 +57,20 @@ class LiveView(Element, component="static/element.js"):
 def live_view(job: str, *, source: str = "", live: bool = False) -> LiveView:
     """Put the live view of a job into the page; as `LiveView`."""
     return LiveView(job, source=source, live=live)
+
+
+def preload(job: str) -> str:
+    """HTML for the head of a page with a job's view.
+
+    With it the browser fetches the moves and the scripts while it reads those of the page, about a
+    second earlier.
+    """
+    scripts = [name for name in static_files() if name.endswith(".js") and name not in _NOT_AT_ONCE]
+    moves = f'<link rel="preload" as="fetch" crossorigin href="{_scene(job)}">'
+    return moves + "".join(
+        f'<link rel="modulepreload" href="/live/static/{name}">' for name in scripts
+    )
+
+
+def _scene(job: str) -> str:
+    return f"/live/{quote(job, safe='')}/scene"

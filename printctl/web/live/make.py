@@ -1,13 +1,15 @@
 """Makes scenes for the server, in a process of its own: ``python -m printctl.web.live.make``.
 
-One `JobSource` as a line of JSON comes in, one answer goes out: ``{"scene": PATH}`` or
-``{"error": MESSAGE}``. The process ends when its input does, so it never outlives the server.
+A line with `NOW` or `BEHIND` and a `JobSource` in JSON comes in, one answer goes out:
+``{"scene": PATH}`` or ``{"error": MESSAGE}``. The process ends when its input does, so it never
+outlives the server.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -17,11 +19,11 @@ from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.gcode_view import read_line_map
 from printctl.web.live.errors import SceneError
-from printctl.web.live.kept import cached_scene
+from printctl.web.live.kept import BEHIND, cached_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
-from printctl.web.polite import step_back
+from printctl.web.polite import behind_a_print
 
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
 
@@ -63,14 +65,19 @@ def warm() -> None:
 
 def main() -> None:
     """Answer until the input ends."""
-    step_back()
-    warm()
+    behind_a_print(warm)
     for line in sys.stdin:
-        try:
-            answer = {"scene": str(write_scene(JobSource.from_json(line)))}
-        except SceneError as exc:
-            answer = {"error": str(exc)}
-        print(json.dumps(answer), flush=True)
+        when, _, said = line.partition(" ")
+        work = partial(answer, JobSource.from_json(said))
+        print(json.dumps(behind_a_print(work) if when == BEHIND else work()), flush=True)
+
+
+def answer(source: JobSource) -> dict[str, str]:
+    """What a question is answered."""
+    try:
+        return {"scene": str(write_scene(source))}
+    except SceneError as exc:
+        return {"error": str(exc)}
 
 
 if __name__ == "__main__":

@@ -6,34 +6,45 @@ import asyncio
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from printctl.web.live.errors import SceneError
-from printctl.web.live.kept import cached_scene
+from printctl.web.live.kept import BEHIND, NOW, cached_scene
 from printctl.web.live.source import JobSource
 
 _LONGEST_S: Final = 120.0
 """For a job of 50 million moves."""
 
 # Arrays of a large job come and go by the dozen: glibc otherwise hands each back to the system and
-# asks for it again, a fifth of the time that a scene takes. The process holds 0.7 GB after a
+# asks for it again, a tenth of the time that a scene takes. The process holds 0.7 GB after a
 # million moves instead; other systems ignore these.
 _KEEP_MEMORY: Final = {
     "MALLOC_MMAP_THRESHOLD_": "4000000000",
     "MALLOC_TRIM_THRESHOLD_": "4000000000",
-    "MALLOC_TOP_PAD_": "200000000",
 }
 
 
 class SceneMaker:
     """Makes scenes, one at a time, without the event loop waiting for any of it.
 
-    The process begins with `start`, best when the server does (importing and loading the kernels
-    takes seconds), or with the first job; it begins again when it died.
+    While a print goes on they are made behind it; else somebody waits for them. The process begins
+    with `start`, best when the server does (importing and loading the kernels takes seconds), or
+    with the first job; it begins again when it died.
+
+    Parameters
+    ----------
+    printing : callable
+        Tells whether a print goes on.
+    longest_s : float, s
+        That a scene may take.
     """
 
-    def __init__(self, longest_s: float = _LONGEST_S) -> None:
+    def __init__(
+        self, printing: Callable[[], bool] = lambda: False, longest_s: float = _LONGEST_S
+    ) -> None:
+        self._printing = printing
         self._longest_s = longest_s
         self._process: asyncio.subprocess.Process | None = None
         self._one = asyncio.Lock()
@@ -76,7 +87,8 @@ class SceneMaker:
         await self.start()
         try:
             async with asyncio.timeout(self._longest_s):
-                answer = await self._ask(source.to_json())
+                when = BEHIND if await asyncio.to_thread(self._printing) else NOW
+                answer = await self._ask(f"{when} {source.to_json()}")
         except TimeoutError as exc:
             await self.close()
             raise SceneError(

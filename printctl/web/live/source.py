@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.gcode_view import Pushing
+from printctl.web.hashes import file_hash
 
 Outline = tuple[tuple[float, float, float], ...]
 """Corners of a line, mm, the printer's frame; closed where the last is the first."""
@@ -83,15 +83,7 @@ class JobSource:
         digest = hashlib.sha256()
         for path in (self.gcode, self.gcode.with_suffix(".map.npz")):
             if path == self.gcode or path.is_file():
-                stat = path.stat()
-                digest.update(_file_hash(path, stat.st_size, stat.st_mtime_ns))
+                digest.update(file_hash(path).encode())
         said = (version, self.printer, self.syringe, self.flow_ul_s, self.outlines)
         digest.update(repr(said).encode())
         return digest.hexdigest()[:32]
-
-
-@lru_cache(maxsize=64)
-def _file_hash(path: Path, size: int, changed_ns: int) -> bytes:
-    """Hash of a file; read again when its size or time of change is another."""
-    with path.open("rb") as handle:
-        return hashlib.file_digest(handle, "sha256").digest()

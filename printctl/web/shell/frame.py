@@ -54,7 +54,8 @@ def head(stop_port: int) -> str:
     """
     door = f'<meta name="printctl-stop-port" content="{stop_port}">\n' if stop_port else ""
     return (
-        f'{door}<link rel="stylesheet" href="{link("shell.css")}">\n'
+        f'{door}<link rel="stylesheet" href="{link("utilities.css")}">\n'
+        f'<link rel="stylesheet" href="{link("shell.css")}">\n'
         f'<script src="{link("theme.js")}"></script>\n'
         f'<script src="{link("stop.js")}"></script>\n'
         f'<script src="{link("shell.js")}" defer></script>'

@@ -11,7 +11,7 @@ const RIBBON_COST = 3.5; // of a line's, measured with software WebGL
 // Each slice puts the whole picture onto the page once more, so that many small ones take longer.
 const SLICE = { least: 250000, begin: 1e6, most: 8e6, ms: 400 };
 const TURNING_MS = 60; // what a picture may take while it is turned
-const FINE_MS = 1500; // and while nobody touches it
+const FINE_MS = 800; // and while nobody touches it
 const STILL_MS = 200;
 const POLL_MS = 4;
 
@@ -68,7 +68,7 @@ export class GlPainter {
   }
 
   tryShaders() {
-    this.draw([this.lines.solid.range(0, 1), this.ribbons.solid.range(0, 1)]);
+    this.draw([this.lines.solid.range(0, 1)]);
   }
 
   take(scene) {
@@ -235,7 +235,7 @@ export class GlPainter {
 
   finish() {
     this.done = true;
-    this.drawMoves(this.ribbons.next, this.painted.written, this.painted.next);
+    if (this.painted.next > this.painted.written) this.drawMoves(this.ribbons.next, this.painted.written, this.painted.next);
     this.onDone();
     this.advance(this.state);
     if (this.kind === this.lines) this.still = setTimeout(() => this.refine(), STILL_MS);

@@ -1,0 +1,25 @@
+"""Hashes of files, kept while the files don't change."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, 64 hex digits; read again when its size or time of change is another.
+
+    Raises
+    ------
+    OSError
+        When the file can't be read.
+    """
+    stat = path.stat()
+    return _hash(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _hash(path: Path, size: int, changed_ns: int) -> str:
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
