@@ -13,7 +13,7 @@ judged by their code. A comment begins at a semicolon.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,25 +188,33 @@ class Program:
     def of_head(self, number: int) -> Program:
         """The rows of one head alone."""
         rows = self.tool == number
-        columns = {name: getattr(self, name)[rows] for name in ROW.names or ()}
+        columns = {name: getattr(self, name)[rows] for name in Columns._fields}
         return Program(**columns, start=self.start)
 
 
-ROW: Final = np.dtype(
-    [
-        ("line", "i8"),
-        ("command", "i8"),
-        ("code", "i8"),
-        ("kind", "i8"),
-        ("target", "f8", (4,)),
-        ("plunger", "f8"),
-        ("tool", "i8"),
-        ("feed", "f8"),
-        ("value", "f8"),
-        ("length", "i8"),
-    ],
-    align=True,
-)
+class Columns(NamedTuple):
+    """What `_read` fills: `Program`'s columns, with room for more rows than there may be."""
+
+    line: IntArray
+    command: IntArray
+    code: IntArray
+    kind: IntArray
+    target: FloatArray
+    plunger: FloatArray
+    tool: IntArray
+    feed: FloatArray
+    value: FloatArray
+    length: IntArray
+
+    @staticmethod
+    def of(room: int) -> Columns:
+        """Nothing as yet."""
+        count: list[IntArray] = [np.empty(room, np.int64) for _ in range(6)]
+        real: list[FloatArray] = [np.empty(room) for _ in range(3)]
+        line, command, code_, kind, tool, length = count
+        plunger, feed, value = real
+        target = np.empty((room, 4))
+        return Columns(line, command, code_, kind, target, plunger, tool, feed, value, length)
 
 
 def read_gcode(
@@ -235,14 +243,13 @@ def read_gcode(
         )
     room = gcode.count(b"\n") + gcode.count(b"\r") + 1
     while True:
-        rows = np.zeros(room, ROW)
-        used = _read(gcode, new_modal(start_mm, heads), np.zeros(1, WORDS), rows)
+        columns = Columns.of(room)
+        used = _read(gcode, new_modal(start_mm, heads), np.zeros(1, WORDS), columns)
         if used <= room:
             break
         room = used
-    rows = rows[:used]
-    columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
-    return Program(**columns, start=np.array([*start_mm, 0.0]))
+    rows = {name: column[:used] for name, column in columns._asdict().items()}
+    return Program(**rows, start=np.array([*start_mm, 0.0]))
 
 
 @jit
@@ -252,7 +259,7 @@ def split_line(text: bytes, words: Records) -> None:
 
 
 @jit
-def _read(text: bytes, modal_of: Records, words_of: Records, rows: Records) -> int:
+def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> int:
     """Fill ``rows`` as far as they reach; returns how many there are."""
     modal = modal_of[0]
     words = words_of[0]
@@ -295,21 +302,22 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Records) -> i
         elif kind == HOME:
             _home(modal, words)
         for k in range(count):
-            if used < len(rows):
-                row = rows[used]
-                row.line = line
-                row.command = command
-                row.code = 0
+            if used < len(rows.line):
+                rows.line[used] = line
+                rows.command[used] = command
+                rows.code[used] = 0
                 if words.letter > 0:
-                    row.code = words.letter * _LETTER + words.number * 10 + words.subcode
-                row.kind = MOVE if kind == ARC else kind
+                    named = words.letter * _LETTER + words.number * 10 + words.subcode
+                    rows.code[used] = named
+                rows.kind[used] = MOVE if kind == ARC else kind
+                target = rows.target[used]
                 for axis in range(4):
-                    row.target[axis] = segments[k, axis] if kind == ARC else modal.position[axis]
-                row.plunger = row.target[3] + modal.plunger_shift
-                row.tool = modal.tool
-                row.feed = speed(modal)
-                row.value = _value(words, kind)
-                row.length = stop - words.begin if k == 0 else 0
+                    target[axis] = segments[k, axis] if kind == ARC else modal.position[axis]
+                rows.plunger[used] = target[3] + modal.plunger_shift
+                rows.tool[used] = modal.tool
+                rows.feed[used] = speed(modal)
+                rows.value[used] = _value(words, kind)
+                rows.length[used] = stop - words.begin if k == 0 else 0
             used += 1
     return used
 

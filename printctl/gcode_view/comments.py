@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,11 +14,10 @@ from sim.gcode import parse_line
 
 IntArray = NDArray[np.int64]
 
-# A literal "\n;" to begin with lets the search skip lines of moves ten times faster than "^;" does.
-_KIND: Final = re.compile(rb"\n;[ ]*(?:TYPE:|FEATURE:|feature )[ ]*([^\n]*?)[ ]*(?=\n|\Z)")
-_HEIGHT: Final = re.compile(rb"\n;[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
-_LAYER: Final = re.compile(rb"\n;[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")
-_FILAMENT: Final = re.compile(rb"\n;[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)")
+_KIND: Final = re.compile(rb";[ ]*(?:TYPE:|FEATURE:|feature )[ ]*(.*?)[ ]*\Z")
+_HEIGHT: Final = re.compile(rb";[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
+_LAYER: Final = re.compile(rb";[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")
+_FILAMENT: Final = re.compile(rb";[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)")
 _STADIUM: Final = re.compile(rb"PrusaSlicer|SuperSlicer|OrcaSlicer|BambuStudio|Slic3r")
 _MADE_BY: Final = 4000
 """Bytes at the file's head within which a slicer says its name."""
@@ -64,29 +64,48 @@ class Comments:
 
 def read_comments(text: bytes) -> Comments:
     """Read a file of `plain_lines`."""
-    text = b"\n" + text
-    begins = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
     kinds: dict[str, int] = {}
-    found = list(_KIND.finditer(text))
-    names = [match[1].decode("utf-8", "replace") or "no name" for match in found]
-    kind = [kinds.setdefault(name, len(kinds)) for name in names]
-    heights = list(_HEIGHT.finditer(text))
-    filament = _FILAMENT.search(text)
+    kind: list[tuple[int, int]] = []
+    heights: list[tuple[int, float]] = []
+    layers: list[int] = []
+    filament_mm = None
+    for line, said in _comments(text):
+        if found := _KIND.match(said):
+            name = found[1].decode("utf-8", "replace") or "no name"
+            kind.append((line, kinds.setdefault(name, len(kinds))))
+        elif found := _HEIGHT.match(said):
+            heights.append((line, float(found[1])))
+        elif _LAYER.match(said):
+            layers.append(line)
+        elif filament_mm is None and (found := _FILAMENT.match(said)):
+            filament_mm = float(found[1])
     return Comments(
-        kind_lines=_lines(found, begins),
-        kind=np.array(kind, np.int64),
+        kind_lines=np.array([line for line, _ in kind], np.int64),
+        kind=np.array([which for _, which in kind], np.int64),
         kinds=tuple(kinds),
-        height_lines=_lines(heights, begins),
-        height_mm=np.array([float(match[1]) for match in heights]),
-        layer_lines=_lines(list(_LAYER.finditer(text)), begins),
-        filament_mm=float(filament[1]) if filament and float(filament[1]) > 0 else None,
+        height_lines=np.array([line for line, _ in heights], np.int64),
+        height_mm=np.array([height for _, height in heights]),
+        layer_lines=np.array(layers, np.int64),
+        filament_mm=filament_mm or None,
         stadium=_STADIUM.search(text[:_MADE_BY]) is not None,
     )
 
 
-def _lines(found: list[re.Match[bytes]], begins: IntArray) -> IntArray:
-    """Line number of each match, from 1."""
-    return np.searchsorted(begins, np.array([match.start() for match in found], np.int64)) + 1
+def _comments(text: bytes) -> Iterator[tuple[int, bytes]]:
+    """Lines that are nothing else, with their numbers from 1; lines of moves aren't looked at."""
+    line, counted = 1, 0
+    at = 0 if text.startswith(b";") else _next_comment(text, 0)
+    while at >= 0:
+        line, counted = line + text.count(b"\n", counted, at), at
+        end = text.find(b"\n", at)
+        yield line, text[at : end if end >= 0 else None]
+        at = _next_comment(text, at)
+
+
+def _next_comment(text: bytes, at: int) -> int:
+    """Where the next line begins that is one; -1 for nowhere."""
+    found = text.find(b"\n;", at)
+    return found + 1 if found >= 0 else -1
 
 
 def said_start(text: bytes) -> tuple[float, float, float] | None:

@@ -139,15 +139,22 @@ def _differ(one: FloatArray, other: FloatArray) -> BoolArray:
     return np.asarray(apart)
 
 
+def _written_box(place: FloatArray, writes: BoolArray) -> tuple[list[float], list[float]]:
+    """Lowest and highest corner of the moves that write, mm."""
+    ends = np.zeros(len(place), bool)
+    ends[1:] = writes
+    ends[:-1] |= writes
+    columns = [place[ends, axis] for axis in range(3)]
+    return [float(one.min()) for one in columns], [float(one.max()) for one in columns]
+
+
 def _box(place: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest corner and the step of each axis, mm, so that all places fit into 16 bits."""
-    low, high = _lowest(place), -_lowest(-place)
+    # Column by column for the same reason as `_differ`.
+    low, high = (
+        np.array([extreme(place[:, axis]) for axis in range(3)]) for extreme in (np.min, np.max)
+    )
     return low, np.maximum((high - low) / 65_535, 1e-6)
-
-
-def _lowest(place: FloatArray) -> FloatArray:
-    """Least x, y and z, (3,); column by column for the same reason as `_differ`."""
-    return np.array([place[:, axis].min() for axis in range(3)])
 
 
 def _vessels(vessel: IntArray | None, move: IntArray) -> NDArray[np.uint16]:
@@ -167,9 +174,8 @@ def _about(
 ) -> dict[str, Any]:
     """Numbers and names that the view shows."""
     job = reading.job
-    writes = np.flatnonzero(points[1:, ACT] == Act.WRITE)
-    starts, ends = place[writes], place[writes + 1]
     vessels = points[1:, VESSEL]
+    low, high = _written_box(place, points[1:, ACT] == Act.WRITE)
     return {
         "name": job.name,
         "passes": job.layers.passes,
@@ -177,8 +183,8 @@ def _about(
         "layers": np.round(job.layers.z_mm[group - 1 :: group], 4).tolist(),
         "vessels": len(np.unique(vessels[vessels != NONE])),
         "heads": int(points[1:, HEAD].max(initial=0)) + 1,
-        "written_low_mm": np.minimum(_lowest(starts), _lowest(ends)).tolist(),
-        "written_high_mm": (-np.minimum(_lowest(-starts), _lowest(-ends))).tolist(),
+        "written_low_mm": low,
+        "written_high_mm": high,
         "duration_s": float(job.time_s.sum()),
         "notes": list(job.notes),
     }

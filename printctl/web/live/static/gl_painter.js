@@ -235,7 +235,8 @@ export class GlPainter {
 
   finish() {
     this.done = true;
-    if (this.painted.next > this.painted.written) this.drawMoves(this.ribbons.next, this.painted.written, this.painted.next);
+    const { written, next } = this.painted;
+    if (next > written) this.drawMoves(this.ribbons.next, written, next);
     this.onDone();
     this.advance(this.state);
     if (this.kind === this.lines) this.still = setTimeout(() => this.refine(), STILL_MS);

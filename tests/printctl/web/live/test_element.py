@@ -15,7 +15,7 @@ PAGE = """
 import socket, sys
 from pathlib import Path
 from nicegui import app, ui
-from printctl.web.live.element import live_view
+from printctl.web.live.element import live_view, preload
 from printctl.web.live.maker import SceneMaker
 from printctl.web.live.routes import router
 from tests.printctl.web.live import jobs
@@ -29,6 +29,7 @@ app.on_shutdown(maker.close)
 
 @ui.page("/")
 def page() -> None:
+    ui.add_head_html(preload("a b"))
     with ui.column().style("width: 800px; height: 600px"):
         view = live_view("a b", live=True)
     told = {"lines_executed": 30, "lines_done": 33, "position": [1, 2, 3]}
@@ -61,12 +62,19 @@ def address(tmp_path: Path) -> Iterator[str]:
 
 def test_a_page_of_nicegui_shows_the_view_and_tells_it(address: str, browser: Any) -> None:
     problems: list[str] = []
+    asked: list[str] = []
     page = browser.new_page()
     page.on("pageerror", lambda problem: problems.append(str(problem)))
+    page.on("console", lambda said: problems.append(said.text) if said.type != "log" else None)
+    page.on("request", lambda request: asked.extend(request.url.split("/live/")[1:]))
     page.goto(address)
     page.wait_for_selector("[data-drawn]")
     assert "0 of 88" in page.locator(".live-words").inner_text()
     page.get_by_role("button", name="tell").click()
     page.wait_for_selector("text=30 of 88 commands executed")
     assert page.locator(".live-tip").is_visible()
-    assert not problems
+    page.wait_for_timeout(4000)  # after 3 s a browser says what was fetched for nothing
+    # Waiting for a frame to be put together is the software's drawing, not a problem.
+    assert not [said for said in problems if "GPU stall" not in said]
+    assert sorted(set(asked)) == sorted(asked), "something was asked for twice"
+    assert {"a%20b/scene", "static/gl_painter.js"} <= set(asked)

@@ -86,6 +86,27 @@ def test_a_maker_that_died_begins_again(tmp_path: Path) -> None:
     assert asyncio.run(die_and_ask()).is_file()
 
 
+def test_while_a_print_goes_on_scenes_are_made_behind_it(tmp_path: Path) -> None:
+    async def ask() -> tuple[Path, str]:
+        maker = SceneMaker(lambda: True)
+        asked: list[str] = []
+        send = maker._ask
+
+        async def noted(line: str) -> dict[str, str]:
+            asked.append(line)
+            return await send(line)
+
+        maker._ask = noted  # type: ignore[method-assign]
+        try:
+            return await maker.scene_file(jobs.source(tmp_path, jobs.squares(1))), asked[0]
+        finally:
+            await maker.close()
+
+    path, line = asyncio.run(ask())
+    assert path.is_file()
+    assert line.startswith("behind {")
+
+
 def test_a_job_that_takes_too_long_is_given_up(tmp_path: Path) -> None:
     async def hurry() -> None:
         maker = SceneMaker(longest_s=1e-3)
