@@ -26,6 +26,8 @@ from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
+_BEGUN_S: Final = 0.05
+"""So long at most the page waits until its scene is asked for; building it holds up the loop."""
 _STYLE: Final = Path(__file__).with_name("job.css")
 
 
@@ -36,8 +38,9 @@ def register(service: JobService) -> None:
     @ui.page("/job", response_timeout=30.0)  # else no frame, no stop
     async def job_page(job: str = "") -> None:
         chosen = await run.io_bound(first_job, service, job) or ""
-        if chosen:  # while the browser loads its scripts
-            background_tasks.create(_make_scene(service, chosen), name=f"scene of {chosen}")
+        if chosen:  # while the page is put together and the browser loads its scripts
+            making = background_tasks.create(_make_scene(service, chosen), name="scene")
+            await asyncio.wait({making}, timeout=_BEGUN_S)
         with frame("/job"):
             ui.add_css(style)
             if chosen:

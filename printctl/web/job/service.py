@@ -110,7 +110,7 @@ class JobService:
             When there is no such job.
         """
         try:
-            file, said = self.core.workspace.job_file(job), self._set_ups.of(job)
+            file, said = self.core.workspace.job_file(job), self._set_ups.mounted(job)
         except WebError as exc:
             raise KeyError(job) from exc
         cache = self.core.workspace.private / "scenes"

@@ -34,13 +34,25 @@ class SetUps:
         WebError
             When there is no such job.
         """
+        said = self.mounted(job)
+        if self._kept(job).is_file():
+            return said
+        declared = declared_of(self._workspace.job_file(job))
+        return said if declared is None else said.model_copy(update={"start_mm": declared})
+
+    def mounted(self, job: str) -> JobSetUp:
+        """As `of`, for whom the start doesn't matter: the file isn't read.
+
+        Raises
+        ------
+        WebError
+            When there is no such job.
+        """
         path, kept = self._workspace.job_file(job), self._kept(job)
         if kept.is_file():
             return JobSetUp.model_validate_json(kept.read_text(encoding="utf-8"))
         recipe = recipe_of(path.parent) if job.startswith("run~") else None
-        said = JobSetUp() if recipe is None else set_up_of_recipe(recipe, JobSetUp())
-        declared = declared_of(path)
-        return said if declared is None else said.model_copy(update={"start_mm": declared})
+        return JobSetUp() if recipe is None else set_up_of_recipe(recipe, JobSetUp())
 
     def keep(self, job: str, said: JobSetUp) -> None:
         """Remember it for the next visit."""
