@@ -3,10 +3,11 @@
 The page is served from a process of its own and opened in a headless Chromium without a graphics
 card: WebGL is SwiftShader's and the page is put together by the processor, as Chromium does by
 itself where there is none. First pictures are those of `printctl serve`'s page Job, from the
-navigation until the drawing of all moves is done (a fence behind it), confirmed by a photograph:
-the first visit of all with a job that nobody has looked at, cold with the scene still to be made,
-cached with it on the disk. Updates come over the page's WebSocket as a print of 20 mm/s would send
-them; processor time is the browser's, all its processes, less that of the same page left alone.
+navigation in an open browser until the drawing of all moves is done (a fence behind it), confirmed
+by a photograph: the first visit of all with a job that nobody has looked at, cold with the scene
+still to be made, cached with it on the disk. Updates come over the page's WebSocket as a print of
+20 mm/s would send them; processor time is the browser's, all its processes, less that of the same
+page left alone.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ CHROMIUM: Final = "/usr/bin/chromium"
 ARGUMENTS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader")
 READY_S: Final = 10.0
 """So long after the server its process that makes scenes has loaded what it needs."""
+OPEN_S: Final = 2.0
+"""So long before the navigation the browser was opened: its own start isn't the page's."""
 COLOURED, LEAST_SHARE = 60, 0.1
 """A pixel is of a line when its channels differ so much; such a share of the view must be."""
 
@@ -119,6 +122,7 @@ def first_picture_s(browser: Browser, url: str) -> float:
         When the page says that they are, and a photograph of it shows no coloured lines.
     """
     page = browser.new_page(viewport={"width": 1280, "height": 800})
+    time.sleep(OPEN_S)
     begin = time.monotonic()
     page.goto(url, wait_until="commit")
     page.wait_for_selector("[data-drawn]", timeout=60_000)
