@@ -16,6 +16,7 @@ from printctl.web.api.errors import answer_errors
 from printctl.web.api.routes import router, watch_holder
 from printctl.web.compressing import Compressed
 from printctl.web.core import Core
+from printctl.web.job.first import make_first_scene
 from printctl.web.rooms import make_services, register_pages, routers
 from printctl.web.security.bodies import BodyLimits
 from printctl.web.security.gate import Gate
@@ -42,11 +43,13 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     async def running(app: FastAPI) -> AsyncIterator[None]:
         core.events.bind(asyncio.get_running_loop())
         wires.follow()
-        watching = asyncio.create_task(watch_holder(core))
-        if pages:  # it is ready when somebody opens the first job
+        tasks = [asyncio.create_task(watch_holder(core))]
+        if pages:  # what somebody sees first is ready
             await services.job.scenes.start()
+            tasks.append(asyncio.create_task(make_first_scene(services.job)))
         yield
-        watching.cancel()
+        for task in tasks:
+            task.cancel()
         await services.job.scenes.close()
         wires.close()
         await asyncio.to_thread(services.close)

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 from nicegui import background_tasks, run, ui
 
-from printctl.web.errors import WebError
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
 from printctl.web.job.card_preflight import add_preflight
 from printctl.web.job.card_print import PrintCard, heard
 from printctl.web.job.card_start import add_start
+from printctl.web.job.first import first_job, make_scene
 from printctl.web.job.parts import card, small, tried
 from printctl.web.job.print_words import ENDED_STATES
 from printctl.web.job.service import JobService
-from printctl.web.live import SceneError
 from printctl.web.live.element import LiveView, live_view, preload
 from printctl.web.shell.frame import frame
 from printctl.web.shell.who import this_browser
@@ -39,7 +37,7 @@ def register(service: JobService) -> None:
     async def job_page(job: str = "") -> None:
         chosen = await run.io_bound(first_job, service, job) or ""
         if chosen:  # while the page is put together and the browser loads its scripts
-            making = background_tasks.create(_make_scene(service, chosen), name="scene")
+            making = background_tasks.create(make_scene(service, chosen), name="scene")
             await asyncio.wait({making}, timeout=_BEGUN_S)
         with frame("/job"):
             ui.add_css(style)
@@ -52,30 +50,11 @@ def register(service: JobService) -> None:
                     await _cards(service, chosen)
 
 
-def first_job(service: JobService, asked: str) -> str:
-    """The job that is asked for, else that of the print that goes on, else the newest."""
-    if asked:
-        try:
-            return service.job(asked).id
-        except WebError:
-            pass
-    current = service.current()
-    if current is not None:
-        return current.job
-    return next((one.id for one in service.jobs()), "")
-
-
 def _live_view(service: JobService, job: str) -> LiveView:
     """What has been written, the needle, what comes next; all of a job that wasn't printed."""
     current = service.current()
     with card("Live view"), ui.element("div").classes("job-live"):
         return live_view(job, live=current is not None and current.job == job)
-
-
-async def _make_scene(service: JobService, job: str) -> None:
-    """What is wrong with it is told when the view asks for it."""
-    with contextlib.suppress(KeyError, SceneError):
-        await service.scenes.scene_file(await asyncio.to_thread(service.scene, job))
 
 
 def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:

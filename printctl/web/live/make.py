@@ -7,12 +7,16 @@ outlives the server.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import sys
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
+
+import numpy as np
 
 from design.files import write_bytes
 from firmware_profiles import ProfileError
@@ -25,6 +29,7 @@ from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
 from printctl.web.polite import behind_a_print
 
+_MILLION_MOVES_BYTES: Final = 400_000_000
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
 
 
@@ -63,9 +68,20 @@ def warm() -> None:
         write_scene(JobSource(gcode, Path(folder)))
 
 
+def hold_memory() -> None:
+    """Have the system hand out now what the first large job would wait for, 0.3 to 0.8 s.
+
+    The server has this process keep what it once had (`maker`); a sixteenth of what is free at most.
+    """
+    with contextlib.suppress(AttributeError, ValueError, OSError):  # no os.sysconf on Windows
+        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        np.empty(min(_MILLION_MOVES_BYTES, free // 16), np.uint8).fill(0)
+
+
 def main() -> None:
     """Answer until the input ends."""
     behind_a_print(warm)
+    hold_memory()
     for line in sys.stdin:
         when, _, said = line.partition(" ")
         work = partial(answer, JobSource.from_json(said))

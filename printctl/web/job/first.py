@@ -1,0 +1,36 @@
+"""The job that the page shows first, and its scene made before it is asked for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+from printctl.web.errors import WebError
+from printctl.web.job.service import JobService
+from printctl.web.live import SceneError
+
+
+def first_job(service: JobService, asked: str = "") -> str:
+    """The job that is asked for, else that of the print that goes on, else the newest."""
+    if asked:
+        try:
+            return service.job(asked).id
+        except WebError:
+            pass
+    current = service.current()
+    if current is not None:
+        return current.job
+    return next((one.id for one in service.jobs()), "")
+
+
+async def make_scene(service: JobService, job: str) -> None:
+    """Have the scene of a job made; what is wrong with it is told when the view asks for it."""
+    with contextlib.suppress(KeyError, SceneError):
+        await service.scenes.scene_file(await asyncio.to_thread(service.scene, job))
+
+
+async def make_first_scene(service: JobService) -> None:
+    """Have that of the job made which the page will show first, while nobody waits for it yet."""
+    job = await asyncio.to_thread(first_job, service)
+    if job:
+        await make_scene(service, job)
