@@ -71,7 +71,7 @@ def warm() -> None:
 def hold_memory() -> None:
     """Have the system hand out now what the first large job would wait for, 0.3 to 0.8 s.
 
-    The server has this process keep what it once had (`maker`); a sixteenth of what is free at most.
+    This process keeps what it once had (`maker`). At most a sixteenth of what is free is taken.
     """
     with contextlib.suppress(AttributeError, ValueError, OSError):  # no os.sysconf on Windows
         free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
