@@ -103,6 +103,7 @@ def test_too_few_points_are_refused(construct: Solid) -> None:
         align(ModelSurface.of(construct), np.zeros((10, 3)), True, FAST)
 
 
+@pytest.mark.slow
 def test_edges_that_a_blur_has_rounded_dont_count_as_shrinkage(construct: Solid) -> None:
     model, blur = ModelSurface.of(construct), 0.04
     points = surface_points(construct, 60_000, 2)

@@ -136,6 +136,7 @@ def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> Sca
     return simulate_microct(deposit, MicroCtOptions(placing=placing), seed)
 
 
+@pytest.mark.slow
 def test_embedded_lumens_in_microct_are_registered_from_any_rotation() -> None:
     network = bent_network()
     scanned = microct_of(network, network, seed=3)

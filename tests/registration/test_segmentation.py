@@ -71,6 +71,7 @@ def test_binning_averages_linear_intensity_of_decibels() -> None:
     np.testing.assert_allclose(bin_mean(decibel, (2, 2, 3), True, 0.0), expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_smoothing_equals_the_plain_convolution() -> None:
     values = np.random.default_rng(0).normal(size=(30, 11, 9)).astype(np.float32)
     weights = (gaussian_weights(1.3), gaussian_weights(0.8), gaussian_weights(0.5))
@@ -103,6 +104,7 @@ def gel_block(tilt: float, attenuation: float, step: float) -> NDArray[np.float3
 
 @pytest.mark.parametrize("tilt", [-0.1, 0.0, 0.1])
 @pytest.mark.parametrize("depth_down", [True, False])
+@pytest.mark.slow
 def test_light_compensation_gives_the_filled_share_times_the_attenuation(
     tilt: float, depth_down: bool
 ) -> None:
@@ -146,6 +148,7 @@ def test_levels_are_mapped_to_nothing_and_one() -> None:
     np.testing.assert_allclose(values[2:-2], 1.0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_level_with_a_trend_is_right_at_the_end_of_what_it_is_known_from() -> None:
     shape, ramp = (60, 12, 12), 0.01
     z = np.arange(60, dtype=np.float32)[:, None, None]

@@ -42,6 +42,7 @@ def hatch(layers: int = 3, lines: int = 10, length: float = 4.0) -> ExecutedMoti
     return motion(points, volume)
 
 
+@pytest.mark.slow
 def test_hatched_layers_hold_the_written_volume() -> None:
     found = deposit(hatch(), AREA, 0.02)
     caps = 3 * 10 * np.pi * (WIDTH / 2) ** 2 * HEIGHT

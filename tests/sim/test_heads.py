@@ -76,6 +76,7 @@ def test_a_head_s_own_steps_count_for_its_plunger():
     assert done.plunger_end[done.tool == 1][-1] == pytest.approx(1.9)
 
 
+@pytest.mark.slow
 def test_the_ink_of_each_head_lies_where_its_own_tip_was():
     run = dry_run(JOB, TWO, (0, 0, 40)).executed
     of_right = run.of_head(1, TWO.heads[1].offset_mm.mm)

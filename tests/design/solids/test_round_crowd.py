@@ -36,6 +36,7 @@ def _sharp_share(solid: Solid, middle: np.ndarray, reach: float) -> float:
     return float(np.minimum(area[one], area[two])[bent].sum() / area[near].sum())
 
 
+@pytest.mark.slow
 def test_seams_of_a_crowd_are_gone_with_a_fillet() -> None:
     layout = lay_out(CROWD, 0.001, 0.5, None)
     assert sum(layout.swallowed) == 1

@@ -105,7 +105,7 @@ def test_a_thin_branch_at_a_small_angle_is_clear_only_where_it_has_left_the_wide
     assert np.isinf(reaches(walls, 0.0, np.full(3, 3.0))[0])
 
 
-@pytest.mark.parametrize("turn", [np.eye(3), TURN])
+@pytest.mark.parametrize("turn", [TURN, pytest.param(np.eye(3), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ratio", [0.0, 0.25, 0.5, 1.0])
 def test_a_cross_of_six_is_closed_and_grows_with_its_fillet(turn: np.ndarray, ratio: float) -> None:
     arms = np.concatenate([3.0 * np.eye(3), -3.0 * np.eye(3)]) @ turn.T
@@ -159,6 +159,7 @@ def test_loops_keep_their_genus(ratio: float) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.5])
+@pytest.mark.slow
 def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -> None:
     nodes = np.array([[0, 0, 0], [3, 0, 0], [3.3, 0, 0], [6, 0, 0], [3, 3, 0], [3.3, -3, 0]])
     ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]

@@ -135,6 +135,7 @@ _NO_AREA = [[0.0] * 6 + [0, 1, 1], [0.0] * 9, [0.0, 0, 0, 0.1, 0.3, 0.7, 0.2, 0.
 @example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[1]])
 @example([0.5, 0.5, 1, 0, 0.25, 0, *_NO_AREA[2]])
 @example([1, 0, 0, 0, 1 / 3, -1, -1, 0, 0, 1e-8, 0, 0, 0, 1e-8, 0])
+@pytest.mark.slow
 def test_segment_triangle_distance_is_the_least_over_their_points(numbers):
     a, b, tri = np.array(numbers[:3]), np.array(numbers[3:6]), np.array(numbers[6:])
     found = segment_triangle(*a, *b, tri)

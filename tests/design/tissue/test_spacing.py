@@ -54,6 +54,7 @@ def test_many_thin_walls_beyond_the_limit_are_refused():
         tissue_from_surface(shape.vertices, shape.faces, rule=rule)
 
 
+@pytest.mark.slow
 def test_piece_cut_at_a_slant_is_prepared():
     shape, _ = carve(surfaces.hollow_sphere(), (), [BlockZone((-9, -9, 8.5), (9, 9, 12))])
     assert tissue_from_surface(shape.vertices, shape.faces).volume_mm3 > 0

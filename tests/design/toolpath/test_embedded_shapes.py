@@ -23,6 +23,7 @@ from tests.design.toolpath.shapes import (
     random_tree,
     ring,
 )
+from tests.slower import first_of
 
 OPTIONS = EmbeddedOptions()
 ARCH = np.linspace(0, np.pi, 60)
@@ -69,7 +70,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", first_of(SHAPES, 4))
 def test_a_shape_is_written_without_a_crossing_and_holds_together(name):
     net, expected = SHAPES[name]
     plan = plan_embedded(net, OPTIONS)

@@ -86,6 +86,7 @@ def test_impossible_points_are_refused(asked, message):
         GrowthOptions(**asked)
 
 
+@pytest.mark.slow
 def test_polish_and_forests_keep_given_flows(box):
     rng = np.random.default_rng(1)
     points, asked = rng.uniform([1, 1, 1], [19, 15, 11], (120, 3)), rng.uniform(0.2, 3, 120)

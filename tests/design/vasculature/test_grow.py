@@ -17,6 +17,7 @@ from design.vasculature import (
 )
 from tests.design.tissue import surfaces
 from tests.design.vasculature import oracles
+from tests.slower import first_of
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 
@@ -91,9 +92,7 @@ SHAPES = (
 )
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.slow) for k in range(6, 10))]
-)
+@pytest.mark.parametrize("seed", first_of(range(10), 2))
 @pytest.mark.parametrize("name", SHAPES)
 def test_tree_stays_in_tissue_without_collisions(tissues, name, seed):
     options = GrowthOptions(terminals=60, seed=seed, clearance_mm=0.02)

@@ -66,6 +66,7 @@ def crowd_of(web, **rule):
     return Crowd(web.rule._replace(**rule), web.index, web.capsules, web.bounds)
 
 
+@pytest.mark.slow
 def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
     assert not torus.grid.capsule_inside(across.point[:1], across.point[1:], np.zeros(1))[0]
     route = find_route(across, crowd_of(web))

@@ -125,6 +125,7 @@ def test_another_files_content_makes_the_toolpath_again(first: Path, made: dict[
     assert gcode(first, "again") == bytes_before
 
 
+@pytest.mark.slow
 def test_embedded_vessels_are_moved_and_widened(first: Path) -> None:
     run(first, "filaments", recipe_of("embedded"))
     registered(first / "filaments", Lab(network=TWO))

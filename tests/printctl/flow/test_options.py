@@ -37,6 +37,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(handle))
 
 
+@pytest.mark.slow
 def test_an_inlet_can_be_driven_by_pressure_steadily_and_in_pulses(fork: Path) -> None:
     by_flow = _flow(fork, "--inlet-flow-ml-min", "2")
     drop = str(by_flow["pressure_drop_mmhg"])

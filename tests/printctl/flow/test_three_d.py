@@ -84,6 +84,7 @@ def test_one_command_solves_in_3d_and_compares(fork: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_pulse_is_compared_over_its_cycle(fork: Path) -> None:
     found = _flow(fork, "--three-d", "--edge-ratio", "1", "--compare", *SINE, "--steps", "8")
     flow = found["comparison"]["3D"]["flow_off_percent_of_inlet"]

@@ -76,6 +76,7 @@ def test_two_inks_pass_the_checks_and_leave_the_lumen_as_open_as_one(
     assert two["lumens"]["passed"]
 
 
+@pytest.mark.slow
 def test_written_text_holds_each_head_on_its_own_side(tmp_path: Path) -> None:
     planned(tmp_path, [HALF])
     printer = load(Printer, "two_syringe_marlin")

@@ -83,6 +83,7 @@ def test_a_network_agrees_with_the_independent_simulator(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("seep", [0.0, 0.3])
+@pytest.mark.slow
 def test_an_occluded_branch_is_found_in_its_vessel(tmp_path: Path, seep: float) -> None:
     report = planar_report(tmp_path, [Occlusion(7, 0.6, seep_ul_s=seep)])
     assert _states(report) == {7: "blocked"}

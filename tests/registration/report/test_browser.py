@@ -127,6 +127,7 @@ def test_network_page_starts_without_errors_and_asks_for_nothing(tmp_path: Path)
     assert "A note." in dom
 
 
+@pytest.mark.slow
 def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(
     tmp_path: Path,
 ) -> None:
@@ -154,6 +155,7 @@ def test_pointing_at_a_vessel_tells_its_numbers_and_cutting_it_away_hides_it(
     assert inner(dom, "probe").strip() == ""
 
 
+@pytest.mark.slow
 def test_the_colour_switch_changes_the_legend(tmp_path: Path) -> None:
     path = tmp_path / "network.html"
     write_network(path)

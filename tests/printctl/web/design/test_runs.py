@@ -71,6 +71,7 @@ def test_a_design_is_made_as_far_as_asked(service: DesignService) -> None:
         service.page("one", "layers")
 
 
+@pytest.mark.slow
 def test_a_page_that_cannot_be_made_says_why_in_one_line(
     service: DesignService, workspace: Workspace
 ) -> None:
