@@ -28,7 +28,9 @@ COLUMNS = 10
 MOST = 12
 """Vessels that the ball may touch at once; the nearest ones are kept."""
 
-_STEPS = 6
+_STEPS = 16
+_FARTHEST = 2.0
+"""Radii that the ball goes in one step."""
 _SETTLED = 1e-4
 
 
@@ -166,12 +168,13 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
                 used += 1
             n[place, 0], n[place, 1], n[place, 2], b[place] = gx, gy, gz, need
         vx, vy, vz = least_step(n, b, used)
-        # A ball deep inside would be sent far, past the axis of another vessel: step by step.
-        length = sqrt(vx * vx + vy * vy + vz * vz)
+        # A ball deep inside would be sent far, past the axis of another vessel; one before the ends
+        # of two pieces that face each other, beyond all of them: step by step.
         mx, my, mz = x + vx - cx, y + vy - cy, z + vz - cz
         moved = sqrt(mx * mx + my * my + mz * mz)
-        cx, cy, cz = x + vx, y + vy, z + vz
-        size = length
+        share = min(1.0, _FARTHEST * rho / moved) if moved > 0.0 else 1.0
+        cx, cy, cz = cx + share * mx, cy + share * my, cz + share * mz
+        size = sqrt((cx - x) ** 2 + (cy - y) ** 2 + (cz - z) ** 2)
         if moved < _SETTLED * rho:
             break
     return rho - size

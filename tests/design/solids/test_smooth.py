@@ -41,6 +41,37 @@ def _assert_solid(solid: Solid) -> None:
     assert np.array_equal(solid.vertices.astype(np.float32).astype(float), solid.vertices)
 
 
+def test_a_vessel_in_pieces_is_filled_like_a_whole_one() -> None:
+    """Ends of two pieces that face each other seem to leave a ball no room between them."""
+    ends = np.array([[-4.0, 3.0, 0.0], [-4.0, -3.0, 0.0], [4.0, 0.0, 0.0]])
+    axes = ends / np.linalg.norm(ends, axis=1)[:, None]
+    radius, rho, pieces = 0.225, 0.1125, 9
+
+    def rows(start: np.ndarray, axis: np.ndarray, length: np.ndarray) -> np.ndarray:
+        same = np.full(len(start), radius)
+        return wall_rows(start, axis, length, same, np.zeros(len(start)))
+
+    lengths = np.linalg.norm(ends, axis=1)
+    whole = rows(np.zeros((3, 3)), axes, lengths)
+    begins = [k / pieces * end for k in range(pieces) for end in ends]
+    parts = rows(np.array(begins), np.tile(axes, (pieces, 1)), np.tile(lengths / pieces, pieces))
+    at = np.array([-0.379666, 0.00746671563, -0.00579005108])
+    for point in at + np.random.default_rng(5).uniform(-0.04, 0.04, (400, 3)) * (2.0, 1.0, 1.0):
+        near = np.argsort(_capsules(parts, point))[:12]
+        found, wanted = (
+            rounded_distance(parts[near], rho, *point),
+            rounded_distance(whole, rho, *point),
+        )
+        assert found == pytest.approx(wanted, rel=0.1, abs=1e-3)
+
+
+def _capsules(walls: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Distance of a point from each piece, (n,): plain NumPy."""
+    along = np.clip(np.sum((point - walls[:, :3]) * walls[:, 3:6], axis=1), 0.0, walls[:, 6])
+    on_axis = walls[:, :3] + along[:, None] * walls[:, 3:6]
+    return np.linalg.norm(point - on_axis, axis=1) - walls[:, 7]
+
+
 def test_a_point_is_filled_where_no_ball_outside_the_vessels_reaches_it() -> None:
     rng = np.random.default_rng(3)
     walls = _walls(

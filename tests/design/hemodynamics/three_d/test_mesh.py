@@ -147,8 +147,8 @@ def _side_by_side(gap: float) -> VesselNetwork:
 
 
 def test_fillets_without_room_are_refused_and_smaller_ones_fit() -> None:
-    network = _side_by_side(0.3)
-    with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
+    network = _side_by_side(0.2)
+    with pytest.raises(FlowError, match=r"crosses itself near .* lower the fillet ratio"):
         lumen_mesh(network)
     _sound(network, MeshOptions(fillet_ratio=0.1))
 
