@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from typing import Final
 
 from printctl.web.errors import WebError
 from printctl.web.job.service import JobService
 from printctl.web.live import SceneError
+
+_FOUND_S: Final = 3.0
+"""So long after its start a server knows the print that goes on, which scenes are made behind."""
 
 
 def first_job(service: JobService, asked: str = "") -> str:
@@ -31,6 +35,7 @@ async def make_scene(service: JobService, job: str) -> None:
 
 async def make_first_scene(service: JobService) -> None:
     """Have that of the job made which the page will show first, while nobody waits for it yet."""
+    await asyncio.sleep(_FOUND_S)
     job = await asyncio.to_thread(first_job, service)
     if job:
         await make_scene(service, job)
