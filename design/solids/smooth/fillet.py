@@ -28,9 +28,10 @@ COLUMNS = 10
 MOST = 12
 """Vessels that the ball may touch at once; the nearest ones are kept."""
 
-_STEPS = 16
+_STEPS = 6
 _FARTHEST = 2.0
-"""Radii that the ball goes in one step."""
+"""Radii that the ball goes in one step; steps cut short by it are granted on top."""
+_GRANTED = 10
 _SETTLED = 1e-4
 
 
@@ -152,7 +153,8 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
     b = np.empty(MOST)
     cx, cy, cz = x, y, z
     size = 0.0
-    for _ in range(_STEPS):
+    whole = 0
+    for _ in range(_STEPS + _GRANTED):
         used = 0
         for i in range(count):
             a, gx, gy, gz = wall_distance(walls[i], cx, cy, cz)
@@ -175,7 +177,8 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
         share = min(1.0, _FARTHEST * rho / moved) if moved > 0.0 else 1.0
         cx, cy, cz = cx + share * mx, cy + share * my, cz + share * mz
         size = sqrt((cx - x) ** 2 + (cy - y) ** 2 + (cz - z) ** 2)
-        if moved < _SETTLED * rho:
+        whole += share == 1.0
+        if moved < _SETTLED * rho or whole == _STEPS:
             break
     return rho - size
 
