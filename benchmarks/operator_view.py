@@ -1,13 +1,13 @@
 """The live view of a job of a million moves: ``python -m benchmarks.operator_view``.
 
-The page is served from a process of its own and opened in a headless Chromium without a graphics
+The page is `printctl serve`'s, opened in a headless Chromium without a graphics
 card: WebGL is SwiftShader's and the page is put together by the processor, as Chromium does by
 itself where there is none. First pictures are those of `printctl serve`'s page Job, from the
 navigation in an open browser until the drawing of all moves is done (a fence behind it), confirmed
 by a photograph. A server makes the scene of the job that it will show first by itself; so there is
-a row for a job that came when it had made ready what it does. Updates come over the page's
-WebSocket as a print of 20 mm/s would send them; processor time is the browser's, all its processes,
-less that of the same page left alone.
+a row for a job that came when it had made ready what it does. Updates are those of the same page
+while a simulated printer prints the job in real time; processor time is the browser's, all its
+processes, less that of the same browser with an empty page.
 """
 
 from __future__ import annotations
@@ -17,13 +17,10 @@ import io
 import json
 import os
 import shutil
-import socket
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,17 +31,19 @@ import psutil
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from benchmarks.link_printers import PeerFailedError, profile, simulated
 from benchmarks.machine import commit, machine, row
 from benchmarks.operator_server import page_server
+from printctl.link import start_print
 
 Row = dict[str, Any]
 MOVES: Final = 1_000_000
-RATE_HZ: Final = 4.0
-MOVES_A_SECOND: Final = 48
 CHROMIUM: Final = "/usr/bin/chromium"
 ARGUMENTS: Final = ("--no-sandbox", "--enable-unsafe-swiftshader")
 READY_S: Final = 10.0
 """So long after its start a server has made ready what it will."""
+COLD: Final = b"M302 P1\n"
+"""Ink is pushed cold."""
 OPEN_S: Final = 2.0
 """So long before the navigation the browser was opened: its own start isn't the page's."""
 COLOURED, LEAST_SHARE = 60, 0.1
@@ -65,40 +64,6 @@ def write_job(path: Path, moves: int) -> None:
     path.write_text(
         head + "".join(f"G1 X{x:.3f} Y{y:.3f} Z{z:.3f} E{e:.5f} F1200\n" for x, y, z, e in ends)
     )
-
-
-@contextmanager
-def served(folder: Path) -> Iterator[tuple[str, psutil.Process]]:
-    """The page's address, and the process that serves it."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "benchmarks.operator_view", "--serve", str(folder), str(port)]
-    server = subprocess.Popen(command)
-    address = f"http://127.0.0.1:{port}"
-    try:
-        for _ in range(600):
-            try:
-                urllib.request.urlopen(f"{address}/live/static/scene.js").close()
-                break
-            except OSError:
-                time.sleep(0.1)
-        time.sleep(8.0)  # the process that makes scenes has loaded what it needs
-        yield address, psutil.Process(server.pid)
-    finally:
-        server.terminate()
-        server.wait(20)
-
-
-def serve(folder: Path, port: int) -> None:
-    """Run the page's server."""
-    import uvicorn
-
-    from printctl.web.live import JobSource
-    from tests.printctl.web.live.page import application
-
-    jobs = {"million": JobSource(folder / "million.gcode", folder / "cache")}
-    uvicorn.run(application(jobs), port=port, log_level="error", ws="websockets-sansio")
 
 
 def processor_s(process: psutil.Process, named: str = "") -> float:
@@ -186,66 +151,67 @@ def launched(started: Any) -> Iterator[Browser]:
         browser.close()
 
 
-def update_rows(address: str, server: psutil.Process, seconds: float) -> Iterator[Row]:
-    """What updates cost, as a share of one core."""
-    with sync_playwright() as started, launched(started) as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(f"{address}/job/million?source=/events")
-        page.wait_for_selector("[data-drawn]", timeout=60_000)
-        me = psutil.Process()
-        send(page, address, 300_000, 0.0)
-        time.sleep(6.0)
-        shares = {}
-        for kind, rate in (("idle", 0.0), ("live", RATE_HZ)):
-            before, own = processor_s(me, "chrom"), sum(server.cpu_times()[:2])
-            begin = time.monotonic()
-            send_for(page, address, seconds, rate)
-            took = time.monotonic() - begin
-            shares[kind] = (processor_s(me, "chrom") - before) / took
-            shares[f"server, {kind}"] = (sum(server.cpu_times()[:2]) - own) / took
-    share = round(100 * (shares["live"] - shares["idle"]), 2)
-    yield row(f"live updates at {RATE_HZ:g} Hz, browser", share, "% of a core", "<= 5", share <= 5)
-    share = round(100 * (shares["server, live"] - shares["server, idle"]), 2)
-    yield row(f"live updates at {RATE_HZ:g} Hz, server", share, "% of a core")
+def update_rows(folder: Path, seconds: float) -> Iterator[Row]:
+    """What the page Job costs while its job is printed at 20 mm/s, as a share of one core."""
+    run = folder / "updated" / "runs" / "million"
+    run.mkdir(parents=True)
+    (run / "part.gcode").write_bytes(COLD + (folder / "million.gcode").read_bytes())
+    facts = profile(folder, "updates", resets_on_connect=False)
+    with page_server(run.parents[1]) as url, simulated(facts, "--speed", "1") as port:
+        said = json.loads((run.parents[1] / ".printctl" / "serve.json").read_text())
+        server = psutil.Process(said["pid"])
+        with start_print(run / "part.gcode", facts, port, run / "print") as client:
+            with sync_playwright() as started, launched(started) as browser:
+                page = browser.new_page(viewport={"width": 1280, "height": 800})
+                page.goto(f"{url.rstrip('/')}/job?job=run~million")
+                page.wait_for_selector("[data-drawn]", timeout=60_000)
+                time.sleep(READY_S)
+                before = _written(page)
+                printing = _shares(server, seconds)
+                if _written(page) <= before:
+                    raise PeerFailedError("the page doesn't draw what is printed")
+                page.goto("about:blank")
+                time.sleep(OPEN_S)
+                nothing = _shares(server, seconds)
+            client.kill()
+            client.wait(60)
+    for who, limit in (("chrom", 5.0), ("server", None)):
+        share = round(100 * (printing[who] - nothing[who]), 2)
+        name = f"page Job in a print, {'browser' if who == 'chrom' else who}"
+        goal = () if limit is None else (f"<= {limit:g}", share <= limit)
+        yield row(name, share, "% of a core", *goal) | {"clock": "wall"}
 
 
-def send_for(page: Page, address: str, seconds: float, rate: float) -> None:
-    """Send events at a rate for a time; none at 0."""
-    end, done = time.monotonic() + seconds, 300_000.0
-    while time.monotonic() < end:
-        time.sleep(1.0 / rate if rate else seconds)
-        if rate:
-            done += MOVES_A_SECOND / rate
-            send(page, address, int(done), done)
+def _written(page: Page) -> int:
+    """Moves that the view has drawn as written, as its element tells scripts."""
+    return int(page.locator(".live-view").get_attribute("data-written") or 0)
 
 
-def send(page: Page, address: str, commands: int, place: float) -> None:
-    """One event of the print to all who listen."""
-    at = [20 + (0.4 * place) % 40, 40.0, 6.2]
-    said = {"event": "print", "lines_done": commands + 16, "lines_executed": commands}
-    data = json.dumps(said | {"position": at}).encode()
-    asked = urllib.request.Request(
-        f"{address}/tell", data, {"Content-Type": "application/json"}, method="POST"
-    )
-    urllib.request.urlopen(asked).close()
+def _shares(server: psutil.Process, seconds: float) -> dict[str, float]:
+    """Processor time by time of the browser, all its processes, and of the server."""
+
+    def spent() -> dict[str, float]:
+        own = sum(server.cpu_times()[:2])
+        return {"chrom": processor_s(psutil.Process(), "chrom"), "server": own}
+
+    first, begin = spent(), time.monotonic()
+    time.sleep(seconds)
+    last, took = spent(), time.monotonic() - begin
+    return {who: (last[who] - first[who]) / took for who in first}
 
 
 def main() -> None:
     """Measure and print the benchmark's one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--serve", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--quick", action="store_true", help="one try each instead of five")
     asked = parser.parse_args()
-    if asked.serve:
-        serve(Path(asked.serve[0]), int(asked.serve[1]))
-        return
     measured, load = commit(), os.getloadavg()[0]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_job(folder / "million.gcode", MOVES)
         rows = list(picture_rows(folder, 1 if asked.quick else 5))
-        with served(folder) as (address, server):
-            rows += update_rows(address, server, 20.0)
+        os.environ["PRINTCTL_DATA"] = name  # this print isn't the user's
+        rows += update_rows(folder, 20.0)
     about = machine() | {"load_before_and_after": [load, os.getloadavg()[0]]}
     about["browser"] = f"Chromium, headless, {' '.join(ARGUMENTS)}: no graphics card"
     print(json.dumps({"machine": about, "commit": measured, "rows": rows}, indent=1))

@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 _FROM_BYTES: Final = 1000
 _LEVEL: Final = 5
 _SCENE: Final = re.compile(r"/live/[^/]+/scene")
-"""Packed numbers: a million moves are 16 MB, which gzip holds up for seconds."""
+"""Packed numbers: a million moves are 24 MB, which gzip holds up for seconds."""
 
 
 class Compressed:

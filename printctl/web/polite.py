@@ -11,6 +11,9 @@ from typing import Final, TypeVar
 _LATER: Final = 10
 T = TypeVar("T")
 
+NOW, BEHIND = "now", "behind"
+"""When something is done, as one process tells another."""
+
 
 def step_back(niceness: int = _LATER) -> None:
     """Let what this thread does run behind a print; for good, since only root may step forward.

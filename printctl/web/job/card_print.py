@@ -32,7 +32,7 @@ class PrintCard:
             self._state = live().classes("text-xl font-semibold").mark("print state")
             self._message = small()
             self._bar = ui.linear_progress(0.0, show_value=False, size="18px").props(
-                'aria-label="Share of the print\'s time"'
+                'instant-feedback aria-label="Share of the print\'s time"'
             )
             self._lines = [ui.label().classes("tabular-nums") for _ in range(_LINES)]
             self._cells = ui.label().props("role=status").classes("job-warn")
@@ -80,7 +80,7 @@ class PrintCard:
     def show(self, told: dict[str, Any] | None) -> None:
         """Show what was heard of last; None where nothing was ever printed."""
         self._bar.set_visibility(told is not None)
-        self._bar.set_value(float(told_of(told, "share") or 0.0))
+        self._bar.set_value(round(float(told_of(told, "share") or 0.0), 3))
         self._state.set_text(state_words(told))
         self._message.set_text("" if told is None else str(told["message"]))
         for label, text in zip(self._lines, lines(told), strict=True):

@@ -12,6 +12,8 @@ from printctl.web.live import SceneError
 
 _FOUND_S: Final = 3.0
 """So long after its start a server knows the print that goes on, which scenes are made behind."""
+_LARGEST_BYTES: Final = 100_000_000
+"""Two million moves: about two seconds."""
 
 
 def first_job(service: JobService, asked: str = "") -> str:
@@ -34,8 +36,12 @@ async def make_scene(service: JobService, job: str) -> None:
 
 
 async def make_first_scene(service: JobService) -> None:
-    """Have that of the job made which the page will show first, while nobody waits for it yet."""
+    """Have that of the job made which the page will show first, while nobody waits for it yet.
+
+    Scenes are made one at a time: that of a very large job is left until somebody wants it.
+    """
     await asyncio.sleep(_FOUND_S)
-    job = await asyncio.to_thread(first_job, service)
-    if job:
-        await make_scene(service, job)
+    with contextlib.suppress(OSError, WebError):  # it went away meanwhile
+        job = await asyncio.to_thread(first_job, service)
+        if job and (await asyncio.to_thread(service.job, job)).size <= _LARGEST_BYTES:
+            await make_scene(service, job)

@@ -1,4 +1,4 @@
-"""Where a job's scene is kept, and what its maker is told."""
+"""Where a job's scene is kept."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Final
 from printctl.web.live.errors import SceneError
 from printctl.web.live.source import JobSource
 
-NOW, BEHIND = "now", "behind"
-"""When a scene is made: somebody waits for it; behind the print that goes on."""
 VERSION: Final = 1
 """Of the scenes' format (`printctl.web.live.pack`)."""
 

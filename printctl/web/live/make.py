@@ -23,11 +23,11 @@ from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.gcode_view import read_line_map
 from printctl.web.live.errors import SceneError
-from printctl.web.live.kept import BEHIND, cached_scene
+from printctl.web.live.kept import cached_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
-from printctl.web.polite import behind_a_print
+from printctl.web.polite import BEHIND, behind_a_print
 
 _MILLION_MOVES_BYTES: Final = 400_000_000
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"

@@ -19,7 +19,7 @@ def add_plunger(service: PrinterService, who: Principal) -> Refresh:
     with card("Plunger"):
         left = ui.label().classes("text-2xl tabular-nums")
         bar = ui.linear_progress(0.0, show_value=False, size="16px").props(
-            'aria-label="Ink left in the syringe"'
+            'instant-feedback aria-label="Ink left in the syringe"'
         )
         where = note()
         with ui.row().classes("gap-3"):

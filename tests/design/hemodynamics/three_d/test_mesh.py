@@ -10,6 +10,8 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics.three_d import LumenMesh, least_jacobian, straightened
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
+from design.hemodynamics.three_d.surface import wall_surface
+from design.hemodynamics.three_d.surface_check import check_surface
 from design.hemodynamics.three_d.wall import lumen_wall
 from design.network import VesselNetwork
 from design.vasculature import planar_four_vessel
@@ -151,6 +153,17 @@ def test_fillets_without_room_are_refused_and_smaller_ones_fit() -> None:
     with pytest.raises(FlowError, match=r"crosses itself near .* lower the fillet ratio"):
         lumen_mesh(network)
     _sound(network, MeshOptions(fillet_ratio=0.1))
+    _sound(_side_by_side(0.3))
+
+
+def test_a_vertex_off_the_wall_is_refused() -> None:
+    network = straight(0.5, 4.0)
+    wall = lumen_wall(network, 0.5, 0.7)
+    surface = wall_surface(network, wall)
+    check_surface(surface, wall, 0.5)
+    surface.points[np.argmin(np.abs(surface.points[:, 0] - 2.0))] *= (1.0, 1.02, 1.02)
+    with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
+        check_surface(surface, wall, 0.5)
 
 
 @pytest.mark.slow
