@@ -1,5 +1,6 @@
-"""Compiled kernels: the one decorator that owns numba's flags and the cache's key."""
+"""Compiled kernels: the decorators that own numba's flags, and the store on disk."""
 
-from kernels.compile import cache_dir, jit, pjit
+from kernels.compile import jit, pjit
+from kernels.stored import cache_dir
 
 __all__ = ["cache_dir", "jit", "pjit"]

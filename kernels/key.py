@@ -1,0 +1,255 @@
+"""Content key of a compiled kernel: everything its machine code depends on.
+
+Numba compiles bytecode and freezes every global value that the bytecode reads: constants, arrays,
+named-tuple classes, enums, and other kernels, which it inlines. So a kernel's machine code is
+decided by its own bytecode, by those values, by the same of every kernel that it calls, directly
+or not, by the compiler's flags, and by the types that it is called with. Docstrings, comments,
+annotations and line numbers don't take part.
+
+A value of a kind that can't be described raises `TypeError`, so that nothing is left out silently.
+"""
+
+from __future__ import annotations
+
+import dis
+import enum
+import hashlib
+import inspect
+import math
+import platform
+from collections.abc import Iterable, Iterator
+from functools import cache
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any, Final, cast
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import types
+from numba.core.dispatcher import Dispatcher
+from numba.core.types.containers import BaseNamedTuple, BaseTuple
+from numba.core.types.misc import Optional
+from numba.core.types.scalars import EnumMember
+
+_SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
+"""Settings of numba, from its environment variables, that change machine code."""
+
+_EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
+"""Packages whose content is decided by their version, which every key holds."""
+
+_READS: Final = frozenset({"LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_FROM_DICT_OR_DEREF"})
+
+Memo = dict[Dispatcher, tuple[str, tuple[Dispatcher, ...]]]
+"""Description of a kernel alone, and the kernels that it calls directly."""
+
+
+def kernel_key(kernel: Dispatcher, memo: Memo) -> str:
+    """Return the key of ``kernel`` with all that it takes in, 32 hex digits.
+
+    ``memo`` keeps the descriptions of kernels already seen; pass a new one to look again.
+    Raises `TypeError` where a kernel takes in a value that can't be described.
+    """
+    parts = [_alone(kernel, memo)[0]]
+    parts += sorted(_alone(callee, memo)[0] for callee in called_kernels(kernel, memo))
+    return _digest([_environment(), *parts])
+
+
+def called_kernels(kernel: Dispatcher, memo: Memo) -> set[Dispatcher]:
+    """Return every kernel that ``kernel`` calls, directly or not (itself only by recursion)."""
+    reached: set[Dispatcher] = set()
+    waiting = list(_alone(kernel, memo)[1])
+    while waiting:
+        callee = waiting.pop()
+        if callee not in reached:
+            reached.add(callee)
+            waiting.extend(_alone(callee, memo)[1])
+    return reached
+
+
+def signature_text(signature: Iterable[types.Type], memo: Memo) -> str:
+    """Describe argument types with all that machine code takes from them.
+
+    Numba's own names leave out a named tuple's field order and an enum's values.
+    """
+    return ", ".join(_type_text(one, memo) for one in signature)
+
+
+def _type_text(numba_type: types.Type, memo: Memo) -> str:
+    if isinstance(numba_type, BaseNamedTuple):
+        return f"{_class_text(numba_type.instance_class)}({signature_text(numba_type, memo)})"
+    if isinstance(numba_type, BaseTuple):
+        return f"({signature_text(numba_type, memo)})"
+    if isinstance(numba_type, EnumMember):
+        return _class_text(numba_type.instance_class)
+    if isinstance(numba_type, types.Dispatcher):
+        return f"kernel {kernel_key(numba_type.dispatcher, memo)}"
+    if isinstance(numba_type, Optional):
+        return f"optional {_type_text(numba_type.type, memo)}"
+    return str(numba_type)
+
+
+@cache
+def _environment() -> str:
+    settings = [f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS]
+    python = (platform.python_implementation(), platform.python_version())
+    versions = (numba.__version__, llvmlite.__version__, np.__version__)
+    return " ".join([*python, *versions, *settings])
+
+
+def _alone(kernel: Dispatcher, memo: Memo) -> tuple[str, tuple[Dispatcher, ...]]:
+    """Describe one kernel without its callees; list those it calls."""
+    if kernel not in memo:
+        function = cast(FunctionType, kernel.py_func)
+        texts = [_function_name(function), repr(sorted(kernel.targetoptions.items()))]
+        texts += [_code_text(function.__code__, function.__doc__)]
+        texts += [_value_text(one) for one in (function.__defaults__, function.__kwdefaults__)]
+        callees = []
+        for name, value in _values_read(function):
+            if isinstance(value, Dispatcher):
+                callees.append(value)
+                texts.append(f"{name}: kernel {_function_name(value.py_func)}")
+            else:
+                texts.append(f"{name}: {_described(value, name, function)}")
+        memo[kernel] = (_digest(texts), tuple(callees))
+    return memo[kernel]
+
+
+def _described(value: Any, name: str, function: FunctionType) -> str:
+    try:
+        return _value_text(value)
+    except TypeError as error:
+        message = f"kernel {_function_name(function)} takes in {name}, {error}"
+        raise TypeError(message) from error
+
+
+def _values_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Yield each global or closed-over value that a function's bytecode reads, with its name."""
+    closed = inspect.getclosurevars(function).nonlocals if function.__closure__ else {}
+    seen = {}
+    for code in _codes(function.__code__):
+        for name, chain in _names_read(code):
+            if name in closed:
+                value = closed[name]
+            elif name in function.__globals__:
+                value = function.__globals__[name]
+            else:
+                continue  # a builtin, or a name of an inner function's own
+            for attribute in chain:
+                if not isinstance(value, ModuleType) or _is_external(value):
+                    break
+                value, name = getattr(value, attribute), f"{name}.{attribute}"
+            seen[name] = value
+    yield from sorted(seen.items())
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _names_read(code: CodeType) -> Iterator[tuple[str, list[str]]]:
+    """Yield each global name that is read, with the attributes taken from it straight after."""
+    name, chain = None, list[str]()
+    for instruction in dis.get_instructions(code):
+        if name is not None and instruction.opname in ("LOAD_ATTR", "LOAD_METHOD"):
+            chain.append(str(instruction.argval))
+            continue
+        if name is not None:
+            yield name, chain
+            name, chain = None, []
+        if instruction.opname in (
+            "LOAD_GLOBAL",
+            "LOAD_NAME",
+            "LOAD_DEREF",
+            "LOAD_FROM_DICT_OR_DEREF",
+        ):
+            name = str(instruction.argval)
+
+
+def _is_external(value: ModuleType) -> bool:
+    return value.__name__.partition(".")[0] in _EXTERNAL
+
+
+def _code_text(code: CodeType, doc: str | None) -> str:
+    """Describe a code object without its docstring and line numbers."""
+    constants = list(code.co_consts)
+    if doc is not None and constants and constants[0] == doc:
+        constants[0] = None
+    inner = [
+        _code_text(one, None) if isinstance(one, CodeType) else _value_text(one)
+        for one in constants
+    ]
+    shape = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
+    names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    return _digest([code.co_code.hex(), repr(shape), repr(names), *inner])
+
+
+def _value_text(value: Any) -> str:
+    """Describe a frozen value; raise `TypeError` for a kind that isn't known."""
+    if isinstance(value, enum.Enum):
+        return f"{_class_text(type(value))}.{value.name}"
+    if value is None or value is Ellipsis or isinstance(value, bool | int | str | bytes):
+        return f"{type(value).__name__} {value!r}"
+    if isinstance(value, float | complex | np.generic):
+        return _number_text(value)
+    if isinstance(value, tuple | list | frozenset):
+        return _collection_text(value)
+    if isinstance(value, dict):
+        return f"dict {[(repr(key), _value_text(one)) for key, one in value.items()]}"
+    if isinstance(value, np.ndarray):
+        data = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return f"array {value.dtype.descr!r} {value.shape} {value.flags.c_contiguous} {data}"
+    if isinstance(value, np.dtype):
+        return f"dtype {value.descr!r} {value.itemsize}"
+    if isinstance(value, types.Type):
+        return f"type {value}"
+    if isinstance(value, type):
+        return _class_text(value)
+    if isinstance(value, ModuleType) and _is_external(value):
+        return f"module {value.__name__}"
+    if callable(value) and str(getattr(value, "__module__", "")).partition(".")[0] in _EXTERNAL:
+        return f"function {value.__module__}.{getattr(value, '__name__', value)}"
+    if isinstance(value, BuiltinFunctionType):
+        return f"function {value.__module__}.{value.__qualname__}"
+    message = f"a {type(value).__module__}.{type(value).__qualname__}, which no cache key can hold"
+    raise TypeError(message)
+
+
+def _number_text(value: Any) -> str:
+    kind = f"{type(value).__module__}.{type(value).__name__}"
+    if isinstance(value, float) and not math.isnan(value):
+        return f"{kind} {value.hex()}"
+    return f"{kind} {np.asarray(value).tobytes().hex()}"
+
+
+def _collection_text(value: Any) -> str:
+    kind = _class_text(type(value)) if hasattr(value, "_fields") else type(value).__name__
+    items = [_value_text(one) for one in value]
+    return f"{kind} {sorted(items) if isinstance(value, frozenset) else items}"
+
+
+def _class_text(value: Any) -> str:
+    name = f"class {value.__module__}.{value.__qualname__}"
+    if issubclass(value, enum.Enum):
+        members = [(key, _value_text(one.value)) for key, one in value.__members__.items()]
+        return f"{name} {members}"
+    if issubclass(value, tuple) and hasattr(value, "_fields"):
+        defaults = [(key, _value_text(one)) for key, one in value._field_defaults.items()]
+        return f"{name} {value._fields} {defaults}"
+    if value.__module__.partition(".")[0] in _EXTERNAL or issubclass(value, BaseException):
+        return name
+    message = f"class {value.__module__}.{value.__qualname__}, which no cache key can hold"
+    raise TypeError(message)
+
+
+def _function_name(function: Any) -> str:
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def _digest(texts: Iterable[str]) -> str:
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(f"{len(text)}:{text}".encode())
+    return digest.hexdigest()[:32]
