@@ -66,6 +66,8 @@ class StepLog:
 
 
 def read_step_log(path: Path) -> StepLog:
-    """Read a log; a torn last record is dropped."""
-    data = path.read_bytes()
-    return StepLog(np.frombuffer(data[: len(data) // RECORD.itemsize * RECORD.itemsize], RECORD))
+    """Read a log; a torn last record and room not yet written are dropped."""
+    whole = path.stat().st_size // RECORD.itemsize
+    records = np.memmap(path, RECORD, "r", shape=(whole,)) if whole else np.empty(0, RECORD)
+    end = int(np.searchsorted(records["ns"] == 0, True)) if whole else 0
+    return StepLog(np.array(records[:end]))
