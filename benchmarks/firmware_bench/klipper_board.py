@@ -128,7 +128,9 @@ class KlipperBoard:
         with socket.socket(socket.AF_UNIX) as api:
             api.settimeout(10)
             api.connect(str(self.api))
-            api.sendall(json.dumps({"id": 1, "method": method, "params": params}).encode() + b"\x03")
+            api.sendall(
+                json.dumps({"id": 1, "method": method, "params": params}).encode() + b"\x03"
+            )
             data = b""
             while not data.endswith(b"\x03"):
                 part = api.recv(65536)

@@ -50,12 +50,12 @@ class StepLog:
         return {axis: int(self.steps(axis)["direction"].sum(dtype=np.int64)) for axis in AXES}
 
     def last_edge_s(self) -> float:
-        """Return the time of the last motor step, s on ``time.monotonic()``; 0 if there is none."""
+        """Return the time of the last motor step, s on ``time.monotonic()``; 0 if none."""
         steps = self.steps()
         return float(steps["ns"].max()) / 1e9 if len(steps) else 0.0
 
     def first_edge_s(self) -> float:
-        """Return the time of the first motor step, s on ``time.monotonic()``; 0 if there is none."""
+        """Return the time of the first motor step, s on ``time.monotonic()``; 0 if none."""
         steps = self.steps()
         return float(steps["ns"].min()) / 1e9 if len(steps) else 0.0
 
