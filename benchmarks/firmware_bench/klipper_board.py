@@ -107,6 +107,7 @@ class KlipperBoard:
             "GPIO_STUB_START": start_steps(),
         }
         command = [str(self.home / "klipper.elf"), "-I", str(self.folder / "mcu")]
+        command += ["-r"] if os.geteuid() == 0 else []  # real-time priority, as on a printer
         self._mcu = subprocess.Popen(command, env=os.environ | stub, stdin=subprocess.DEVNULL)
 
     def kill_mcu(self) -> None:

@@ -40,9 +40,19 @@ class Judged:
     surplus: int
 
 
+def stand_still(board: AvrBoard, still_s: float = 4.0, within_s: float = 60.0) -> None:
+    """Wait until no motor has stepped for a while."""
+    begun = time.monotonic()
+    while time.monotonic() < begun + within_s:
+        last = max(begun, board.state()["last_ns"] / 1e9)
+        if time.monotonic() - last > still_s:
+            return
+        time.sleep(0.1)
+
+
 def judge(file: MotionFile, ended: Ended, board: AvrBoard) -> Judged:
-    """Compare the product's report with the motors, two seconds after it."""
-    time.sleep(2.0)
+    """Compare the product's report with the motors once they stand still."""
+    stand_still(board)
     state, wanted = board.state(), file.end_steps(MARLIN_STEPS)
     wrong = [axis for axis, found in board.positions().items() if found != wanted[axis]]
     made = sum(found["edges"] for found in state["axes"].values())
