@@ -68,6 +68,7 @@ class KlipperBoard:
     def __enter__(self) -> KlipperBoard:
         """Start both processes and wait until Klipper says that it is ready."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / "steps.bin").unlink(missing_ok=True)
         self.start_mcu()
         (self.folder / "temperature").write_text("25000\n")
         config = self.folder / "printer.cfg"

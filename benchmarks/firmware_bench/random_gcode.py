@@ -16,12 +16,15 @@ class RandomJob:
     Parameters
     ----------
     odd : bool
-        Blanks inside words, lower case, numbers with checksums and comments as well.
+        Blanks inside words or none at all, indented lines, comments.
+    inches : bool
+        G20 as well: a stock Marlin doesn't know it (INCH_MODE_SUPPORT is off).
     """
 
-    def __init__(self, seed: int, odd: bool) -> None:
+    def __init__(self, seed: int, odd: bool, inches: bool = False) -> None:
         self.rng = np.random.default_rng(seed)
         self.odd = odd
+        self.inches = inches
         self.inch = self.relative = self.relative_e = False
         self.shift = dict.fromkeys("XYE", 0.0)  # native minus logical, mm
         self.at = dict.fromkeys("XYZE", 0.0)  # native, mm
@@ -39,9 +42,7 @@ class RandomJob:
 
     def word(self, axis: str, to: float) -> str:
         """Return the word that leads to a native place, and remember it."""
-        relative = (self.relative or self.relative_e) if axis == "E" else self.relative
-        if axis == "E":
-            relative = self.relative_e
+        relative = self.relative_e if axis == "E" else self.relative
         value = to - self.at[axis] if relative else to - self.shift.get(axis, 0.0)
         self.at[axis] = to
         return f"{axis}{self.number(value)}"
@@ -81,7 +82,7 @@ class RandomJob:
 
     def mode(self) -> None:
         """Change unit, mode or origin."""
-        what = self.rng.integers(0, 5)
+        what = self.rng.integers(0 if self.inches else 1, 5)
         if what == 0:
             self.inch = not self.inch
             self.lines.append("G20" if self.inch else "G21")
