@@ -37,13 +37,17 @@ class StepLog:
 
     def of_kind(self, kind: str) -> NDArray[np.void]:
         """Return the records of one kind."""
-        return self.records[self.records["kind"] == KINDS.index(kind)]
+        found: NDArray[np.void] = self.records[self.records["kind"] == KINDS.index(kind)]
+        return found
 
     def steps(self, axis: str | None = None) -> NDArray[np.void]:
         """Return the step edges that moved a motor, of one axis or of all."""
         steps = self.of_kind("step")
-        steps = steps[steps["enabled"] == 1]
-        return steps if axis is None else steps[steps["axis"] == AXES.index(axis)]
+        moved = steps["enabled"] == 1
+        if axis is not None:
+            moved &= steps["axis"] == AXES.index(axis)
+        found: NDArray[np.void] = steps[moved]
+        return found
 
     def positions(self) -> dict[str, int]:
         """Return the sum of steps by axis."""
