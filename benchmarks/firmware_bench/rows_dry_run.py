@@ -20,6 +20,7 @@ from benchmarks.firmware_bench.gcode_files import (
 )
 from benchmarks.firmware_bench.product import dry_run, print_file
 from benchmarks.firmware_bench.random_gcode import write_random
+from benchmarks.firmware_bench.rows_done import stand_still
 from benchmarks.firmware_bench.rows_speed import board_seconds
 from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import row
@@ -41,6 +42,7 @@ def time_rows(image: Path, folder: Path) -> Iterator[Row]:
         said = dry_run(job).get("duration_s", float("nan"))
         with AvrBoard(image, folder / f"board_{job.stem}") as board:
             ended = print_file(job, board.port)
+            stand_still(board)
             took = board_seconds(board)
         error = said / took - 1 if took else float("nan")
         text = f"dry run against real Marlin ({took:.2f} s, {ended.state}), {name}"

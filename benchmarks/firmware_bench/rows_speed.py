@@ -10,6 +10,7 @@ from typing import Any
 from benchmarks.firmware_bench.avr_board import AvrBoard
 from benchmarks.firmware_bench.gcode_files import HEAD, MotionFile, short_moves
 from benchmarks.firmware_bench.product import print_file
+from benchmarks.firmware_bench.rows_done import stand_still
 from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import row
 
@@ -61,6 +62,7 @@ def by_product(image: Path, folder: Path, file: MotionFile, baud: int) -> tuple[
     profile = write_profile(folder / "bench_printer.yaml", baud)
     with AvrBoard(image, folder / "board") as board:
         ended = print_file(job, board.port, str(profile))
+        stand_still(board)
         count, slipped = len(file.lines) - len(HEAD), board.state()["slipped_s"]
         return count / max(board_seconds(board), 1e-9), ended.state, slipped
 
