@@ -148,7 +148,7 @@ def _described(value: Any, name: str, function: FunctionType) -> str:
         return _value_text(value)
     except TypeError as error:
         message = f"kernel {_function_name(function)} takes in {name}, {error}"
-        raise TypeError(message) from error
+        raise type(error)(message) from error
 
 
 def _values_read(function: FunctionType) -> Iterator[tuple[str, Any]]:

@@ -158,3 +158,10 @@ def test_kernels_that_call_each_other_are_compiled_in_each_process(tmp_path: Pat
 def test_cache_moves_with_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
     assert cache_dir().parent == tmp_path
+
+
+def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
+    script = "from kernels import jit\nfrom typing import NamedTuple\nclass P(NamedTuple):\n    a: float\n"
+    script += "@jit\ndef f(x):\n    return P(x)\nprint(type(f(2.0)) is P)"
+    for _ in range(2):
+        assert _python(tmp_path, script) == "True"
