@@ -10,13 +10,12 @@ take.
 from __future__ import annotations
 
 import socket
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-UNKNOWN: Final = 256
-PER_ADDRESS: Final = 64
+UNKNOWN: Final = 3000
+PER_ADDRESS: Final = 1500
 KNOWN: Final = 64
 TO_SHOW_S: Final = 5.0
 """So long an unknown connection has until it shows a session or token."""
@@ -58,48 +57,64 @@ class Connection:
 
 @dataclass
 class Places:
-    """Who has a place now, the oldest first."""
+    """Who has a place now; of each kind the oldest first.
 
-    _taken: dict[Connection, None] = field(default_factory=dict)
+    Attributes
+    ----------
+    unknown_limit : int
+        Places for unknown connections; fewer where the system gives fewer files.
+    """
 
-    def __iter__(self) -> Iterator[Connection]:
-        return iter(list(self._taken))
+    unknown_limit: int = UNKNOWN
+    _known: dict[Connection, None] = field(default_factory=dict)
+    _unknown: dict[Connection, None] = field(default_factory=dict)
+    _of_address: dict[str, dict[Connection, None]] = field(default_factory=dict)
 
     def __contains__(self, one: Connection) -> bool:
-        return one in self._taken
+        return one in self._known or one in self._unknown
 
-    def __len__(self) -> int:
-        return len(self._taken)
+    def __iter__(self) -> Iterator[Connection]:
+        yield from list(self._known)
+        yield from list(self._unknown)
 
     def take(self, new: Connection) -> Connection | None:
         """Give a place to a new connection; return who must leave for it."""
-        unknown = [one for one in self._taken if not one.known]
-        self._taken[new] = None
-        if sum(one.address == new.address for one in unknown) >= PER_ADDRESS:
-            return next(one for one in unknown if one.address == new.address)
-        if len(unknown) >= UNKNOWN:
-            address, _ = Counter(one.address for one in unknown).most_common(1)[0]
-            return next(one for one in unknown if one.address == address)
-        return None
+        mates = self._of_address.setdefault(new.address, {})
+        leaves = None
+        if len(mates) >= min(PER_ADDRESS, self.unknown_limit // 2):
+            leaves = next(iter(mates))
+        elif len(self._unknown) >= self.unknown_limit:
+            most = max(self._of_address, key=lambda address: len(self._of_address[address]))
+            leaves = next(iter(self._of_address[most]))
+        mates[new] = self._unknown[new] = None
+        return leaves
 
     def know(self, one: Connection) -> Connection | None:
         """Note that a connection has shown a session or token; return who must leave for it."""
         if one.known:
             return None
+        self.leave(one)
         one.known = True
-        known = [other for other in self._taken if other.known and not other.stopping]
-        if len(known) <= KNOWN:
-            return None
-        return min((other for other in known if other is not one), key=lambda other: other.since)
+        idle = (other for other in self._known if not other.stopping)
+        leaves = min(idle, key=lambda other: other.since) if len(self._known) >= KNOWN else None
+        self._known[one] = None
+        return leaves
 
     def leave(self, one: Connection) -> bool:
         """Take a connection's place back; whether it had one."""
-        return self._taken.pop(one, one) is None
+        if one.known:
+            return self._known.pop(one, one) is None
+        mates = self._of_address.get(one.address, {})
+        mates.pop(one, None)
+        if not mates:
+            self._of_address.pop(one.address, None)
+        return self._unknown.pop(one, one) is None
 
     def late(self, now: float) -> list[Connection]:
         """Return who has had its time."""
-        return [
-            one
-            for one in self._taken
-            if not one.stopping and now - one.since > (IDLE_S if one.known else TO_SHOW_S)
-        ]
+        found = [one for one in self._known if not one.stopping and now - one.since > IDLE_S]
+        for one in self._unknown:
+            if now - one.since <= TO_SHOW_S:
+                break  # the rest came later
+            found.append(one)
+        return found

@@ -25,7 +25,7 @@ from printctl.web.stop_door.message import (
     read_request,
 )
 from printctl.web.stop_door.order import DoorOrder
-from printctl.web.stop_door.places import Connection, Places
+from printctl.web.stop_door.places import UNKNOWN, Connection, Places
 from printctl.web.stop_door.wires import Wires
 
 _BACKLOG: Final = 1024
@@ -58,7 +58,7 @@ class DoorServer:
             self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
             self._context.load_cert_chain(order.cert, order.key or None)
         self._wires, self._answering = wires, Answering(order)
-        self._places = Places()
+        self._places = Places(min(UNKNOWN, _files() // 2))
         self._mail: deque[tuple[Connection, bytes, bool]] = deque()
         self._selector = selectors.DefaultSelector()
         self._waker, self._woken = socket.socketpair()
@@ -239,3 +239,16 @@ class DoorServer:
                     self._answer(one)
             except OSError:
                 self._drop(one)
+
+
+def _files() -> int:
+    """Ask for as many files as the system gives; return how many."""
+    try:
+        import resource  # Windows has none: its sockets aren't counted as files.
+    except ImportError:
+        return 2 * UNKNOWN
+    soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = 2 * UNKNOWN if most == resource.RLIM_INFINITY else min(2 * UNKNOWN, most)
+    if soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
+    return max(soft, wanted)

@@ -121,7 +121,7 @@ def test_a_crowd_of_idle_connections_and_wrong_tokens_keeps_no_stop_out(
     alive = server.stop.replace("/stop", "/alive")
     crowd = []
     try:
-        for n in range(400):  # twice what the door has places for, of many addresses and of one
+        for n in range(400):  # of many addresses and of one; 200 once shut the door
             origin = f"127.0.{1 + n % 3}.{1 + n // 3 % 250}" if n % 2 else "127.0.0.1"
             crowd.append(socket.create_connection((door.hostname, door.port), 10, (origin, 0)))
         for _ in range(20):
