@@ -17,6 +17,7 @@ from printctl.web.job.card_print import PrintCard, heard
 from printctl.web.job.card_start import add_start
 from printctl.web.job.first import first_job, make_scene
 from printctl.web.job.parts import Folds, card, small, tried
+from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.live.element import LiveView, live_view, preload
 from printctl.web.shell.frame import frame
@@ -80,7 +81,7 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
             small(problem)
         return
     machine, _ = await tried(service.machine)
-    record, _ = await tried(service.record, job)
+    record, unwritten = await tried(service.record, job)
     with ui.element("div").classes("job-column job-at-print"):
         show_print = PrintCard(service, who, job).show
     with ui.element("div").classes("job-column job-at-view"):
@@ -89,7 +90,9 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
     with ui.element("div").classes("job-column job-at-setup"):
         said = add_preflight(service, who, job, first, machine, folds)
     with ui.element("div").classes("job-column job-at-side"):
-        show_start = add_start(service, who, job, record, said, folds)
+        if unwritten:
+            small(unwritten).classes("job-problem")
+        show_start = add_start(service, who, job, record or PrintRecord(), said, folds)
         await add_after(service, who, job, folds)
 
     def show(told: dict[str, Any] | None) -> None:
