@@ -294,6 +294,7 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> i
             if count == 0:
                 kind = BAD
                 count = 1
+                modal.position[:] = begin
         elif kind == HOME:
             _home(modal, words)
         for k in range(count):

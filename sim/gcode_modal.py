@@ -111,8 +111,11 @@ def interpret(modal: Record, words: Record) -> int:
             _set_target(modal, words)
             return MOVE
         if number <= 3:
+            if not (has(words, _I) or has(words, _J) or has(words, _R)):
+                _set_feed(modal, words)
+                return BAD
             _set_target(modal, words)
-            return ARC if has(words, _I) or has(words, _J) or has(words, _R) else BAD
+            return ARC
         if number == 4:
             return DWELL
         if number == 20 or number == 21:
@@ -162,6 +165,11 @@ def _set_target(modal: Record, words: Record) -> None:
         if modal.limited[axis] != 0:
             within = max(modal.position[axis], modal.low[axis])
             modal.position[axis] = min(within, modal.high[axis])
+    _set_feed(modal, words)
+
+
+@jit
+def _set_feed(modal: Record, words: Record) -> None:
     if has(words, _F) and words.value[_F] > 0:
         modal.feed = words.value[_F] * modal.unit / 60.0
 
