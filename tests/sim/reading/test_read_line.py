@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
 from sim.firmware_codes import is_known_line
-from sim.reading import read_line
+from sim.reading import read_line, read_sent
 from sim.reading.faults import SORTS
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import read_words
@@ -196,6 +196,7 @@ def test_what_is_sent_reads_as_what_was_meant(text, family):
     except LineError:
         return
     assert read_line(line.text, printer) == line
+    assert b'"' in line.text or read_sent(line.text) == line
     assert re.fullmatch(rb"[ -~]*", line.text)
 
 
