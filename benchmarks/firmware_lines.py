@@ -2,9 +2,9 @@
 
 ``python -m benchmarks.firmware_lines --marlin IMAGE --lines 10000``; the image as for
 `benchmarks.firmware_bench`. Two passes: *sent* sends what the product's reader renders of each line
-(refused lines are left out) and compares motors, simulated printer and dry run; *raw* sends lines as
-they were generated, malformed ones too, and compares motors and simulated printer. Differences are
-printed by line. The last line is a JSON object.
+(refused lines are left out) and compares motors, simulated printer and dry run; *raw* sends lines
+as they were generated, malformed ones too, and compares motors and simulated printer. Differences
+are printed by line. The last line is a JSON object.
 """
 
 from __future__ import annotations
@@ -51,10 +51,12 @@ class Lines:
         self.relative = False
 
     def __iter__(self) -> Iterator[str]:
+        """Yield lines without end."""
         while True:
             yield self.spelled(self.line())
 
     def number(self, low: float, high: float) -> str:
+        """Return a number, in one of several spellings."""
         value = float(self.rng.uniform(low, high))
         text = f"{value:.{int(self.rng.integers(0, 6))}f}"
         if self.rng.random() < 0.1 and not text.startswith("-"):
@@ -64,11 +66,13 @@ class Lines:
         return text + ("." if "." not in text and self.rng.random() < 0.1 else "")
 
     def word(self, axis: str) -> str:
+        """Return a letter with a number that fits."""
         span = {"X": (40, 50), "Y": (40, 50), "Z": (0, 0.5), "E": (-0.2, 0.5), "F": (3000, 9000)}
         low, high = (-1, 1) if self.relative and axis in "XYZ" else span[axis]
         return axis + self.number(low, high)
 
     def line(self) -> list[str]:
+        """Return the words of one line."""
         kind = self.rng.random()
         if kind < 0.62:
             axes = [a for a in "XYZEF" if self.rng.random() < 0.4]
@@ -86,6 +90,7 @@ class Lines:
         return str(self.rng.choice(codes)).split()
 
     def arc(self) -> list[str]:
+        """Return the words of an arc, or of what is nearly one."""
         words = [str(self.rng.choice(["G2", "G3"])), self.word("X"), self.word("Y")]
         ways = (["I", "J"], ["I"], ["J"], ["R"], [], ["R", "I"], ["I", "J", "P"])
         for letter in ways[int(self.rng.choice(7, p=(0.45, 0.1, 0.1, 0.2, 0.05, 0.05, 0.05)))]:
@@ -94,6 +99,7 @@ class Lines:
         return words + [self.word(a) for a in "ZEF" if self.rng.random() < 0.3]
 
     def spelled(self, words: list[str]) -> str:
+        """Return a line with blanks, case and remarks of all sorts."""
         chance = self.rng.random
         if chance() < self.malformed:
             words = self.spoiled(words)
@@ -108,10 +114,11 @@ class Lines:
         return text.lower() if chance() < 0.05 else text
 
     def spoiled(self, words: list[str]) -> list[str]:
-        junk = ("X--5", "X1.2.3", "Xnan", "Xinf", "X", "Y5mm", "X30e1", "Q7", "A-3", "X40 X50", "Y+-3",
-                "X30 40", "Y.", "Z-", "E1E", "X4,5", "\tY44", "X33\tZ1", "(Y22)", "I3", "F0", "F-5")  # fmt: skip
+        """Return the words with one that is malformed."""
+        junk = "X--5|X1.2.3|Xnan|Xinf|X|Y5mm|X30e1|Q7|A-3|X40 X50|Y+-3|X30 40|Y.|Z-|E1E|X4,5|"
+        junk += "	Y44|X33	Z1|(Y22)|I3|F0|F-5"
         at = int(self.rng.integers(1, len(words) + 1))
-        return [*words[:at], str(self.rng.choice(junk)), *words[at:]]
+        return [*words[:at], str(self.rng.choice(junk.split("|"))), *words[at:]]
 
 
 def numbered(text: str, number: int) -> str:

@@ -145,6 +145,12 @@ def test_klippers_names_keep_their_parameters():
         read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
 
 
+@pytest.mark.parametrize("value", ["nan", "1e3", "", "12345678901234567890", "1.2.3"])
+def test_a_place_in_a_named_command_is_a_number(value):
+    with pytest.raises(LineError, match="isn't"):
+        read_line(f"SET_KINEMATIC_POSITION X={value}".encode(), KLIPPER)
+
+
 def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
     from binascii import crc_hqx
 
