@@ -339,6 +339,7 @@ class MainLoop:
             return
         if target[3] != begin[3] and self._no_extrusion(abs(target[3] - begin[3])):
             machine.set_plunger(float(target[3]))
+        machine.modal["position"][0] = points[-1]
         feed = float(speed(machine.modal[0]))
         for point in points:
             yield Place()
