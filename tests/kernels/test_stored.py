@@ -160,8 +160,18 @@ def test_cache_moves_with_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert cache_dir().parent == tmp_path
 
 
+SCRIPT = """
+from typing import NamedTuple
+from kernels import jit
+class Point(NamedTuple):
+    x: float
+@jit
+def made(x):
+    return Point(x)
+print(type(made(2.0)) is Point)
+"""
+
+
 def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
-    script = "from kernels import jit\nfrom typing import NamedTuple\nclass P(NamedTuple):\n    a: float\n"
-    script += "@jit\ndef f(x):\n    return P(x)\nprint(type(f(2.0)) is P)"
     for _ in range(2):
-        assert _python(tmp_path, script) == "True"
+        assert _python(tmp_path, SCRIPT) == "True"
