@@ -45,11 +45,11 @@ def register(service: JobService) -> None:
                 ui.add_head_html(preload(chosen))
             folds = Folds()
             with ui.element("div").classes("job-cards") as cards:
+                with ui.element("div").classes("job-column job-at-jobs"):
+                    await add_jobs(service, chosen, folds)
                 if chosen:
                     cards.classes("job-chosen")
                     await _cards(service, chosen, folds, cards)
-                with ui.element("div").classes("job-column job-at-jobs"):
-                    await add_jobs(service, chosen, folds)
 
 
 def _live_view(service: JobService, job: str) -> LiveView:
