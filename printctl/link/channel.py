@@ -239,7 +239,7 @@ class Channel(Logbook):
             )
         raise Over(
             LinkState.POSITION_UNKNOWN,
-            f"the printer was reset after {self._progress()}; `printctl recover` goes on",
+            f"the printer was reset after {self._progress()}; `printctl status` says what next",
             known=False,
         )
 
@@ -247,7 +247,7 @@ class Channel(Logbook):
         raise Over(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, the host's {event.expected}; another "
-            "program may have spoken to it; `printctl recover` tells how to go on",
+            "program may have spoken to it; `printctl status` says what next",
             known=False,
         )
 

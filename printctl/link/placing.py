@@ -72,7 +72,7 @@ class Placing(Channel):
             self._shut_valve()
             raise Over(
                 LinkState.POSITION_UNKNOWN,
-                f"after line {done}: {wrong}; `printctl recover` tells how to go on",
+                f"after line {done}: {wrong}; `printctl status` says what next",
                 known=False,
             )
 
@@ -120,7 +120,7 @@ class Placing(Channel):
         raise Over(
             LinkState.POSITION_UNKNOWN,
             f"the firmware doesn't say that it uses head {number} ({choose(printer, number)!r}): "
-            "nothing was moved; see that it was built with so many, then `printctl recover`",
+            "nothing was moved; see that it was built with so many, then `printctl status`",
             known=False,
         )
 

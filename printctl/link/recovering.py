@@ -33,6 +33,10 @@ _NO_SETUP: Final = frozenset(
 )
 
 
+class NoCheckpoint(LinkError):  # noqa: N818
+    """The journal doesn't tell where to begin: a person must."""
+
+
 @dataclass(frozen=True)
 class Recovery:
     """How to go on.
@@ -82,8 +86,10 @@ def plan_recovery(
 
     Raises
     ------
+    NoCheckpoint
+        When there is no checkpoint, and no line was given.
     LinkError
-        When there is no checkpoint, or the job doesn't say where the needle is there.
+        When the job doesn't say where the needle is there.
     """
     begin, why = _beginning(job, history, printer, from_line)
     at = modal_state(job.lines, begin)
@@ -111,7 +117,7 @@ def _beginning(
     for record in reversed(history.checkpoints):
         if record["done"] <= sure and record["done"] < len(job):
             return record["done"], f"checkpoint, {record['mark']}"
-    raise LinkError(
+    raise NoCheckpoint(
         f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
         "were surely made; look at the part and give --from-line"
     )

@@ -227,7 +227,7 @@ class Streamer(Pausing):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"{self.wiring.printer.firmware} can't tell which line it took last; at least "
-                f"{history.done} job lines were taken; `printctl recover` tells how to go on",
+                f"{history.done} job lines were taken; `printctl status` says what next",
                 known=False,
             )
         number = self._agree(self.protocol.ask)
@@ -237,8 +237,8 @@ class Streamer(Pausing):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"the printer's last line is {number}, the journal knows of {history.done} job "
-                "lines: it was reset or used by another program since; `printctl recover` tells "
-                "how to go on",
+                "lines: it was reset or used by another program since; `printctl status` says "
+                "what next",
                 known=False,
             )
         self.protocol.load(self.job.lines, done, number)
