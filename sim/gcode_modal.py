@@ -235,6 +235,8 @@ def arc_centre(
 
 
 OFF_CIRCLE_MM = 0.1
+LONGEST_ARC_MM = 1e4
+"""No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits."""
 LEAST_TURN = 1e-3
 
 
@@ -274,6 +276,8 @@ def arc_is_sound(
     elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > OFF_CIRCLE_MM:
         return False
     turn = abs(arc_turn(begin, end, words, cx, cy))
+    if _radius(begin, cx, cy) * turn > LONGEST_ARC_MM:
+        return False
     whole = begin[0] == end[0] and begin[1] == end[1]
     return whole or LEAST_TURN < turn < 2.0 * math.pi - LEAST_TURN
 
