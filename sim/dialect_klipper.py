@@ -25,7 +25,7 @@ import numpy as np
 
 from sim.dialect_duet import DuetPrinter, g92_silent
 from sim.gcode import Command, split_line
-from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, plain_command
+from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, Named, plain_command
 from sim.gcode_modal import interpret
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
@@ -39,13 +39,18 @@ _NAMED: Final = re.compile(rb"([A-Za-z]+_\w+)\s*(.*)")
 _TIMEOUT: Final = re.compile(rb"TIMEOUT=([\d.]+)")
 _VALUE: Final = re.compile(rb"\b([A-Z_]+)=([+-]?\d*\.?\d+)")
 _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
-_G: Final = (4, 20, 21, 28, 90, 91)
+_G: Final = (4, 21, 28, 90, 91)
 _M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
 _KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 400)])
 
 
 def _values(words: bytes) -> dict[str, float]:
     return {name.decode(): float(value) for name, value in _VALUE.findall(words.upper())}
+
+
+def _parameters(words: bytes) -> dict[str, str]:
+    pairs = (word.partition("=") for word in words.decode("ascii", "replace").split())
+    return {key.upper(): value for key, _, value in pairs}
 
 
 class KlipperLines(LineReader):
@@ -56,6 +61,13 @@ class KlipperLines(LineReader):
         found = _NUMBER.match(line)
         self.last_number += 1
         return (line[found.end() :] if found else line).partition(b"*")[0]
+
+
+def _g92(board: MainLoop, command: Command) -> None:
+    """Without a word it counts every axis from 0, which Marlin doesn't."""
+    if not command.values:
+        split_line(b"G92 X0 Y0 Z0 E0", board.words)
+    g92_silent(board, command)
 
 
 def _m114(board: MainLoop, command: Command) -> None:
@@ -88,7 +100,7 @@ class KlipperPrinter(DuetPrinter):
 
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: HANDLERS[name] for name in _KNOWN},
-        "G92": g92_silent,
+        "G92": _g92,
         "M18": _m84,
         "M84": _m84,
         "M114": _m114,
@@ -138,7 +150,7 @@ class KlipperPrinter(DuetPrinter):
         elif name == OFFSETS:
             self._set_offset(_values(named[2]))
         elif name == CHOOSES:
-            return self._activate(named[1], named[2])
+            return self._activate(named[2])
         elif name == "SET_VELOCITY_LIMIT":
             self.machine.say(_limits(self))
         elif name == "SET_PRESSURE_ADVANCE":
@@ -174,10 +186,10 @@ class KlipperPrinter(DuetPrinter):
             self.machine.modal["shift"][0][axis] -= value - now
             self._offset[axis] = value
 
-    def _activate(self, name: bytes, words: bytes) -> Iterator[Wait]:
+    def _activate(self, words: bytes) -> Iterator[Wait]:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine = self.machine
-        chosen = plain_command(name, words)
+        chosen = plain_command(Named(0, CHOOSES, _parameters(words)))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")

@@ -35,7 +35,7 @@ def told(truth: PrintTruth, run: str) -> list[str]:
         f"{100 * truth.share:.1f} % made; {status.lines_done} of {status.lines_total} lines taken, "
         f"line {status.file_line} of the file",
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
-        *_watched(status),
+        *watched(status),
     ]
     if status.line_errors or status.alarms:
         lines.append(f"{status.line_errors} lines sent again, {status.alarms} alarms")
@@ -46,7 +46,8 @@ def told(truth: PrintTruth, run: str) -> list[str]:
     return lines
 
 
-def _watched(status: Status) -> list[str]:
+def watched(status: Status) -> list[str]:
+    """Say what a print waits for and what the machine reads."""
     lines = [f"waits for: {status.waits_for}"] if status.waits_for else []
     if status.deadman_left_s is not None and not status.ended:
         lines.append(

@@ -59,7 +59,7 @@ def _places(record: LinkRecord, history: History) -> dict[str, int]:
     """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
     try:
         printer = load(Printer, record.profile)
-        job = load_job(Path(record.job), printer.max_line_bytes)
+        job = load_job(Path(record.job), printer)
     except (LinkError, ProfileError):
         return {}
     if job.sha256 != history.job.get("sha256"):

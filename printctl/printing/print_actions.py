@@ -142,7 +142,7 @@ def _why_no_going_on(folder: Path) -> str:
     try:
         record = load_record(folder)
         printer = load(Printer, record.profile)
-        resumable(folder, load_job(Path(record.job), printer.max_line_bytes).sha256)
+        resumable(folder, load_job(Path(record.job), printer).sha256)
         refuse_forgotten(folder, record.port, printer)
     except (LinkError, ProfileError) as exc:
         return str(exc)

@@ -42,7 +42,7 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
     history = read_journal(folder / JOURNAL)
     printer = load(Printer, record.profile)
     path = Path(record.job)
-    job = load_job(path, printer.max_line_bytes)
+    job = load_job(path, printer)
     if history.job.get("sha256") != job.sha256:
         raise PrintctlError(
             f"{record.job} has changed since it was printed in {folder}; put the file back that "

@@ -9,7 +9,6 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import modes
 from printctl.link.guarding import guarded
-from printctl.link.job import parse_job
 from printctl.link.journal import History, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
@@ -20,8 +19,10 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
 from sim.marlin import MarlinPrinter
+from sim.reading import read_line
 from tests.printctl.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
 from tests.printctl.link.fake_marlin import FakeTransport
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Arming, Script, played
 from tests.printctl.link.sim_transport import SimTransport
 
@@ -65,7 +66,7 @@ def sent(printer: Airy) -> list[str]:
     ],
 )
 def test_lines_about_the_valve_are_told_from_others(line, about):
-    assert is_about_valve(line, AIR) == about
+    assert is_about_valve(read_line(line, AIR).text, AIR) == about
     assert not is_about_valve(line, PRINTER)
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.gcode_view import Pushing, read_job
-from printctl.link.job import parse_job
 from printctl.preflight import Loaded, volumes
 from printctl.printing.job_table import JobTable
 from printctl.printing.journalled import read_so_far
@@ -17,6 +16,7 @@ from printctl.printing.progress import Filling, progress
 from printctl.printing.remaining import Estimate, Remaining
 from printctl.web.job.tabulating import make_table
 from sim.dryrun import dry_run
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
