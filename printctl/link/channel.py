@@ -125,7 +125,10 @@ class Channel(Logbook):
         raise Over(LinkState.STOPPED, "stopped by the user before the first line")
 
     def _command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
-        """Send a control command with nothing in flight; give the printer's reply."""
+        """Send a control command with nothing in flight; give the printer's reply.
+
+        Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
+        """
         self._replies.clear()
         self._awaited = self.protocol.number + 1
         if journalled:
@@ -134,6 +137,7 @@ class Channel(Logbook):
         while not self._replies:
             self._pump()
         if text == b"M400":
+            self._agree(self.protocol.confirm)
             self._made.waited(self.protocol.lines_done)
         return self._replies[0].lines
 
@@ -190,8 +194,18 @@ class Channel(Logbook):
         for number, command in enumerate(event.controls, event.first):
             self._record("control", n=number, command=command.decode("ascii"))
 
+    def _on_token_sent(self, event: said.TokenSent) -> None:
+        if self._state not in EARLY or self._resumed:  # else lines are numbered anew
+            self._record("control", n=event.number, command=event.command.decode("ascii"))
+
+    def _on_waiting(self, event: said.Waiting) -> None:
+        self._alarm(
+            f"no usable answer for {event.seconds:.0f} s after {self._progress()}; asked on, the "
+            f"print ends after {event.limit:.0f} s (--silent-limit)"
+        )
+
     def _on_stray(self, event: said.Stray) -> None:
-        self._record("notice", text=f"an ok without a line, before line {event.number}")
+        self._record("notice", text=f"an ok without a line, near line {event.number}")
         self._unverified = True
 
     def _on_fault(self, event: said.Fault) -> None:
@@ -284,6 +298,8 @@ _ON_EVENT: Final[dict[type, str]] = {
     said.Notice: "_on_notice",
     said.WentBack: "_on_went_back",
     said.Stray: "_on_stray",
+    said.TokenSent: "_on_token_sent",
+    said.Waiting: "_on_waiting",
     said.Action: "_on_action",
     said.Noisy: "_on_noisy",
     said.Halted: "_on_halted",
