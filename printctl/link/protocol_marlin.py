@@ -152,7 +152,7 @@ class MarlinProtocol(MarlinSender):
             elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
                 events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
         else:
-            self._hear_in_doubt(reply, now, events)
+            self._hear_in_doubt(reply, now)
 
     def _fault(self, text: str) -> said.Fault:
         self.held = True  # nothing more of the job leaves until somebody has looked at it
@@ -189,7 +189,6 @@ class MarlinProtocol(MarlinSender):
         """Take an echo, or an ok while a token is in flight; False for anything else."""
         tokens = self._tokens
         if tokens.hear(reply.text):
-            self._answer(events)
             self.deadline = now + self.timing.answer_s
             return True
         if reply.kind is not Kind.OK or not tokens.flying:
@@ -224,7 +223,7 @@ class MarlinProtocol(MarlinSender):
         self._begin(Goal.GO_ON, now)
         if reply.kind is Kind.ERROR and reply.number < 0:
             self._doubt.error = reply.words
-        self._hear_in_doubt(reply, now, events)
+        self._hear_in_doubt(reply, now)
 
     # --- doubt: drain, ask, settle ---------------------------------------------------------
 
@@ -237,11 +236,9 @@ class MarlinProtocol(MarlinSender):
         self._doubt = Doubt(now, self.number + 1, flights, self.two_resends)
         self.deadline = now + self.timing.quiet_s
 
-    def _hear_in_doubt(self, reply: Reply, now: float, events: list[Event]) -> None:
+    def _hear_in_doubt(self, reply: Reply, now: float) -> None:
         oks = self._doubt.oks
-        if self._tokens.hear(reply.text):
-            self._answer(events)
-        else:
+        if not self._tokens.hear(reply.text):
             self._doubt.hear(reply)
         if reply.kind in (Kind.REPORT, Kind.TEXT) or (
             reply.kind is Kind.OK and reply.text != b"ok" and reply.number < 0

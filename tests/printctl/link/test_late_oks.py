@@ -74,8 +74,8 @@ def test_answer_of_a_command_is_awaited_until_the_token_behind_it_comes_back():
     token = token_of(events, protocol)
     assert not any(isinstance(event, Replied) for event in events)
     assert not protocol.feed(b"ok\n", 3.0)
-    assert protocol.feed(echo_of(token), 9.0) == [Replied(b"M0400", 41, ())]
-    protocol.feed(b"ok\n", 9.0)
+    assert not protocol.feed(echo_of(token), 9.0)
+    assert protocol.feed(b"ok\n", 9.0) == [Replied(b"M0400", 41, ())]
     assert protocol.idle
 
 
