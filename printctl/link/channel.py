@@ -16,6 +16,7 @@ from typing import Final
 from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
+from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook, Over, Wiring
 from printctl.link.states import LinkState
@@ -52,6 +53,8 @@ class Channel(Logbook):
         self._booted = False
         self._heard = 0
         self._kill_left = self._kill_host_s = 0.0
+        self._kill_sent = False
+        self.halting = halting_of(wiring.printer, self.protocol.kill_bytes)
         self._killed = threading.Event()
         self._halted = threading.Event()
         self._ended = threading.Event()
@@ -77,20 +80,22 @@ class Channel(Logbook):
     def kill(self) -> None:
         """Halt the firmware at once, from any thread and any state.
 
-        M112 goes to the wire before anything else is done. It is repeated until the printer says
-        that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
+        The family's `halting` goes to the wire before anything else is done. M112 is repeated
+        until the printer says that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
         """
         if self._ended.is_set():
             return
         asked = self._kill_left = self.wiring.clock.now()
         self._killed.set()
-        for attempt in range(KILL_ATTEMPTS):
+        halts = ((self.halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
+        for attempt, (data, wait_s) in enumerate(self.halting.first + halts):
+            self._kill_sent |= data == self.halting.last
             with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
-                self.wiring.transport.write_urgent(self.protocol.kill_bytes)
+                self.wiring.transport.write_urgent(data)
             if attempt == 0:
                 self._kill_left = self.wiring.clock.now()
                 self._kill_host_s = self._kill_left - asked
-            if self._halted.wait(KILL_REPEAT_S) or self._ended.is_set():
+            if self._halted.wait(wait_s) or self._ended.is_set():
                 return
         self.wiring.transport.reset()
 
@@ -153,7 +158,9 @@ class Channel(Logbook):
         """M112 was sent by another thread: wait for the printer to say so, send nothing more."""
         clock = self.wiring.clock
         limit = clock.now() + KILL_WAIT_S
-        while clock.now() < limit:
+        while clock.now() < limit or not self._kill_sent:
+            if not self._kill_sent:
+                limit = clock.now() + KILL_WAIT_S
             try:
                 data = self.wiring.transport.read(POLL_S)
             except PortLost:
@@ -232,12 +239,23 @@ class Channel(Logbook):
             printer_s = self.wiring.clock.now() - self._kill_left
             raise Over(
                 LinkState.KILLED,
-                f"killed by the user; M112 left the host after {self._kill_host_s * 1e3:.1f} ms, "
-                f"the printer halted {printer_s * 1e3:.0f} ms later",
+                f"killed by the user; {self.halting.words} left the host after "
+                f"{self._kill_host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms later that it has halted; "
+                f"{self.halting.told(self._speed_mm_s)}",
                 known=False,
             )
         because = f": {self._fault}" if self._fault else ""
-        raise Over(LinkState.KILLED, f"the firmware halted itself ({event.text}){because}", False)
+        raise Over(
+            LinkState.KILLED,
+            f"the firmware halted itself ({event.text}){because}; "
+            f"{self.halting.told(self._speed_mm_s, by_itself=True)}",
+            False,
+        )
+
+    @property
+    def _speed_mm_s(self) -> float:
+        """How fast the needle may be, mm/s."""
+        return self.wiring.printer.max_speed_mm_s.x
 
     def _on_booted(self, event: said.Booted) -> None:
         self._booted = True

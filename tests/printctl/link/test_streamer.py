@@ -153,7 +153,7 @@ def test_full_disk_ends_in_a_controlled_stop(tmp_path):
     status = streamer.run()
     assert status.state is LinkState.FAILED
     assert "disk full" in status.message
-    assert printer.executed[-1] == "M400"
+    assert printer.executed[-2:] == ["M400", printer.tokens[-1]]
     assert any(line.startswith("G1 E") for line in printer.executed[-3:])  # relieved
 
 
