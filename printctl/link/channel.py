@@ -240,7 +240,8 @@ class Channel(Logbook):
             raise Over(
                 LinkState.KILLED,
                 f"killed by the user; {self.halting.words} left the host after "
-                f"{self._kill_host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms later that it has halted; "
+                f"{self._kill_host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
+                f"later that it has halted; "
                 f"{self.halting.told(self._speed_mm_s)}",
                 known=False,
             )

@@ -1,7 +1,7 @@
 """The quickest safe way to halt each firmware family, and what its motors do meanwhile.
 
-Marlin's ``kill`` (M112, thermal runaway) leaves its step interrupts on for 0.6 s, in which its words
-are to get out: what the planner holds goes on being made. Measured on bugfix-2.1.x: 0.47 to 0.67 s,
+Marlin's ``kill`` (M112, thermal runaway) leaves its step interrupts on for 0.6 s, so that its
+words get out: what the planner holds goes on being made. Measured on bugfix-2.1.x: 0.47 to 0.67 s,
 12.9 mm of X. With the emergency parser M410 stops the motors within a millisecond; moves are then
 dropped for 1 s, in which M112 isn't looked at. A line that was waiting for the planner is let in
 after that second, and its first step comes 0.1 s later: a second M410, sent meanwhile, drops it
@@ -56,7 +56,8 @@ class Halting:
             return "what its motors did meanwhile isn't known"
         return (
             f"its motors may have run on for up to {self.runs_on_s:.2g} s "
-            f"({self.runs_on_s * speed_mm_s:.1f} mm at {speed_mm_s:g} mm/s): look where the needle is"
+            f"({self.runs_on_s * speed_mm_s:.1f} mm at {speed_mm_s:g} mm/s): "
+            "look where the needle is"
         )
 
 

@@ -178,7 +178,10 @@ class MarlinSender:
         """Count the line in flight as taken, whose ok may have come or not; send a token."""
         self._count_flight()
         self._tokens.owed += 1
-        self._send_token(now, events)
+        if self._controls:  # sent again, under numbers that are written down already
+            self._send_next(now)
+        else:
+            self._send_token(now, events)
 
     def _send_token(self, now: float, events: list[Event]) -> None:
         number = self.number + 1

@@ -1,7 +1,7 @@
 """A log of what went over the wire: the last traffic in memory, and a file where one is asked for.
 
-A line of the file: seconds since the port was opened (monotonic), ``>`` to the printer or ``<`` from
-it or ``!`` past the queue, and the bytes as a Python literal.
+A line of the file: seconds since the port was opened (monotonic), ``>`` to the printer or
+``<`` from it or ``!`` past the queue, and the bytes as a Python literal.
 """
 
 from __future__ import annotations

@@ -80,9 +80,8 @@ class FakeMarlin:
             self.tokens.append(command)
         elif not renumber:
             self.numbered.append(command)
-        if not renumber:
-            if self.reset_at == n:
-                return self.reset()
+        if not renumber and self.reset_at == n:
+            return self.reset()
         return self._do(command)
 
     def _refuse(self, why: str) -> bytes:

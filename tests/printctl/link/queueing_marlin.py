@@ -31,7 +31,7 @@ class QueueingMarlin(FakeMarlin):
         return out
 
     def work(self, count: int) -> bytes:
-        """Carry out up to ``count`` commands; give their answers, and those to what it then reads."""
+        """Carry out up to ``count`` commands; give the answers to them and to what is read then."""
         out = b""
         for _ in range(min(count, len(self.queue))):
             out += super()._do(self.queue.popleft())
