@@ -32,6 +32,12 @@ class Placing(Channel):
         self._trail = ModalTrail(job.lines)
         self._shut = False
 
+    @property
+    def _speed_mm_s(self) -> float:
+        """How fast the needle may be, mm/s: by the job's last feed rate."""
+        feed = self._trail.at(self.protocol.lines_done).f
+        return super()._speed_mm_s if feed is None else feed / 60.0
+
     def _settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
         self.protocol.held = True

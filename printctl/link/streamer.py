@@ -76,8 +76,7 @@ class Streamer(Pausing):
             self._connect()
             self._enter(LinkState.CHECKING, "asking the firmware what it is")
             self._check()
-            self._agree(self.protocol.renumber)
-            self.protocol.load(self.job.lines, 0, 0)
+            self.protocol.load(self.job.lines, 0, self._agree(self.protocol.renumber))
         else:
             self._find_again(history)
         self.watch.begin(self.wiring.clock.now())
