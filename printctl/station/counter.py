@@ -15,14 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from printctl.link.by_hand import by_hand
+from printctl.gate import Bounds, reach
 from printctl.link.errors import JournalError, LinkError, PortLost, Refused
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
 from printctl.station.hands import MOTIONS
 from printctl.station.knowledge import Knowledge
-from printctl.station.limits import Bounds, reach
 from printctl.station.standby import Standby
 from printctl.station.status import Place, StationState, StationStatus
 from printctl.station.temperatures import parse_temperatures
