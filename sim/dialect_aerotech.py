@@ -26,13 +26,10 @@ speeds for each axis, what an axis' own parameters limit.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from firmware_profiles import Aerotech
-from sim.gcode import Program
 from sim.gcode_extended import NOTHING, Named
 
 SETS_ARRAY: Final = "$DO"
@@ -65,8 +62,6 @@ _SAME: Final = {
     b"G108": NOTHING,
     b"G109": NOTHING,
 }
-_SECONDS: Final = 60.0
-"""The reader takes F as per minute."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +81,6 @@ class Written:
     gcode: bytes
     named: tuple[Named, ...]
     per_second: tuple[tuple[int, bool], ...]
-
-    def timed(self, program: Program) -> Program:
-        """The program read from `gcode` with feeds in mm/s."""
-        factor = np.full(len(program), _SECONDS)
-        for line, seconds in self.per_second:
-            factor[program.line > line] = _SECONDS if seconds else 1.0
-        return replace(program, feed=program.feed * factor)
 
 
 def output_of(text: str) -> tuple[str, dict[str, str]] | None:

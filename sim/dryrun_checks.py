@@ -247,7 +247,9 @@ def _unknown(
     program: Program, printer: Printer, named: tuple[Named, ...]
 ) -> tuple[tuple[int, str], ...]:
     strange = [
-        number for number in np.unique(program.code).tolist() if not is_known(printer, number)
+        number
+        for number in np.unique(program.code).tolist()
+        if number == NO_COMMAND or not is_known(printer, code_name(number))
     ]
     where = np.flatnonzero(np.isin(program.code, strange))
     coded = [(int(program.line[i]), code_name(int(program.code[i]))) for i in where]

@@ -4,6 +4,7 @@
 
     SimError                    anything a user can mend on the simulator's side
     ├── GcodeError              G-code that can't be read at all
+    │   └── LineError           one line of it: which sort of fault, and what to do
     ├── ServeError              a port, link or record that can't be served
     ├── DepositError            motion that can't be turned into a deposit
     ├── ScannerError            a scan that can't be simulated as asked
@@ -22,6 +23,26 @@ class SimError(ValueError):
 
 class GcodeError(SimError):
     """G-code that can't be read."""
+
+
+class LineError(GcodeError):
+    """A line that can't be read, or that firmwares read differently.
+
+    Parameters
+    ----------
+    sort : str
+        One of `sim.reading.faults.SORTS`.
+    line : str
+        The line, as far as it can be shown.
+    reason : str
+        What is wrong, and the remedy.
+    """
+
+    def __init__(self, sort: str, line: str, reason: str) -> None:
+        super().__init__(f"{line!r}: {reason}")
+        self.sort = sort
+        self.line = line
+        self.reason = reason
 
 
 class ServeError(SimError):

@@ -16,12 +16,15 @@ What a machine knows beyond that its profile names (`extra_commands`).
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from firmware_profiles import Printer
 from sim.dialect_aerotech import NAMES as OUTPUTS
-from sim.gcode import NO_COMMAND, code_name
 from sim.marlin_codes import KNOWN as MARLIN
+from sim.reading import GcodeLine
+
+_CODE: Final = re.compile(r"[GMT]\d+")
 
 
 def _names(letter: str, *numbers: int | range) -> frozenset[str]:
@@ -93,16 +96,13 @@ EXTENDED: Final = frozenset(
 """Klipper's commands with names."""
 
 
-def is_known(printer: Printer, number: int) -> bool:
-    """Whether the printer's firmware knows a command, by `sim.gcode.code`'s number."""
-    name = code_name(number)
-    if number == NO_COMMAND:
-        return False
+def is_known(printer: Printer, name: str) -> bool:
+    """Whether the printer's firmware knows a command by its letter and number: ``M104``."""
     whole = name.partition(".")[0]
     if whole == "M218" and printer.heads and printer.firmware == "marlin":
         return True
     return (
-        name.startswith("T") or whole in KNOWN[printer.firmware] or whole in printer.extra_commands
+        whole.startswith("T") or whole in KNOWN[printer.firmware] or whole in printer.extra_commands
     )
 
 
@@ -110,3 +110,10 @@ def is_known_name(printer: Printer, name: str) -> bool:
     """Whether a Klipper, or an Aerotech controller, knows a command with a name."""
     known = OUTPUTS if printer.firmware == "aerotech" else EXTENDED
     return name in known or name in {other.upper() for other in printer.extra_commands}
+
+
+def is_known_line(printer: Printer, line: GcodeLine) -> bool:
+    """Whether the printer's firmware knows the command of a line that was read."""
+    if _CODE.fullmatch(line.code):
+        return is_known(printer, line.code)
+    return printer.firmware in ("klipper", "aerotech") and is_known_name(printer, line.code)

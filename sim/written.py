@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
 from firmware_profiles import Printer
-from sim.dialect_aerotech import translated
+from sim.dialect_aerotech import Written, translated
 from sim.errors import GcodeError
 from sim.gcode import Program, read_gcode
 from sim.gcode_extended import Named, without_names
+
+_SECONDS: Final = 60.0
+"""The reader takes F as per minute."""
 
 
 def read_written(
@@ -41,8 +49,16 @@ def read_written(
             )
         written = translated(gcode, printer.aerotech)
         program = read_gcode(written.gcode, start_mm, printer.head_count)
-        return written.timed(program), written.gcode, written.named
+        return _timed(program, written), written.gcode, written.named
     named: tuple[Named, ...] = ()
     if printer.firmware == "klipper":
         gcode, named = without_names(gcode)
     return read_gcode(gcode, start_mm, printer.head_count), gcode, named
+
+
+def _timed(program: Program, written: Written) -> Program:
+    """The program with feeds in mm/s."""
+    factor = np.full(len(program), _SECONDS)
+    for line, seconds in written.per_second:
+        factor[program.line > line] = _SECONDS if seconds else 1.0
+    return replace(program, feed=program.feed * factor)

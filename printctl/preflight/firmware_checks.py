@@ -79,7 +79,7 @@ def _known(
     strange = []
     for command in commands:
         name = command.partition(" ")[0]
-        known = is_known(printer, code(name)) if name[1:].isdigit() else False
+        known = name[1:].isdigit() and is_known(printer, name)
         if not known and not (named and is_known_name(printer, name.upper())):
             strange.append(command)
     remedy = f"{', '.join(strange)}: {else_}; mend the profile, or name them in extra_commands"

@@ -1,0 +1,31 @@
+"""Sorts of fault for which a line is refused, and how the line is shown."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from sim.errors import LineError
+
+_SHOWN: Final = 60
+
+SORTS: Final[dict[str, str]] = {
+    "not_text": "characters that can't be sent",
+    "no_command": "lines that aren't a command",
+    "bad_comment": "parentheses or quotes that don't close",
+    "bad_checksum": "line numbers or checksums that are wrong",
+    "bad_code": "codes that firmwares read differently",
+    "bad_number": "words without a number that can be read",
+    "huge_number": "numbers beyond what a firmware can hold",
+    "unknown_word": "words that the firmware doesn't know for this code",
+    "unknown_axis": "axes that the machine hasn't",
+    "repeated_word": "words that stand twice in a line",
+    "ambiguous": "words that firmwares read differently",
+}
+"""Sort to what it is, in the plural."""
+
+
+def refusal(sort: str, text: bytes, reason: str) -> LineError:
+    """Error for a line; ``sort`` is a key of `SORTS`."""
+    shown = text.strip(b"\r\n\t ").decode("ascii", "backslashreplace")
+    shown = shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "..."
+    return LineError(sort, shown, reason)

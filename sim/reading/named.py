@@ -1,0 +1,41 @@
+"""Klipper's commands with names: ``SET_PIN PIN=valve VALUE=1``."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from sim.reading.faults import refusal
+from sim.reading.line import GcodeLine
+
+_NAME: Final = re.compile(rb"([A-Za-z][A-Za-z_][A-Za-z0-9_]*)(?:[ \t]+|$)")
+_PARAMETER: Final = re.compile(rb"([A-Za-z_][A-Za-z0-9_]*)=(\"[^\"]*\"|[^ \t\"'#=*]+)(?:[ \t]+|$)")
+
+
+def named_line(command: bytes, text: bytes) -> GcodeLine | None:
+    """Read a command with a name; None where the command has none.
+
+    Raises
+    ------
+    LineError
+        When what follows the name isn't ``KEY=value``, or a key stands twice.
+    """
+    found = _NAME.match(command)
+    if found is None:
+        return None
+    name, at = found[1].upper(), found.end()
+    parameters: dict[str, str] = {}
+    parts = [name]
+    while at < len(command):
+        word = _PARAMETER.match(command, at)
+        if word is None:
+            raise refusal(
+                "bad_number", text, f"{command[at:].decode()!r} isn't KEY=value; correct it"
+            )
+        key = word[1].decode().upper()
+        if key in parameters:
+            raise refusal("repeated_word", text, f"{key} stands twice; keep one")
+        parameters[key] = word[2].decode()
+        parts.append(key.encode() + b"=" + word[2])
+        at = word.end()
+    return GcodeLine(name.decode(), {}, b" ".join(parts), parameters)

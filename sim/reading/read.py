@@ -1,0 +1,161 @@
+"""Read one line as the printer's firmware family reads it, or refuse it."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from firmware_profiles import Printer
+from sim.dialect_aerotech import translated
+from sim.reading.faults import refusal
+from sim.reading.line import BLANK, GcodeLine
+from sim.reading.meaning import check_meaning
+from sim.reading.named import named_line
+from sim.reading.numbers import words_of
+from sim.reading.plain import PLAIN_MOVE, plain_move
+from sim.reading.strip import command_in
+from sim.reading.words import AXES, MOTION, Known, known
+
+_CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
+_SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
+_MOST_CODE: Final = 9999
+_LOWER_TAKEN: Final = ("marlin", "klipper", "reprapfirmware", "aerotech")
+"""Marlin, where it was built so (GCODE_CASE_INSENSITIVE); what is sent is in capitals."""
+_UPPER_ONLY: Final = ("prusa", "smoothieware")
+
+
+def read_line(text: bytes, printer: Printer) -> GcodeLine:
+    """Read one line of G-code.
+
+    Parameters
+    ----------
+    text : bytes
+        A line of a file, or what was typed; a line end, a comment, a line number with its
+        checksum and lower case may be in it.
+    printer : Printer
+        Its ``firmware`` says how it is read.
+
+    Returns
+    -------
+    GcodeLine
+        False (`BLANK`) for a comment or an empty line. A code that the firmware doesn't know comes
+        as it stands: `sim.firmware_codes.is_known_line` judges it.
+
+    Raises
+    ------
+    LineError
+        When it can't be read, has a word that the code doesn't know, or means different things to
+        firmwares of one family.
+    """
+    plain = PLAIN_MOVE.fullmatch(text)
+    if plain is not None:
+        return plain_move(plain)
+    if printer.aerotech is not None:
+        return _of_aerotech(text, printer)
+    return _read(text, printer)
+
+
+def _of_aerotech(text: bytes, printer: Printer) -> GcodeLine:
+    """Read a line of AeroBasic or AeroScript; what isn't G-code comes with its name."""
+    if printer.aerotech is None:
+        return BLANK
+    written = translated(text.rstrip(b"\r\n"), printer.aerotech)
+    for named in written.named:
+        return GcodeLine(named.name, {}, text.strip(), named.words)
+    return _read(written.gcode, printer)
+
+
+def _read(text: bytes, printer: Printer) -> GcodeLine:
+    family = printer.firmware
+    command = command_in(text, family)
+    if not command:
+        return BLANK
+    found = _CODE.match(command)
+    if found is None:
+        return _without_code(command, text, family)
+    code = _code_of(found, text, family)
+    rest = command[found.end() :]
+    letters = known(family, code) if code not in printer.extra_commands else None
+    if letters is not None and letters.text:
+        return _with_text(code, rest, text)
+    return _with_words(code, rest, text, family, letters)
+
+
+def _code_of(found: re.Match[bytes], text: bytes, family: str) -> str:
+    number = int(found[2]) if len(found[2]) <= 9 else _MOST_CODE + 1
+    letter = found[1].decode()
+    if number > _MOST_CODE:
+        raise refusal(
+            "bad_code", text, f"{letter}{found[2].decode()[:24]} is no code: numbers end at "
+            f"{_MOST_CODE}, and Marlin counts from 0 again above 65535; correct it"
+        )  # fmt: skip
+    if letter.islower() and family in _UPPER_ONLY:
+        raise refusal(
+            "bad_code", text, f"{family} reads capitals only; write {letter.upper()}{number}"
+        )
+    return f"{letter.upper()}{number}"
+
+
+def _without_code(command: bytes, text: bytes, family: str) -> GcodeLine:
+    if _SUBCODE.match(command):
+        raise refusal(
+            "bad_code", text, "a code with a point is another command to some builds of a "
+            "firmware, and the one before the point to others; take it out"
+        )  # fmt: skip
+    named = named_line(command, text) if family == "klipper" else None
+    if named is None:
+        raise refusal(
+            "no_command", text, "isn't a command: G, M or T with a number must come first; take it "
+            "out, or write it behind a semicolon"
+        )  # fmt: skip
+    return named
+
+
+def _with_text(code: str, rest: bytes, text: bytes) -> GcodeLine:
+    argument = b" ".join(rest.split(b"\t")).strip(b" ")
+    if b"M110" in argument.replace(b" ", b"").upper():
+        raise refusal(
+            "ambiguous", text, "a text with M110 in it renumbers the lines of a Marlin; write "
+            "another text"
+        )  # fmt: skip
+    return GcodeLine(code, {}, code.encode() + (b" " + argument if argument else b""))
+
+
+def _with_words(
+    code: str, rest: bytes, text: bytes, family: str, letters: Known | None
+) -> GcodeLine:
+    words: dict[str, float | None] = {}
+    parts = [code.encode()]
+    for letter, value, part in words_of(rest, text, family):
+        if letters is not None:
+            _check_word(letter, value, code, letters, text, family)
+        if letter in words:
+            raise refusal(
+                "repeated_word", text, f"{letter} stands twice, and firmwares differ in which one "
+                "counts; keep one"
+            )  # fmt: skip
+        words[letter] = value
+        parts.append(part)
+    check_meaning(code, words, family, text)
+    return GcodeLine(code, words, b" ".join(parts))
+
+
+def _check_word(
+    letter: str, value: float | None, code: str, letters: Known, text: bytes, family: str
+) -> None:
+    if letter not in letters.letters:
+        if code in MOTION and letter in AXES:
+            raise refusal(
+                "unknown_axis", text, f"{letter} is an axis that the machine hasn't (profile: X, "
+                f"Y, Z and the plunger's E), or a word that {code} doesn't know; take it out"
+            )  # fmt: skip
+        names = " ".join(sorted(letters.letters)) or "no words"
+        raise refusal(
+            "unknown_word", text, f"{letter} is a word that {code} of {family} doesn't know (it "
+            f"takes {names}); take it out"
+        )  # fmt: skip
+    if value is None and letter not in letters.alone:
+        raise refusal(
+            "bad_number", text, f"{letter} has no number that can be read; write digits behind it "
+            f"({letter}5.2)"
+        )  # fmt: skip

@@ -1,0 +1,205 @@
+"""One line of G-code, as each firmware family reads it."""
+
+from __future__ import annotations
+
+import re
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_profiles import Printer, load, shipped
+from sim.errors import LineError
+from sim.firmware_codes import is_known_line
+from sim.reading import read_line
+from sim.reading.faults import SORTS
+from sim.reading.plain import PLAIN_MOVE
+from sim.reading.read import _read
+
+MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
+DUET, AEROTECH = load(Printer, "makergear_m2_duet2"), load(Printer, "aerotech_pneumatic")
+SMOOTHIE = MARLIN.model_copy(update={"firmware": "smoothieware"})
+PRUSA = MARLIN.model_copy(update={"firmware": "prusa"})
+FAMILIES = {p.firmware: p for p in (MARLIN, PRUSA, SMOOTHIE, DUET, KLIPPER)}
+
+
+def numbered(text: bytes) -> bytes:
+    return b"%b*%d" % (text, reduce(xor, text, 0))
+
+
+@pytest.mark.parametrize(
+    ("text", "sent"),
+    [
+        (b"G1 X1.5 E0.2\r\n", b"G1 X1.5 E0.2"),
+        (b"G 1 Z-50", b"G1 Z-50"),
+        (b"  G01\tX 10Y+5 ; to the side", b"G1 X10 Y5"),
+        (b"g1 x.5 y-.25 f600.", b"G1 X0.5 Y-0.25 F600"),
+        (b"G1X1Y2Z3", b"G1 X1 Y2 Z3"),
+        (b"G1 X1 (aside) Y2", b"G1 X1 Y2"),
+        (b"(only this)", b""),
+        (b"N12", b""),
+        (numbered(b"N12 G1 X1"), b"G1 X1"),
+        (numbered(b"G1 X1 "), b"G1 X1"),
+        (numbered(b"N7G1X1") + b" ; checked", b"G1 X1"),
+        (b"G28 X Y0", b"G28 X Y0"),
+        (b"M117  two lines, 5 mL", b"M117 two lines, 5 mL"),
+        (b"M117", b"M117"),
+        (b"m0400", b"M400"),
+        (b"G2 X1 Y0 I.5 J0", b"G2 X1 Y0 I0.5 J0"),
+        (b"M4321 Q7 W", b"M4321 Q7 W"),
+        (b"", b""),
+        (b"; a remark with \xc3\xb6", b""),
+    ],
+)
+def test_a_line_is_sent_as_it_was_understood(text, sent):
+    line = read_line(text, MARLIN)
+    assert line.text == sent
+    assert bool(line) == bool(sent)
+
+
+@pytest.mark.parametrize(
+    ("text", "sort"),
+    [
+        (b"G1 X--5", "bad_number"),
+        (b"G1 X1.2.3", "bad_number"),
+        (b"G1 Xnan", "bad_number"),
+        (b"G1 Xinf", "bad_number"),
+        (b"G1 X", "bad_number"),
+        (b"G1 X1 2", "bad_number"),
+        (b"G1 X- 5", "bad_number"),
+        (b"G1 X1e-5", "bad_number"),
+        (b"G1 X1,5", "bad_number"),
+        (b"G1 X{move.axes[0].max}", "bad_number"),
+        (b'G1 X"5"', "bad_number"),
+        (b"G1 X12345678901234567890", "huge_number"),
+        (b"G1 X0.0000000000000001", "huge_number"),
+        (b"G1 X1000001", "huge_number"),
+        (b"G1 X110 A-30", "unknown_axis"),
+        (b"G1 X1 Q7", "unknown_axis"),
+        (b"G1 X1 S7", "unknown_word"),
+        (b"G90 G1 X5", "unknown_word"),
+        (b"G1 X5mm", "unknown_word"),
+        (b"G1 X1 X2", "repeated_word"),
+        (b"G65537 X5", "bad_code"),
+        (b"G92.1", "bad_code"),
+        (b"G1.5 X3", "bad_code"),
+        (b"G92", "ambiguous"),
+        (b"G1 X5 F0", "ambiguous"),
+        (b"G4 P-1", "ambiguous"),
+        (b"G4 P1 S1", "ambiguous"),
+        (b"G2 X1 R5 I2", "ambiguous"),
+        (b"M104 T0.5 S20", "ambiguous"),
+        (b"M220 S99.5", "ambiguous"),
+        (b"M117 M110 N0", "ambiguous"),
+        (b"X5", "no_command"),
+        (b"%", "no_command"),
+        (b"hello", "no_command"),
+        (b"@pause", "no_command"),
+        (b"N5 X5", "no_command"),
+        (b"N12 G1 X1*3", "bad_checksum"),
+        (b"G1 X1*", "bad_checksum"),
+        (b"NG1 X1", "bad_checksum"),
+        (b"G1 X1 (a(b)", "bad_comment"),
+        (b'M117 "a;b"', "bad_comment"),
+        (b"G1 X5\x00", "not_text"),
+        (b"G1 X5\xb0", "not_text"),
+        (b"M117 a\\b", "not_text"),
+        (b"\xef\xbb\xbfG1 X5", "not_text"),
+    ],
+)
+def test_what_cant_be_read_is_refused_with_the_line_and_a_remedy(text, sort):
+    with pytest.raises(LineError, match=r";|:") as caught:
+        read_line(text, MARLIN)
+    assert caught.value.sort == sort
+    assert sort in SORTS
+
+
+@pytest.mark.parametrize(
+    ("family", "text"),
+    [
+        ("prusa", b"g1 x5"),
+        ("smoothieware", b"g1 x5"),
+        ("klipper", b"G4 S2"),
+        ("klipper", b"G2 X1 Y1 R5"),
+        ("reprapfirmware", b"G1X1E3"),
+        ("reprapfirmware", b"G1 H2 X5"),
+    ],
+)
+def test_families_refuse_what_they_read_otherwise(family, text):
+    with pytest.raises(LineError):
+        read_line(text, FAMILIES[family])
+
+
+def test_compact_words_of_e_are_words_where_no_power_of_ten_is_known():
+    assert read_line(b"G1X1E3", MARLIN).words == {"X": 1.0, "E": 3.0}
+
+
+def test_klippers_names_keep_their_parameters():
+    line = read_line(b"set_pin pin=valve Value=1 ; open", KLIPPER)
+    assert (line.code, line.parameters) == ("SET_PIN", {"PIN": "valve", "VALUE": "1"})
+    assert line.text == b"SET_PIN PIN=valve VALUE=1"
+    assert is_known_line(KLIPPER, line)
+    with pytest.raises(LineError, match="isn't a command"):
+        read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
+
+
+def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
+    from binascii import crc_hqx
+
+    body = b"N3 G1 X1"
+    assert read_line(b"%b*%05d" % (body, crc_hqx(body, 0)), DUET).text == b"G1 X1"
+    with pytest.raises(LineError, match="checksum"):
+        read_line(b"%b*%05d" % (body, crc_hqx(body, 0) ^ 1), DUET)
+
+
+def test_aerotechs_words_are_read_as_g_code():
+    assert read_line(b"DWELL 0.5", AEROTECH).words == {"S": 0.5}
+    assert read_line(b"$DO[0].X=1", AEROTECH).code == "$DO"
+    assert not read_line(b"//LAYER_END:1", AEROTECH)
+
+
+@pytest.mark.parametrize("name", shipped(Printer))
+def test_commands_of_every_profile_are_canonical(name):
+    printer = load(Printer, name)
+    head = printer.pneumatic
+    commands = [*printer.safe_state_off, *(item.query for item in printer.watch)]
+    commands += [head.opens, head.closes] if head else []
+    commands += [c for h in printer.heads for c in (h.select, h.raises, h.lowers) if c]
+    for command in commands:
+        assert read_line(command.encode(), printer).text == command.encode()
+
+
+numbers = st.from_regex(rb"[+-]?([0-9]{1,7}\.?[0-9]{0,8}|\.[0-9]{1,8})", fullmatch=True)
+blanks = st.sampled_from([b"", b" ", b"\t", b"  "])
+words = st.tuples(
+    st.sampled_from([b"X", b"Y", b"Z", b"E", b"F", b"x", b"A", b"S"]), blanks, numbers
+)
+lines = st.tuples(
+    st.sampled_from([b"G1", b"G0", b"g1", b"G 1", b"G001", b"M104", b"G92", b"G4"]),
+    st.lists(st.tuples(blanks, words).map(lambda t: t[0] + b"".join(t[1])), max_size=4),
+    blanks,
+).map(lambda t: t[0] + b"".join(t[1]) + t[2])
+anything = st.one_of(
+    lines, st.text("GMTNXYZEFgmx0123456789.+-*; ()\"\t=_", max_size=24).map(str.encode),
+    st.binary(max_size=16),
+)  # fmt: skip
+
+
+@given(anything, st.sampled_from(sorted(FAMILIES)))
+def test_what_is_sent_reads_as_what_was_meant(text, family):
+    """Reading what is sent gives the same line, and nothing but a LineError comes out."""
+    printer = FAMILIES[family]
+    try:
+        line = read_line(text, printer)
+    except LineError:
+        return
+    assert read_line(line.text, printer) == line
+    assert re.fullmatch(rb"[ -~]*", line.text)
+
+
+@given(lines, st.sampled_from(sorted(FAMILIES)))
+def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
+    if PLAIN_MOVE.fullmatch(text):
+        assert read_line(text, FAMILIES[family]) == _read(text, FAMILIES[family])
