@@ -5,10 +5,11 @@ refused, with the reason.
 """
 
 from printctl.gate.heat import check_heat
-from printctl.gate.judge import judge, judge_line
+from printctl.gate.judge import foreseen, judge, judge_line
 from printctl.gate.known import UNNAMED_C, Door, Known, Limit, Phase
 from printctl.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
 from printctl.gate.motion import check_homing, check_step
+from printctl.gate.of_job import changed_settings, refused_lines
 from printctl.gate.verdict import Act, Allowed, NotAllowed, Place, Refusal, Verdict
 
 __all__ = [
@@ -25,11 +26,14 @@ __all__ = [
     "Place",
     "Refusal",
     "Verdict",
+    "changed_settings",
     "check_heat",
     "check_homing",
     "check_step",
+    "foreseen",
     "judge",
     "judge_line",
     "reach",
+    "refused_lines",
     "speed_limit",
 ]

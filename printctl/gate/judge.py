@@ -11,12 +11,13 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.gate.known import Door, Known
+from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
-from printctl.gate.rules import rule, rules
+from printctl.gate.rules import OF_THE_MOMENT, rule, rules
 from printctl.gate.verdict import NOT_BY_HAND, Allowed, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
-from sim.firmware_codes import KNOWN
-from sim.reading import GcodeLine, read_line
+from sim.firmware_codes import is_known_line
+from sim.reading import BLANK, GcodeLine, read_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""
@@ -44,6 +45,23 @@ def judge(typed: str, door: Door, known: Known) -> Verdict:
     return judge_line(line, door, known)
 
 
+def foreseen(typed: str, printer: Printer) -> Verdict:
+    """Judge a line that a person keeps for later: refused is what would be at any moment.
+
+    Moves, homing and heat are judged by what is known when they are sent.
+    """
+    known = Known(Bounds(printer))
+    verdict = judge(typed, Door.CONSOLE, known)
+    if isinstance(verdict, Allowed):
+        return verdict
+    try:
+        line = _read(typed, printer)
+    except (NotAllowed, GcodeError):
+        return verdict
+    later = rule(line, printer.firmware, Door.CONSOLE) in OF_THE_MOMENT
+    return Allowed(line.text.decode("ascii")) if later else verdict
+
+
 def judge_line(line: GcodeLine, door: Door, known: Known) -> Verdict:
     """Judge one line that was read."""
     printer, shown = known.printer, line.text.decode("ascii")
@@ -60,7 +78,7 @@ def judge_line(line: GcodeLine, door: Door, known: Known) -> Verdict:
             return Allowed(shown)
         listed = rules(printer.firmware, door)
         return Refusal(f"{prefix}: {reason(line.code, listed, console)}")
-    if console and not _is_known(line, printer):
+    if console and not is_known_line(printer, line):
         return Refusal(f"{prefix}: {line.code} is unknown to {printer.firmware}")
     try:
         return found(line, known)
@@ -83,12 +101,6 @@ def _read(typed: str, printer: Printer) -> GcodeLine:
             f"{printer.max_line_bytes} (profile: max_line_bytes), the firmware would cut it"
         )
     return line
-
-
-def _is_known(line: GcodeLine, printer: Printer) -> bool:
-    if "_" in line.code or not line.code[1:].isdigit():
-        return True  # Klipper's own are listed by name
-    return line.code in KNOWN[printer.firmware] or line.code in printer.extra_commands
 
 
 def _of_profile(line: GcodeLine, printer: Printer) -> str | None:
@@ -119,8 +131,15 @@ def _named_by(
         pairs.append((printer.pneumatic.opens, printer.pneumatic.closes))
     pairs += [(h.raises, h.lowers) for h in printer.heads if h.raises and h.lowers]
     every = [*printer.safe_state_off, *(watched.query for watched in printer.watch)]
-    read = tuple(
-        (read_line(one.encode("ascii"), printer), read_line(other.encode("ascii"), printer))
-        for one, other in pairs
-    )
-    return read, frozenset(read_line(text.encode("ascii"), printer).text for text in every)
+    both = [(_of_text(one, printer), _of_text(other, printer)) for one, other in pairs]
+    others = (_of_text(text, printer) for text in every)
+    read = tuple((one, other) for one, other in both if one and other)
+    return read, frozenset(line.text for line in others if line)
+
+
+def _of_text(text: str, printer: Printer) -> GcodeLine:
+    """Read a command of the profile; blank for one that can't be read, which preflight reports."""
+    try:
+        return read_line(text.encode("ascii"), printer)
+    except GcodeError:
+        return BLANK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -77,6 +78,13 @@ class Known:
     plunger_mm: float | None = None
     plunger_mm_s: float = float("inf")
     needle_off: bool = False
+
+    @staticmethod
+    def of_job(printer: Printer) -> Known:
+        """For a job's lines: its moves and its heat are judged by preflight, as a whole."""
+        anything = Limit(math.inf, "judged by preflight")
+        heat = dict.fromkeys(("nozzle", "bed", "chamber"), anything)
+        return Known(Bounds(printer), Phase.PRINTING, heat=heat)
 
     @property
     def printer(self) -> Printer:

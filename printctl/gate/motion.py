@@ -109,8 +109,8 @@ def check_homing(known: Known) -> None:
     needle, dish = known.bounds.needle, known.bounds.dish
     if needle is None or known.needle_off:
         return
-    where = f" above {dish.name}" if dish is not None else ""
+    where = f" above the dish ({dish.name})" if dish is not None else ""
     raise NotAllowed(
-        f"homing with the needle {needle.name} mounted{where} would drive it into what is below; "
+        f"homing with the needle ({needle.name}) mounted{where} would drive it into what is below; "
         "take it off and say so (needle_off), or touch off instead of homing"
     )

@@ -131,7 +131,7 @@ _JOB: Final[Rules] = {
 }
 
 _KLIPPER_ASKED: Final[Rules] = {
-    **{name: asks() for name in ("GET_POSITION STATUS HELP QUERY_ENDSTOPS").split()},
+    **{name: asks() for name in ("GET_POSITION STATUS").split()},
     **{name: asks() for name in ("SET_VELOCITY_LIMIT SET_PRESSURE_ADVANCE").split()},
     "TURN_OFF_HEATERS": asks(),
     "SET_HEATER_TEMPERATURE": set_named,
@@ -154,6 +154,9 @@ _OWN: Final[dict[tuple[str, Door], Rules]] = {
         "TEMPERATURE_WAIT": set_named,
     },
 }
+
+OF_THE_MOMENT: Final = frozenset({move, home, set_target, set_named})
+"""Rules that depend on what is known when a line is sent."""
 
 
 @cache

@@ -13,6 +13,7 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.changing import CHANGE, Changing
 from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError, Refused
+from printctl.link.gating import PausedTip
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, last_of, relieved_mm
@@ -202,14 +203,13 @@ class Pausing(Changing):
 
     def _stay_paused(self, at: Modal) -> NewSyringe | None:
         """Wait for the word to go on; give the syringe that was put in, if one was."""
-        clock = self.wiring.clock
+        clock, tip = self.wiring.clock, PausedTip(self.wiring.limits(), self._command)
         while True:
             until = clock.now() + PAUSE_SIGN_S
             while clock.now() < until and not self._wishes and not self._commands:
                 self._pump(until)
             while self._commands:
-                text, done = self._commands.popleft()
-                done(self._command(text))
+                self._carry_out(self._commands.popleft(), tip.known)
             wish = self._wishes.popleft() if self._wishes else ""
             if wish == "stop":
                 self._heaters_off()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from printctl.gate import Known, Phase
 from printctl.link.care import Care
 from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import LinkError
@@ -197,10 +198,7 @@ class Streamer(Pausing):
         """Do what was wished, with no line in flight."""
         self._settle()
         while self._commands:
-            text, done = self._commands.popleft()
-            done(self._command(text))
-            self._undo_speed(text)
-            self._unverified = True  # a move by hand must not become a part of the print
+            self._carry_out(self._commands.popleft(), self._printing)
         while self._wishes:
             wish = self._wishes.popleft()
             if wish == "stop":
@@ -212,11 +210,9 @@ class Streamer(Pausing):
             elif wish == "reload":  # wished in a pause that is over
                 self.watch.after = MarkKind.RELOAD
 
-    def _undo_speed(self, text: bytes) -> None:
-        """Set the job's feed rate again, which a move by hand may have changed for its lines."""
-        at = self._trail.at(self.protocol.lines_done)
-        if at.f is not None and text[:1] in b"Gg":
-            self._command(b"G1 F%b" % f"{at.f:g}".encode())
+    def _printing(self) -> Known:
+        """What the gate is told while lines go out."""
+        return replace(self.wiring.limits(), phase=Phase.PRINTING)
 
     # --- found again -------------------------------------------------------------------------
 

@@ -170,16 +170,12 @@ class Counter:
         folder = self._status.print_folder
         if do != "command" or streamer is None:
             raise Refused(f"a print goes on in {folder}; pause or stop it, or wait for its end")
-        try:
-            text = by_hand(str(values["text"]), self.known.printer)
-        except ValueError as exc:
-            raise Refused(f"{values['text']!r} can't be sent: one line of ASCII without *") from exc
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
             say(self._reply("command", {"lines": said}))
 
-        streamer.command(text.encode("ascii"), done)
+        streamer.typed(str(values["text"]), done, lambda why: say(refusal(Refused(why))))
 
     # --- telling -------------------------------------------------------------------------------
 
