@@ -25,7 +25,7 @@ import numpy as np
 
 from sim.dialect_duet import DuetPrinter, g92_silent
 from sim.gcode import Command, split_line
-from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, plain_command
+from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, Named, plain_command
 from sim.gcode_modal import interpret
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
@@ -46,6 +46,11 @@ _KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 
 
 def _values(words: bytes) -> dict[str, float]:
     return {name.decode(): float(value) for name, value in _VALUE.findall(words.upper())}
+
+
+def _parameters(words: bytes) -> dict[str, str]:
+    pairs = (word.partition("=") for word in words.decode("ascii", "replace").split())
+    return {key.upper(): value for key, _, value in pairs}
 
 
 class KlipperLines(LineReader):
@@ -138,7 +143,7 @@ class KlipperPrinter(DuetPrinter):
         elif name == OFFSETS:
             self._set_offset(_values(named[2]))
         elif name == CHOOSES:
-            return self._activate(named[1], named[2])
+            return self._activate(named[2])
         elif name == "SET_VELOCITY_LIMIT":
             self.machine.say(_limits(self))
         elif name == "SET_PRESSURE_ADVANCE":
@@ -174,10 +179,10 @@ class KlipperPrinter(DuetPrinter):
             self.machine.modal["shift"][0][axis] -= value - now
             self._offset[axis] = value
 
-    def _activate(self, name: bytes, words: bytes) -> Iterator[Wait]:
+    def _activate(self, words: bytes) -> Iterator[Wait]:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine = self.machine
-        chosen = plain_command(name, words)
+        chosen = plain_command(Named(0, CHOOSES, _parameters(words)))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")

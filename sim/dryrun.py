@@ -185,8 +185,8 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    file, written, head = gcode, gcode, printer.pneumatic
-    program, gcode, named = read_written(written, printer, start_mm)
+    file, head = gcode, printer.pneumatic
+    program, gcode, named, refused = read_written(gcode, printer, start_mm)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
     log = np.zeros(len(program) + len(ring), LOG)
@@ -207,14 +207,14 @@ def dry_run(
         ring,
         log,
     )
-    checked = check(program, printer, extrudes, named, gcode)
+    checked = check(program, printer, extrudes, named, gcode, refused)
     return DryRun(
         program=program,
         executed=executed_motion(log[: int(planner["logged"][0])], printer),
         duration_s=float(duration),
         merged_moves=int(planner["merged"][0]),
-        valve=None if head is None else read_valve(program, written, named, head),
-        heads=read_heads(program, written, named, printer),
+        valve=None if head is None else read_valve(program, gcode, named, head),
+        heads=read_heads(program, gcode, named, printer),
         heats=heatings(program, gcode, named),
         others=other_lines(file, printer),
         **checked,

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer, Span
 from sim.cold import REMEDY
 from sim.dryrun_finding import Finding
+from sim.errors import LineError
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
 from sim.gcode_extended import OFFSETS, Named
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.heads import head_findings
 from sim.planner_stepper import LEAST_RATE
+from sim.reading.file import kinds_of
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
@@ -28,10 +30,12 @@ def check(
     extrudes: NDArray[np.bool_],
     named: tuple[Named, ...] = (),
     gcode: bytes = b"",
+    refused: tuple[tuple[int, LineError], ...] = (),
 ) -> dict[str, Any]:
     """All fields of `DryRun` that need no planner.
 
-    ``named`` are Klipper's commands with names, ``gcode`` is what the program was read from.
+    ``named`` are Klipper's commands with names, ``gcode`` is what the program was read from, and
+    ``refused`` the lines that couldn't be read.
     """
     moves = program.kind == MOVE
     speed = demanded_speed(program)
@@ -47,6 +51,8 @@ def check(
     longest = int(size.argmax()) if len(program) else -1
     unknown = _unknown(program, printer, named)
     findings = [
+        *_empty(program, refused),
+        *_unreadable(refused),
         *_outside(program, printer, moves),
         *_too_fast(program, speed, limit, plungers, printer.name),
         *_too_slow(program, printer),
@@ -72,6 +78,24 @@ def check(
         "longest_line": (int(size[longest]), int(program.line[longest])) if len(size) else (0, 0),
         "findings": sorted(findings, key=lambda finding: finding.line),
     }
+
+
+def _empty(program: Program, refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
+    if len(program) or refused:
+        return []
+    text = "the file has no command in it, only comments or nothing: export it again"
+    return [Finding(0, "empty_file", text)]
+
+
+def _unreadable(refused: tuple[tuple[int, LineError], ...]) -> list[Finding]:
+    return [
+        Finding(line, error.sort, f"line {line}: {error}{_such(count)}", count=count)
+        for line, error, count in kinds_of(refused)
+    ]
+
+
+def _such(count: int) -> str:
+    return f" ({count} such lines)" if count > 1 else ""
 
 
 def sent_length(program: Program) -> NDArray[np.int64]:

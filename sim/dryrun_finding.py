@@ -17,7 +17,7 @@ class Finding:
         Its sort: ``outside_x`` (y, z), ``speed_x`` (y, z, e), ``plunger_travel``,
         ``too_slow``, ``cold_extrusion``, ``unknown_command``, ``no_command``, ``bad_arc``,
         ``homing``, ``long_line``, ``no_such_head``, ``head_not_chosen``, ``plunger_not_counted``,
-        ``offset_twice``, ``offset_unknown``.
+        ``offset_twice``, ``offset_unknown``, ``empty_file``, or one of `sim.reading.faults.SORTS`.
     message : str
         For the user: what, value, limit, remedy.
     value, limit : float

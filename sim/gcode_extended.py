@@ -11,10 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-_LINE: Final = re.compile(rb"^[ \t]*([A-Za-z]+_\w+|STATUS)\b([^;\r\n]*)", re.MULTILINE)
-_WORD: Final = re.compile(rb"\b([XYZ])=([+-]?[\d.]+)")
-_VALUE: Final = re.compile(rb"(\w+)=(\S+)")
-_CHOSEN: Final = re.compile(rb"\bEXTRUDER=extruder(\d*)\b")
+_CHOSEN: Final = re.compile(r"extruder(\d*)")
 CHOOSES: Final = "ACTIVATE_EXTRUDER"
 PLACES: Final = "SET_KINEMATIC_POSITION"
 OFFSETS: Final = "SET_GCODE_OFFSET"
@@ -30,30 +27,12 @@ class Named:
     words: dict[str, str]
 
 
-def plain_command(name: bytes, words: bytes) -> bytes:
+def plain_command(named: Named) -> bytes:
     """One named command in G-code."""
-    chosen = _CHOSEN.search(words) if name.decode().upper() == CHOOSES else None
+    chosen = _CHOSEN.fullmatch(named.words.get("EXTRUDER", "")) if named.name == CHOOSES else None
     if chosen is not None:
-        return b"T" + (chosen[1] or b"0")
-    if name.decode().upper() != PLACES:
+        return b"T%d" % int(chosen[1] or 0)
+    if named.name != PLACES:
         return NOTHING
-    return b" ".join([b"G92", *(axis + value for axis, value in _WORD.findall(words.upper()))])
-
-
-def without_names(gcode: bytes) -> tuple[bytes, tuple[Named, ...]]:
-    """Replace named commands in a file, and say which they were."""
-    found: list[Named] = []
-    seen = line = 0
-
-    def plain(match: re.Match[bytes]) -> bytes:
-        nonlocal seen, line
-        line += gcode.count(b"\n", seen, match.start())
-        seen = match.start()
-        words = {
-            key.decode().upper(): value.decode("ascii", "replace")
-            for key, value in _VALUE.findall(match[2])
-        }
-        found.append(Named(line + 1, match[1].decode().upper(), words))
-        return plain_command(match[1], match[2])
-
-    return _LINE.sub(plain, gcode), tuple(found)
+    places = [f"{axis}{named.words[axis]}" for axis in "XYZ" if axis in named.words]
+    return " ".join(["G92", *places]).encode() if places else NOTHING

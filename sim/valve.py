@@ -124,9 +124,9 @@ def read_with_valve(
     start_mm : tuple, mm
         Where the tip stands before the first line.
     """
-    program, _, named = read_written(gcode, printer, start_mm)
+    program, text, named, _ = read_written(gcode, printer, start_mm)
     head = printer.pneumatic
-    return program, None if head is None else read_valve(program, gcode, named, head)
+    return program, None if head is None else read_valve(program, text, named, head)
 
 
 def _command(text: str) -> tuple[str, Words]:

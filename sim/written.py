@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.dialect_aerotech import Written, translated
-from sim.errors import GcodeError
+from sim.errors import GcodeError, LineError
 from sim.gcode import Program, read_gcode
-from sim.gcode_extended import Named, without_names
+from sim.gcode_extended import Named
+from sim.reading.file import read_file
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
 
 
-def read_written(
-    gcode: bytes, printer: Printer, start_mm: tuple[float, float, float]
-) -> tuple[Program, bytes, tuple[Named, ...]]:
+class Written(NamedTuple):
+    """A file as it was read.
+
+    Attributes
+    ----------
+    program : Program
+    gcode : bytes
+        What it was read from: as many lines as the file, each as it is sent.
+    named : tuple of Named
+        Commands with names, which the program holds as M105, T or G92.
+    refused : tuple of (int, LineError)
+        Lines that can't be read, which the program leaves out.
+    """
+
+    program: Program
+    gcode: bytes
+    named: tuple[Named, ...]
+    refused: tuple[tuple[int, LineError], ...]
+
+
+def read_written(gcode: bytes, printer: Printer, start_mm: tuple[float, float, float]) -> Written:
     """Read a file.
 
     Parameters
@@ -29,36 +47,26 @@ def read_written(
     start_mm : tuple, mm
         Where the tip stands before the first line.
 
-    Returns
-    -------
-    Program
-    bytes
-        What it was read from: as many lines as ``gcode``.
-    tuple of Named
-        Commands with names, which the program holds as M105 or G92.
-
     Raises
     ------
     GcodeError
         When the bytes aren't text, or the profile doesn't say which Aerotech controller it is for.
     """
-    if printer.firmware == "aerotech":
-        if printer.aerotech is None:
-            raise GcodeError(
-                f"{printer.name} doesn't say which controller it is (aerotech: controller)"
-            )
-        written = translated(gcode, printer.aerotech)
-        program = read_gcode(written.gcode, start_mm, printer.head_count)
-        return _timed(program, written), written.gcode, written.named
-    named: tuple[Named, ...] = ()
-    if printer.firmware == "klipper":
-        gcode, named = without_names(gcode)
-    return read_gcode(gcode, start_mm, printer.head_count), gcode, named
+    if printer.firmware == "aerotech" and printer.aerotech is None:
+        raise GcodeError(
+            f"{printer.name} doesn't say which controller it is (aerotech: controller)"
+        )
+    file = read_file(gcode, printer)
+    text = file.in_g_code
+    program = read_gcode(text, start_mm, printer.head_count)
+    if printer.aerotech is not None:
+        program = _timed(program, file.per_second)
+    return Written(program, text, file.named, file.refused)
 
 
-def _timed(program: Program, written: Written) -> Program:
+def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:
     """The program with feeds in mm/s."""
     factor = np.full(len(program), _SECONDS)
-    for line, seconds in written.per_second:
+    for line, seconds in per_second:
         factor[program.line > line] = _SECONDS if seconds else 1.0
     return replace(program, feed=program.feed * factor)

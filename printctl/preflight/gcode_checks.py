@@ -14,6 +14,7 @@ from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.dryrun_finding import Finding
 from sim.gcode import code
+from sim.reading.faults import SORTS
 
 _COUNTED = {
     "unknown_command": "commands unknown to the firmware",
@@ -63,7 +64,7 @@ def _counted_for(printer: Printer) -> dict[str, str]:
 
 
 def _line(finding: Finding | None) -> str:
-    return f"line {finding.line}" if finding else ""
+    return f"line {finding.line}" if finding and finding.line else ""
 
 
 def _travel(run: DryRun, printer: Printer) -> list[Check]:
@@ -205,4 +206,5 @@ def _counted(code: str, name: str, findings: list[Finding]) -> Check:
 
 
 def _other(finding: Finding) -> Check:
-    return Check(finding.code, finding.count, 0, "", False, _line(finding), finding.message)
+    name = {**SORTS, "empty_file": "files without a command"}.get(finding.code, finding.code)
+    return Check(name, finding.count, 0, "", False, _line(finding), finding.message)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import LineError
 from sim.reading.line import GcodeLine
+from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import read_line
 
 Others = tuple[tuple[int, GcodeLine], ...]
 """Line of the file, from 1, and what stands there."""
 
-_OTHER: Final = re.compile(rb"^(?!G[01] |;|\s*$).+", re.MULTILINE)
-"""Begins otherwise than the writer's moves and comments; `read_line` tells what it is."""
 _MOVES: Final = frozenset({"G0", "G1"})
 
 
@@ -27,12 +25,12 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
     printer : Printer
         Its ``firmware`` says how lines are read.
     """
+    is_plain = PLAIN_MOVE.fullmatch
     found: list[tuple[int, GcodeLine]] = []
     kept: dict[bytes, GcodeLine | None] = {}
-    number, counted = 1, 0
-    for match in _OTHER.finditer(gcode):
-        number, counted = number + gcode.count(b"\n", counted, match.start()), match.start()
-        text = match[0]
+    for number, text in enumerate(gcode.splitlines(), 1):
+        if is_plain(text) or text[:1] == b";":
+            continue
         if text not in kept:
             kept[text] = _read(text, printer)
         line = kept[text]

@@ -52,7 +52,7 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
         return plain_move(plain)
     if printer.aerotech is not None:
         return _of_aerotech(text, printer)
-    return _read(text, printer)
+    return read_words(text, printer)
 
 
 def _of_aerotech(text: bytes, printer: Printer) -> GcodeLine:
@@ -62,10 +62,11 @@ def _of_aerotech(text: bytes, printer: Printer) -> GcodeLine:
     written = translated(text.rstrip(b"\r\n"), printer.aerotech)
     for named in written.named:
         return GcodeLine(named.name, {}, text.strip(), named.words)
-    return _read(written.gcode, printer)
+    return read_words(written.gcode, printer)
 
 
-def _read(text: bytes, printer: Printer) -> GcodeLine:
+def read_words(text: bytes, printer: Printer) -> GcodeLine:
+    """Read a line of G-code; `read_line` without a plain move's short road, or Aerotech's words."""
     family = printer.firmware
     command = command_in(text, family)
     if not command:
@@ -79,6 +80,11 @@ def _read(text: bytes, printer: Printer) -> GcodeLine:
     if letters is not None and letters.text:
         return _with_text(code, rest, text)
     return _with_words(code, rest, text, family, letters)
+
+
+def is_name(code: str) -> bool:
+    """Whether a line's code is a name, not a letter with a number."""
+    return bool(code) and not (code[0] in "GMT" and code[1:].isdigit())
 
 
 def _code_of(found: re.Match[bytes], text: bytes, family: str) -> str:

@@ -75,7 +75,7 @@ def test_a_limit_that_is_broken_is_found(text, code, line, value, limit):
         ("M73 P1\nM73 P2\n", "unknown_command"),
         ("hello\n", "no_command"),
         ("G2 X20 Y20\n", "bad_arc"),
-        ("G1 X10" + " Y10" * 30 + "\n", "long_line"),
+        ("M117 " + "Y10 " * 30 + "\n", "long_line"),
     ],
 )
 def test_a_line_that_the_firmware_can_not_take_is_found(text, code):
@@ -144,8 +144,8 @@ def test_blocks_know_their_command():
     ],
 )
 def test_every_way_to_set_a_temperature_is_read(line, said):
-    klipper = load(Printer, "klipper_bioprinter")
-    (found,) = dry_run(f"G90\n{line}\n".encode(), klipper).heats or (None,)
+    printer = load(Printer, "klipper_bioprinter") if "HEATER" in line.upper() else PROFILE
+    (found,) = dry_run(f"G90\n{line}\n".encode(), printer).heats or (None,)
     assert (found and (found.part, found.celsius)) == said
     assert found is None or found.line == 2
 
@@ -154,8 +154,29 @@ def test_an_empty_file_runs_in_no_time():
     run = dry("; nothing\n\n")
     assert run.duration_s == 0
     assert len(run.executed) == 0
-    assert run.findings == []
+    assert [finding.code for finding in run.findings] == ["empty_file"]
     assert run.longest_line == (0, 0)
+
+
+def test_lines_that_cant_be_read_are_refused_once_a_kind_and_left_out():
+    run = dry("G1 X1\nG1 X--5\nG1 Xnan\nG1 X5 A-30 Q7\nG92\nG1 X2\nG1 X1.2.3\n")
+    found = {finding.code: finding for finding in run.findings if finding.code != "cold_extrusion"}
+    assert {code: (one.line, one.count) for code, one in found.items()} == {
+        "bad_number": (2, 3),
+        "unknown_axis": (4, 1),
+        "ambiguous": (5, 1),
+    }
+    assert "line 2" in found["bad_number"].message
+    assert "3 such lines" in found["bad_number"].message
+    assert run.program.line.tolist() == [1, 6]
+
+
+@pytest.mark.parametrize("number", ["12345678901234567890", "999999", "-999999.999999999"])
+@pytest.mark.parametrize("letter", "XYZE")
+def test_huge_numbers_are_planned_or_refused(letter, number):
+    profile = load(Printer, "generic_marlin")
+    run = dry_run(f"G1 X5 F600\nG1 {letter}{number}\n".encode(), profile, (10, 10, 10))
+    assert run.findings
 
 
 def test_the_longest_line_is_measured_as_it_is_sent():

@@ -13,8 +13,8 @@ from sim.dryrun import dry_run
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
 from sim.gcode import read_gcode
-from sim.gcode_extended import without_names
 from sim.marlin import MarlinPrinter
+from sim.reading.file import read_file
 
 TWO = load(Printer, "two_syringe_marlin")
 HEADER = b"G21\nG90\nM82\nM302 P1\nM218 T1 X0 Y0 Z0\n"
@@ -220,8 +220,9 @@ def test_klipper_counts_anew_for_each_extruder():
             )
         }
     )
-    plain, named = without_names(b"%b\nT0\n" % names[1].encode())
-    assert plain == b"T1\nT0\n"
+    file = read_file(b"%b\nT0\n" % names[1].encode(), klipper)
+    plain, named = file.in_g_code, file.named
+    assert plain == b"T1\nT0"
     assert named[0].name == "ACTIVATE_EXTRUDER"
     printer = KlipperPrinter(klipper, (0, 0, 40))
     sent(printer, b"SET_KINEMATIC_POSITION X=0 Y=0 Z=40\nG1 E3 F60\n%b\nM400\n" % names[1].encode())

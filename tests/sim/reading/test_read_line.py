@@ -16,7 +16,7 @@ from sim.firmware_codes import is_known_line
 from sim.reading import read_line
 from sim.reading.faults import SORTS
 from sim.reading.plain import PLAIN_MOVE
-from sim.reading.read import _read
+from sim.reading.read import read_words
 
 MARLIN, KLIPPER = load(Printer, "marlin_avr"), load(Printer, "klipper_bioprinter")
 DUET, AEROTECH = load(Printer, "makergear_m2_duet2"), load(Printer, "aerotech_pneumatic")
@@ -202,4 +202,4 @@ def test_what_is_sent_reads_as_what_was_meant(text, family):
 @given(lines, st.sampled_from(sorted(FAMILIES)))
 def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
     if PLAIN_MOVE.fullmatch(text):
-        assert read_line(text, FAMILIES[family]) == _read(text, FAMILIES[family])
+        assert read_line(text, FAMILIES[family]) == read_words(text, FAMILIES[family])

@@ -1,0 +1,121 @@
+"""A whole file, line by line as it is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from firmware_profiles import Printer
+from sim.dialect_aerotech import translated
+from sim.errors import GcodeError, LineError
+from sim.gcode_extended import Named, plain_command
+from sim.reading.line import GcodeLine
+from sim.reading.plain import PLAIN_MOVE
+from sim.reading.read import is_name, read_line, read_words
+
+_REMEMBERED: Final = 10_000
+LineReader = Callable[[bytes, Printer], GcodeLine]
+
+
+@dataclass(frozen=True)
+class GcodeFile:
+    """A file as it was understood.
+
+    Attributes
+    ----------
+    lines : list of bytes
+        One for each line of the file, as it is sent; empty for a comment, an empty line, and a
+        line that is refused.
+    refused : tuple of (int, LineError)
+        Line, from 1, and what is wrong with it.
+    named : tuple of Named
+        Commands with names (Klipper, Aerotech).
+    per_second : tuple of (int, bool)
+        An Aerotech's lines from which on F is told per second, or per minute.
+    """
+
+    lines: list[bytes]
+    refused: tuple[tuple[int, LineError], ...]
+    named: tuple[Named, ...]
+    per_second: tuple[tuple[int, bool], ...] = ()
+
+    @property
+    def in_g_code(self) -> bytes:
+        """The file with named commands put into the words of G-code, as many lines."""
+        if not self.named:
+            return b"\n".join(self.lines)
+        lines = list(self.lines)
+        for named in self.named:
+            lines[named.line - 1] = plain_command(named)
+        return b"\n".join(lines)
+
+
+def read_file(gcode: bytes, printer: Printer) -> GcodeFile:
+    """Read a whole file; each line is what `read_line` makes of it.
+
+    Raises
+    ------
+    GcodeError
+        When the bytes hold a NUL, as no text does.
+    """
+    check_text(gcode)
+    if printer.aerotech is not None:
+        written = translated(gcode, printer.aerotech)
+        read = _read_lines(written.gcode, printer, read_words)
+        return replace(read, named=written.named, per_second=written.per_second)
+    return _read_lines(gcode, printer, read_line)
+
+
+def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile:
+    lines = gcode.splitlines()
+    is_plain = PLAIN_MOVE.fullmatch
+    others = [index for index, text in enumerate(lines) if not is_plain(text)]
+    refused: list[tuple[int, LineError]] = []
+    named: list[Named] = []
+    seen: dict[bytes, GcodeLine | LineError] = {}
+    for index in others:
+        text = lines[index]
+        lines[index] = command = text.partition(b";")[0].rstrip(b" \t")
+        if not command or is_plain(command):
+            continue
+        read = seen.get(text)
+        if read is None:
+            read = _read(text, printer, reader)
+            if len(seen) < _REMEMBERED:
+                seen[text] = read
+        if isinstance(read, LineError):
+            refused.append((index + 1, read))
+            lines[index] = b""
+        else:
+            lines[index] = read.text
+            if printer.firmware == "klipper" and is_name(read.code):
+                named.append(Named(index + 1, read.code, dict(read.parameters)))
+    return GcodeFile(lines, tuple(refused), tuple(named))
+
+
+def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | LineError:
+    try:
+        return reader(text, printer)
+    except LineError as error:
+        return error
+
+
+def check_text(gcode: bytes) -> None:
+    """Raise `GcodeError` for a binary file."""
+    at = gcode.find(b"\0")
+    if at >= 0:
+        raise GcodeError(
+            f"byte {at} of the G-code is NUL; this is a binary file, not text: give a .gcode file"
+        )
+
+
+def kinds_of(refused: tuple[tuple[int, LineError], ...]) -> Iterator[tuple[int, LineError, int]]:
+    """First line of each sort of fault, its error, and how many lines have it."""
+    first: dict[str, tuple[int, LineError]] = {}
+    count: dict[str, int] = {}
+    for line, error in refused:
+        first.setdefault(error.sort, (line, error))
+        count[error.sort] = count.get(error.sort, 0) + 1
+    for sort, (line, error) in first.items():
+        yield line, error, count[sort]
