@@ -46,9 +46,7 @@ def _acceleration(known: Known, letter: str) -> tuple[float, str]:
     return max(axes.x, axes.y, axes.z, axes.e), "max_acceleration_mm_s2"
 
 
-def _junction(known: Known, letter: str) -> tuple[float, str]:
-    if letter == "J":
-        return known.printer.junction_deviation_mm, "junction_deviation_mm"
+def _any(known: Known, letter: str) -> tuple[float, str]:
     return _HIGHEST
 
 
@@ -121,12 +119,12 @@ _JOB: Final[Rules] = {
     "M201": at_most(_axis_acceleration, "XYZET"),
     "M203": at_most(_speed, "XYZET"),
     "M204": at_most(_acceleration, "PRST"),
-    "M205": at_most(_junction, "XYZEBJST"),
+    "M205": at_most(_any, "XYZEBST"),
     "M211": only_with({"S": 1}, "", "the firmware's own limits stay on"),
     "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
     "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),
     "M221": only_with({"S": 100}, "TD", "doses are the job's: correct flow_factor or the ink"),
-    "M302": within({"P": (0, 1), "S": (0, 300)}),
+    "M302": at_most(_any, "PS"),
     "M900": _advance,
 }
 

@@ -52,6 +52,7 @@ class Channel(Logbook):
         self._awaited = -1
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
+        self._settings: dict[str, str] = {}
         self._booted = False
         self._heard = 0
         self._kill_left = self._kill_host_s = 0.0

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from printctl.gate import Allowed, Bounds, Door, Known, Phase, Refusal, Verdict, judge
+from firmware_profiles import Printer
+from printctl.gate import (
+    Allowed,
+    Bounds,
+    Door,
+    Known,
+    Phase,
+    Refusal,
+    Verdict,
+    changed_settings,
+    judge,
+)
 from printctl.link.errors import Refused
 from printctl.link.modal import parse_position
+from sim.errors import LineError
+from sim.reading import BLANK, GcodeLine, read_line
 
 Ask = Callable[[bytes], tuple[bytes, ...]]
 _OF_THE_LINE: Final = re.compile(
@@ -94,3 +107,16 @@ def judge_typed(text: str, known: Known) -> Verdict:
 def is_of_the_line(fault: str) -> bool:
     """Whether a printer's complaint is about the line that was typed, not about the print."""
     return _OF_THE_LINE.search(fault) is not None
+
+
+def settings_changed_by(lines: Sequence[bytes], printer: Printer) -> tuple[str, ...]:
+    """Settings of the firmware (codes) that lines of a job have changed."""
+    others = {line for line in lines if not line.startswith((b"G0", b"G1"))}
+    return changed_settings([_read(line, printer) for line in sorted(others)], printer)
+
+
+def _read(line: bytes, printer: Printer) -> GcodeLine:
+    try:
+        return read_line(line, printer)
+    except LineError:  # it was sent by a version that took it
+        return BLANK

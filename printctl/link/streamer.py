@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from printctl.gate import Known, Phase
+from printctl.link.agreeing import agree_start
 from printctl.link.care import Care
 from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import LinkError
@@ -19,6 +20,7 @@ from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.modal import astray, named
 from printctl.link.pausing import Pausing
+from printctl.link.recovering import declared_start
 from printctl.link.states import LinkState, Status
 from printctl.link.valve import is_open
 
@@ -77,6 +79,7 @@ class Streamer(Pausing):
             self._connect()
             self._enter(LinkState.CHECKING, "asking the firmware what it is")
             self._check()
+            self._agree_start()
             self._agree(self.protocol.renumber)
             self.protocol.load(self.job.lines, 0, 0)
         else:
@@ -214,6 +217,13 @@ class Streamer(Pausing):
         """What the gate is told while lines go out."""
         return replace(self.wiring.limits(), phase=Phase.PRINTING)
 
+    def _agree_start(self) -> None:
+        """Refuse a tip that stands elsewhere than preflight took it to stand."""
+        if self.care.start_mm is None:
+            return
+        declared = declared_start(self.job, len(self.job))
+        agree_start(lambda text: self._command(text, False), self.care.start_mm, declared)
+
     # --- found again -------------------------------------------------------------------------
 
     def _find_again(self, history: History) -> None:
@@ -244,6 +254,8 @@ class Streamer(Pausing):
             self._alarm(f"the valve stood open after line {done} while no host was there; look")
         self._check_keepalive(journalled=True)
         self._command(b"M400")
+        self._settings = history.settings
+        self._agree_settings(journalled=True)
         at = self._where()
         if history.reload_at is not None:
             self.watch.reload_at = history.reload_at
@@ -269,5 +281,6 @@ class Streamer(Pausing):
         if self._unverified or self._noisy() or self.protocol.lines_done < self._noisy_until:
             self._unverified = False
             self._verify(self._trail.at(self.protocol.lines_done))
+        self._undo_settings()
         number = self.protocol.number
         return self._agree(self.protocol.ask) == number
