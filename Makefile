@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # The compiled kernels live in the environment, so that removing it removes all.
 export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
 
-.PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator docs gallery dist test-dist audit clean
+.PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -67,6 +67,13 @@ bench-flow: $(VENV)/.ready
 # A design search in one process and on two workers; BENCH="--quick" for eight candidates.
 bench-search: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.search $(BENCH)
+
+# Real firmware, built elsewhere, in simulated boards, judged by step edges; each path may be left out.
+# MARLIN=ep.elf MARLIN_WITHOUT_PARSER=noep.elf MARLIN_FAST=250k.elf KLIPPER=folder BENCH="--quick"
+bench-firmware: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks.firmware_bench $(if $(MARLIN),--marlin $(MARLIN)) \
+	  $(if $(MARLIN_WITHOUT_PARSER),--marlin-without-parser $(MARLIN_WITHOUT_PARSER)) \
+	  $(if $(MARLIN_FAST),--marlin-fast $(MARLIN_FAST)) $(if $(KLIPPER),--klipper $(KLIPPER)) $(BENCH)
 
 # The user guide, in site/: opens without a network. Fails on a dead link, as CI does.
 docs: $(VENV)/.ready-docs

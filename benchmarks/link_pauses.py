@@ -105,7 +105,7 @@ class Print:
         wiring = Wiring(
             wire, MarlinProtocol(), self.clock, Journal(path), facts(), on_status=self.on_status
         )
-        job = parse_job(self.file.data, "bench.gcode")
+        job = parse_job(self.file.data, "bench.gcode", facts())
         self.streamer = Streamer(wiring, job, Care(checkpoint_s=10.0))
 
     def run(self) -> Status:

@@ -118,7 +118,7 @@ def run(
     """
     rng, clock = np.random.default_rng(seed), VirtualClock()
     ledger = ledger or new_printer()
-    job, path = parse_job(file.data, "bench.gcode"), folder / f"journal-{seed}.log"
+    job, path = parse_job(file.data, "bench.gcode", facts()), folder / f"journal-{seed}.log"
     path.unlink(missing_ok=True)
     pauses, again, begun, streamer = 0, 0, 0, None
 

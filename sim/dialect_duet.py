@@ -140,6 +140,7 @@ class DuetPrinter(MarlinPrinter):
 
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
+        "G20": HANDLERS["G21"],
         "G28": _g28,
         "G92": _g92,
         "M85": HANDLERS["M107"],  # known, does nothing

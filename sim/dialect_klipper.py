@@ -39,7 +39,7 @@ _NAMED: Final = re.compile(rb"([A-Za-z]+_\w+)\s*(.*)")
 _TIMEOUT: Final = re.compile(rb"TIMEOUT=([\d.]+)")
 _VALUE: Final = re.compile(rb"\b([A-Z_]+)=([+-]?\d*\.?\d+)")
 _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
-_G: Final = (4, 20, 21, 28, 90, 91)
+_G: Final = (4, 21, 28, 90, 91)
 _M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
 _KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 400)])
 
@@ -61,6 +61,13 @@ class KlipperLines(LineReader):
         found = _NUMBER.match(line)
         self.last_number += 1
         return (line[found.end() :] if found else line).partition(b"*")[0]
+
+
+def _g92(board: MainLoop, command: Command) -> None:
+    """Without a word it counts every axis from 0, which Marlin doesn't."""
+    if not command.values:
+        split_line(b"G92 X0 Y0 Z0 E0", board.words)
+    g92_silent(board, command)
 
 
 def _m114(board: MainLoop, command: Command) -> None:
@@ -93,7 +100,7 @@ class KlipperPrinter(DuetPrinter):
 
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: HANDLERS[name] for name in _KNOWN},
-        "G92": g92_silent,
+        "G92": _g92,
         "M18": _m84,
         "M84": _m84,
         "M114": _m114,

@@ -98,12 +98,9 @@ EXTENDED: Final = frozenset(
 
 def is_known(printer: Printer, name: str) -> bool:
     """Whether the printer's firmware knows a command by its letter and number: ``M104``."""
-    whole = name.partition(".")[0]
-    if whole == "M218" and printer.heads and printer.firmware == "marlin":
+    if name == "M218" and printer.heads and printer.firmware == "marlin":
         return True
-    return (
-        whole.startswith("T") or whole in KNOWN[printer.firmware] or whole in printer.extra_commands
-    )
+    return name.startswith("T") or name in KNOWN[printer.firmware] or name in printer.extra_commands
 
 
 def is_known_name(printer: Printer, name: str) -> bool:

@@ -47,9 +47,8 @@ _LETTER: Final = 1_000_000
 
 
 def code(command: str) -> int:
-    """Number under which `Program.code` holds a command: ``code("G92")``, ``code("G92.1")``."""
-    number, _, subcode = command[1:].partition(".")
-    return ord(command[0]) * _LETTER + int(number) * 10 + int(subcode or 0)
+    """Number under which `Program.code` holds a command: ``code("G92")``."""
+    return ord(command[0]) * _LETTER + int(command[1:])
 
 
 def code_name(number: int) -> str:
@@ -57,8 +56,7 @@ def code_name(number: int) -> str:
     if number == NO_COMMAND:
         return "no command"
     letter, rest = divmod(number, _LETTER)
-    whole, subcode = divmod(rest, 10)
-    return f"{chr(letter)}{whole}" + (f".{subcode}" if subcode else "")
+    return f"{chr(letter)}{rest}"
 
 
 @dataclass(frozen=True)
@@ -69,8 +67,7 @@ class Command:
     ----------
     letter : str
         G, M or T; empty where the line is no command.
-    number, subcode : int
-        G92.1 has 92 and 1.
+    number : int
     line_number : int or None
         The N word.
     values : dict of str to float
@@ -83,7 +80,6 @@ class Command:
 
     letter: str
     number: int
-    subcode: int
     line_number: int | None
     values: dict[str, float]
     flags: frozenset[str]
@@ -91,8 +87,8 @@ class Command:
 
     @property
     def name(self) -> str:
-        """Letter, number and subcode: ``G92.1``."""
-        return f"{self.letter}{self.number}" + (f".{self.subcode}" if self.subcode else "")
+        """Letter and number: ``G92``."""
+        return f"{self.letter}{self.number}"
 
 
 def parse_line(line: bytes) -> Command:
@@ -115,7 +111,6 @@ def command_of(text: bytes, words: Records) -> Command:
     return Command(
         letter=letter,
         number=int(row["number"]),
-        subcode=int(row["subcode"]),
         line_number=int(row["numbered"]) if row["numbered"] >= 0 else None,
         values={name: float(row["value"][k]) for name, k in letters if valued >> k & 1},
         flags=frozenset(name for name, k in letters if not valued >> k & 1),
@@ -307,8 +302,7 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> i
                 rows.command[used] = command
                 rows.code[used] = 0
                 if words.letter > 0:
-                    named = words.letter * _LETTER + words.number * 10 + words.subcode
-                    rows.code[used] = named
+                    rows.code[used] = words.letter * _LETTER + words.number
                 rows.kind[used] = MOVE if kind == ARC else kind
                 target = rows.target[used]
                 for axis in range(4):

@@ -168,17 +168,11 @@ def _set_target(modal: Record, words: Record) -> None:
 
 @jit
 def _set_position(modal: Record, words: Record) -> None:
-    """G92: x, y and z shift the workspace, e is counted anew; G92.1 takes the shift back."""
-    if words.subcode == 1:
-        modal.shift[:] = 0.0
-        return
-    if words.subcode != 0:
-        return
-    nothing = words.seen & ((7 << _X) | (1 << _E)) == 0
+    """G92: x, y and z shift the workspace, e is counted anew; alone it does nothing."""
     for axis in range(4):
         letter = _E if axis == 3 else _X + axis
-        if nothing or has(words, letter):
-            value = 0.0 if nothing else words.value[letter] * modal.unit
+        if has(words, letter):
+            value = words.value[letter] * modal.unit
             if axis == 3:
                 modal.plunger_shift += modal.position[3] - value
                 modal.position[3] = value

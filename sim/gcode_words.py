@@ -13,7 +13,6 @@ WORDS: Final = np.dtype(
     [
         ("letter", "i8"),  # of the command: G, M or T; 0 where there is none
         ("number", "i8"),  # after it; -1 where there is none
-        ("subcode", "i8"),  # after a point, as in G92.1
         ("begin", "i8"),  # index of the command's letter, after line number and blanks
         ("numbered", "i8"),  # the line number N; -1 without one
         ("seen", "i8"),  # bit 0 for A … bit 25 for Z: the letter stands in the line
@@ -32,6 +31,8 @@ _BLANK, _PLUS, _MINUS, _POINT = ord(" "), ord("+"), ord("-"), ord(".")
 _ZERO, _NINE, _STAR = ord("0"), ord("9"), ord("*")
 _G, _M, _N, _T = ord("G"), ord("M"), ord("N"), ord("T")
 _TEXT_CODES = (23, 28, 30, 117, 118, 928)
+_CODE_MASK = 0xFFFF
+_REST = (_PLUS, _MINUS, _POINT)
 
 
 @jit
@@ -94,8 +95,11 @@ def _skip_blanks(text: bytes, at: int, end: int) -> int:
 def split_words(text: bytes, start: int, end: int, words: Record) -> None:
     """Take ``text[start:end]`` apart: a line without comment and line end.
 
-    The rules are Marlin's: capitals only, the last of equal letters counts, a checksum is cut
-    off, blanks between a letter and its number separate them.
+    The rules are those of Marlin's parser (``gcode/parser.cpp``, 2.1, built without subcodes,
+    quoted strings and lower case): capitals only, the last of equal letters counts, a checksum is
+    cut off, blanks may stand between a letter and its number, and whatever is neither letter nor
+    number is skipped. A code is kept in 16 bits. Who must not be read so leniently asks
+    `sim.reading` first.
 
     Parameters
     ----------
@@ -107,14 +111,16 @@ def split_words(text: bytes, start: int, end: int, words: Record) -> None:
     """
     words.letter = 0
     words.number = -1
-    words.subcode = 0
     words.numbered = -1
     words.seen = 0
     words.valued = 0
     at = _skip_blanks(text, start, end)
     if at + 1 < end and text[at] == _N and (is_digit(text[at + 1]) or text[at + 1] == _MINUS):
-        value, at = number_at(text, at + 1, end)
+        value, _ = number_at(text, at + 1, end)
         words.numbered = int(value)
+        at += 2
+        while at < end and is_digit(text[at]):
+            at += 1
         at = _skip_blanks(text, at, end)
     words.begin = at
     if at >= end:
@@ -124,17 +130,15 @@ def split_words(text: bytes, start: int, end: int, words: Record) -> None:
     stop = at
     while stop < end and text[stop] != _STAR:
         stop += 1
+    at = _skip_blanks(text, at, stop)
     if letter not in (_G, _M, _T) or at >= stop or not is_digit(text[at]):
         return
     words.letter = letter
     number = 0
     while at < stop and is_digit(text[at]):
-        number = min(number * 10 + (text[at] - _ZERO), 99999)
+        number = (number * 10 + (text[at] - _ZERO)) & _CODE_MASK
         at += 1
     words.number = number
-    if at + 1 < stop and text[at] == _POINT and is_digit(text[at + 1]):
-        words.subcode = text[at + 1] - _ZERO
-        at += 2
     if letter == _M and number in _TEXT_CODES:
         return
     _split_parameters(text, at, stop, words)
@@ -146,6 +150,7 @@ def _split_parameters(text: bytes, at: int, stop: int, words: Record) -> None:
         letter = text[at]
         at += 1
         if _A <= letter <= _Z:
+            at = _skip_blanks(text, at, stop)
             value, after = number_at(text, at, stop)
             bit = 1 << (letter - _A)
             words.seen |= bit
@@ -154,3 +159,5 @@ def _split_parameters(text: bytes, at: int, stop: int, words: Record) -> None:
                 words.valued |= bit
                 words.value[letter - _A] = value
                 at = after
+        while at < stop and (is_digit(text[at]) or text[at] in _REST):
+            at += 1

@@ -1,13 +1,14 @@
 """Commands that a stock Marlin 2.1 build with one extruder and EEPROM answers to.
 
-After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command.
+After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command. A stock build
+knows no inches (G20: INCH_MODE_SUPPORT); one that does says so in `extra_commands`.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-_G: Final = (0, 1, 2, 3, 4, 20, 21, 28, 90, 91, 92)
+_G: Final = (0, 1, 2, 3, 4, 21, 28, 90, 91, 92)
 _M: Final = (
     *(0, 1, 17, 18, 31, 75, 76, 77, 82, 83, 84, 85, 92),
     *(104, 105, 106, 107, 108, 109, 110, 111, 112, 113, 114, 115, 117, 118, 119),

@@ -144,7 +144,6 @@ def nothing(board: MainLoop, command: Command) -> None:
 
 HANDLERS: Final[dict[str, Handler]] = {
     "G4": g4,
-    "G20": interpreted,
     "G21": interpreted,
     "G28": g28,
     "G90": interpreted,

@@ -153,7 +153,7 @@ def _check(file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: 
     That is: where a syringe must be changed and whose, and what failed and was accepted.
     """
     run = dry_run(read_gcode_file(file), mounted.printer, tip)
-    job = load_job(file, mounted.printer.max_line_bytes)
+    job = load_job(file, mounted.printer)
     shaft = file_shaft(file, run, mounted, accepted=chosen.accept_crossings)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
     checks, at, heads = with_reloads_of(checks, job, chosen.usable, wanted=chosen.reload)

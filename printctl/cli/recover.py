@@ -68,7 +68,7 @@ def _planned(folder: Path, from_line: int | None) -> Recovery:
     history = read_journal(folder / JOURNAL)
     data = read_gcode_file(Path(record.job))
     printer = load(Printer, record.profile)
-    job = parse_job(data, Path(record.job).name, printer.max_line_bytes)
+    job = parse_job(data, Path(record.job).name, printer)
     if history.job.get("sha256") != job.sha256:
         raise PrintctlError(
             f"{record.job} has changed since it was printed in {folder}; put the file back that "

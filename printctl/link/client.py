@@ -29,7 +29,6 @@ from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import PrintOutcome, Status
 
-_ANY_LENGTH: Final = 10_000
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
 
@@ -230,7 +229,7 @@ def start_print(
             f"a print is running in {folder}; attach to it, or give another folder"
         )
     if resume:
-        resumable(folder, load_job(job, _ANY_LENGTH).sha256)
+        resumable(folder, load_job(job, load(Printer, printer)).sha256)
     if AUTO in (port, baud):
         place = locate(port, baud, load(Printer, printer))
         port, baud = place.port, place.baud

@@ -1,14 +1,22 @@
-"""The job: the file's command lines as they are sent, checked before the first byte."""
+"""The job: the file's command lines as they are sent, checked before the first byte.
+
+What is sent is rendered from what was understood (`sim.reading`): capitals, one blank between
+words, without the file's line numbers, checksums and comments. A file gives the same lines each
+time.
+"""
 
 from __future__ import annotations
 
 import hashlib
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
+from firmware_profiles import Printer
 from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
+from sim.errors import GcodeError
+from sim.reading.file import GcodeFile, kinds_of, read_file
 
 # What the link itself must be alone to send, or what would break "a repeated line doses nothing".
 _REFUSED = {
@@ -23,8 +31,10 @@ _REFUSED = {
     b"M108": "it breaks the printer's waits; take it out",
     b"M410": "it loses the position; take it out",
 }
-_CODE = re.compile(rb"([GMT])0*(\d+)")
-_PARENTHESES = re.compile(rb"\([^)]*\)")
+_MOVES: Final = (b"G0 ", b"G1 ")
+_COMMENTS: Final = (b";", b"//")
+_SHORT: Final = 16
+"""Bytes of a line that no firmware's buffer cuts, whatever its number (profile: 32 at least)."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,7 @@ class Job:
     Attributes
     ----------
     lines : list of bytes
-        One command each, without line end, number or checksum.
+        One command each, as `sim.reading.read_line` renders it.
     file_lines : list of int
         One-based line of the file that each came from.
     sha256 : str
@@ -59,14 +69,14 @@ class Job:
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
 
 
-def load_job(path: Path, max_line_bytes: int) -> Job:
+def load_job(path: Path, printer: Printer) -> Job:
     """Read a G-code file.
 
     Parameters
     ----------
     path : Path
-    max_line_bytes : int
-        The firmware's longest line, number and checksum included (profile).
+    printer : Printer
+        Whose firmware family says how a line is read, and how long it may be.
 
     Raises
     ------
@@ -78,37 +88,40 @@ def load_job(path: Path, max_line_bytes: int) -> Job:
         data = path.read_bytes()
     except OSError as exc:
         raise JobError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
-    return parse_job(data, path.name, max_line_bytes)
+    return parse_job(data, path.name, printer)
 
 
-def parse_job(data: bytes, name: str, max_line_bytes: int = 96) -> Job:
+def parse_job(data: bytes, name: str, printer: Printer) -> Job:
     """Read G-code bytes; see `load_job`."""
+    read = _read(data, name, printer)
     lines: list[bytes] = []
     file_lines: list[int] = []
     marks = MarkReader()
-    for number, raw in enumerate(data.splitlines(), start=1):
-        command = command_of(raw)
-        if raw[:2] == b"//":
-            raw = b";" + raw[2:]
-        if raw[:1] == b";":
-            marks.comment(raw, len(lines))
-        elif command:
-            _check(command, f"{name}, line {number}", max_line_bytes, len(lines) + 1)
+    for number, (command, raw) in enumerate(zip(read.lines, data.splitlines(), strict=True), 1):
+        if command:
+            if len(command) > _SHORT or not command.startswith(_MOVES):
+                _check(command, f"{name}, line {number}", printer.max_line_bytes, len(lines) + 1)
             lines.append(command)
             file_lines.append(number)
+        elif raw.startswith(_COMMENTS):
+            marks.comment(b";" + raw.removeprefix(b"//").removeprefix(b";"), len(lines))
     if not lines:
         raise JobError(f"{name} has no command in it; nothing to print")
     return Job(lines, file_lines, hashlib.sha256(data).hexdigest(), name, Marks(marks.found))
 
 
-def command_of(raw: bytes) -> bytes:
-    """What is sent of a line; empty where it is a comment or blank."""
-    if raw[:2] == b"//":  # how a comment begins in an Aerotech's file
-        return b""
-    command = raw.split(b";", 1)[0]
-    if b"(" in command:
-        command = _PARENTHESES.sub(b"", command)
-    return command.strip()
+def _read(data: bytes, name: str, printer: Printer) -> GcodeFile:
+    try:
+        read = read_file(data, printer)
+    except GcodeError as exc:
+        raise JobError(f"{name}: {exc}") from exc
+    if read.refused:
+        kinds = [
+            f"{name}, line {line}: {error}" + (f" ({count} such lines)" if count > 1 else "")
+            for line, error, count in kinds_of(read.refused)
+        ]
+        raise JobError("\n".join(kinds))
+    return read
 
 
 def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None:
@@ -118,9 +131,6 @@ def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None
             f"{where}: {sent} bytes with number and checksum exceed {max_line_bytes} "
             "(profile: max_line_bytes), the firmware would cut it; shorten the line"
         )
-    if not command.isascii() or not command.decode("ascii").isprintable() or b"*" in command:
-        raise JobError(f"{where}: {command!r} has a character that can't be sent; remove it")
-    code = _CODE.match(command)
-    word = code.group(1) + code.group(2) if code else b""
-    if word in _REFUSED:
-        raise JobError(f"{where}: {word.decode()}: {_REFUSED[word]}")
+    code = command.partition(b" ")[0]
+    if code in _REFUSED:
+        raise JobError(f"{where}: {code.decode()}: {_REFUSED[code]}")

@@ -161,7 +161,7 @@ def _save(record: LinkRecord, folder: Path) -> None:
 def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     printer = load(Printer, order.profile)
     refuse_unsent(printer, str(order.job))
-    job = load_job(order.job, printer.max_line_bytes)
+    job = load_job(order.job, printer)
     history = resumable(order.folder, job.sha256) if order.resume else None
     transport = wire.transport if wire else open_port(order.port, printer, order.baud)
     journal = Journal(order.folder / JOURNAL if order.resume else put_aside(order.folder))

@@ -57,7 +57,7 @@ class Desk(Attending):
     def _print(self, wish: Wish) -> None:
         """Print, and stand by again where the printer still knows its place."""
         order = read_wish(wish.values, self.socket)
-        job = load_job(order.job, self.known.printer.max_line_bytes)
+        job = load_job(order.job, self.known.printer)
         standby = self._standby
         at = standby.position if standby else None
         check_homing(job, self.known.mounted.needle)

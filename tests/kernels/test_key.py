@@ -153,7 +153,7 @@ def _other_value(value: Any) -> Any:
     if isinstance(value, enum.Enum):
         return None
     if isinstance(value, int | float | np.number):
-        return value + 1
+        return next(type(value)(one) for one in (2, 3) if one != value)
     if isinstance(value, np.ndarray):
         return value + 1
     if isinstance(value, type) and hasattr(value, "_fields") and len(value._fields) > 1:

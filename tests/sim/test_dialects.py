@@ -8,7 +8,6 @@ from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16 as crc_of_the_link
 from printctl.link.families import FAMILIES
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal
 from printctl.link.protocol_acks import Sort
 from printctl.link.states import LinkState
@@ -18,6 +17,7 @@ from sim.dialects import simulated_printer
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
 from sim.gcode import checksum
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.sim_transport import SimTransport
 
 START = (50.0, 50.0, 10.0)

@@ -80,7 +80,7 @@ def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
     times = well_times(run, found, of_line)
     checks, reload_at, reload_heads = with_reloads_of(
         _checks(run, found, of_line, times),
-        parse_job(data, GCODE, whole.printer.max_line_bytes),
+        parse_job(data, GCODE, whole.printer),
         [usable_mm(whole.syringe, whole.printer)],
         wanted=whole.recipe.printer.care.reload,
         by="say printer.care.reload: true",

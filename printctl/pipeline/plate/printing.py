@@ -29,7 +29,7 @@ def print_stage(run: PlateRun) -> Stage:
 
 def _naming(run: PlateRun, report: Report) -> Report:
     """The same report with the well that is being printed in its note."""
-    job = load_job(run.whole.folder / GCODE, run.whole.printer.max_line_bytes)
+    job = load_job(run.whole.folder / GCODE, run.whole.printer)
     with np.load(run.whole.folder / LINE_MAP, allow_pickle=False) as data:
         well = data["well"][np.array(job.file_lines) - 1]
 

@@ -190,7 +190,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     machines = [context.printer.of_head(k) for k in range(context.printer.head_count)]
     checks, reload_at, reload_heads = with_reloads_of(
         all_checks(context, run),
-        parse_job(data, GCODE, context.printer.max_line_bytes),
+        parse_job(data, GCODE, context.printer),
         [usable_mm(one.syringe, of) for one, of in zip(context.loads, machines, strict=True)],
         wanted=context.recipe.printer.care.reload,
         by="say printer.care.reload: true",

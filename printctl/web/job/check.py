@@ -56,7 +56,7 @@ def looked_at(asked: Question) -> dict[str, Any]:
     data = asked.gcode.read_bytes()
     mounted = asked.set_up.mounted()
     run = dry_run(data, mounted.printer, asked.set_up.start_mm)
-    job = parse_job(data, asked.gcode.name, mounted.printer.max_line_bytes)
+    job = parse_job(data, asked.gcode.name, mounted.printer)
     checks, at, heads, accepted = _checks(asked, run, job, mounted)
     table = _table(asked, data, run, job, mounted)
     table.save(asked.table)

@@ -128,7 +128,8 @@ class JobService:
 
     def declared(self, job: str) -> Place | None:
         """Where the job itself says that it starts; None where it starts where the tip stands."""
-        return declared_of(self.core.workspace.job_file(job))
+        printer = self._set_ups.mounted(job).printer
+        return declared_of(self.core.workspace.job_file(job), printer)
 
     def to_start(self, who: Principal, job: str, start_mm: Place) -> Machine:
         """Bring the tip to where the job starts: up, over, down, within the soft limits.

@@ -37,7 +37,7 @@ class SetUps:
         said = self.mounted(job)
         if self._kept(job).is_file():
             return said
-        declared = declared_of(self._workspace.job_file(job))
+        declared = declared_of(self._workspace.job_file(job), said.printer)
         return said if declared is None else said.model_copy(update={"start_mm": declared})
 
     def mounted(self, job: str) -> JobSetUp:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.gcode_view import LineMap, Reading, read_with_program
-from printctl.link.job import command_of
 from printctl.web.live.source import JobSource
 from registration.report.gcode import Act
 
@@ -113,16 +112,11 @@ def commands_of_lines(text: bytes, line: IntArray) -> IntArray:
     text : bytes
         The file, each line ended by a line feed.
     line : (n,) int64
-        Lines that the reader found a command in. Only where a line may be a comment to one and a
-        command to the other the link's own rule is asked.
+        Lines that the reader found a command in; the link sends those.
     """
     count = text.count(b"\n") + 1
     sent = np.zeros(count + 1, np.int64)
     sent[line] = 1
-    if b"(" in text or b"//" in text:
-        for number, raw in enumerate(text.split(b"\n"), start=1):
-            if b"(" in raw or raw[:2] == b"//":
-                sent[number] = bool(command_of(raw))
     return np.cumsum(sent)
 
 

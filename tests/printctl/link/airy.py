@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from firmware_profiles import Printer, load
-from printctl.link.job import Job, parse_job
+from printctl.link.job import Job
 from tests.printctl.link.fake_marlin import FakeMarlin
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Script
 
 AIR = load(Printer, "pneumatic_marlin")

@@ -11,7 +11,7 @@ from firmware_profiles import Printer, load
 from printctl.link.care import Care
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
-from printctl.link.job import Job, parse_job
+from printctl.link.job import Job
 from printctl.link.journal import History, Journal
 from printctl.link.protocol import LinkProtocol
 from printctl.link.protocol_marlin import MarlinProtocol
@@ -21,6 +21,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeMarlin
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")

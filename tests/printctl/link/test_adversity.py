@@ -12,7 +12,6 @@ from printctl.link import channel
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost, Refused
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal, encode, read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
@@ -20,6 +19,7 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_serial import SerialTransport
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Following, Script, layered, played
 from tests.printctl.link.test_streamer import handshake_and, job_of, streamer_of
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from printctl.link.states import LinkState
 from tests.printctl.link.fake_marlin import FakeTransport
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Following, Script, layered, played
 
 

@@ -10,7 +10,6 @@ from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16
 from printctl.link.families import FAMILIES
 from printctl.link.firmware import parse_firmware
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.marlin_replies import Kind, classify, unknown_command
 from printctl.link.states import LinkState
@@ -18,6 +17,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
+from tests.printctl.link.jobs import parse_job
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]

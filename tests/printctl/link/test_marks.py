@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from printctl.link.care import Care
-from printctl.link.job import parse_job
 from printctl.link.marks import Mark, MarkKind, Marks
 from printctl.link.watch import Due, Watch
+from tests.printctl.link.jobs import parse_job
 
 
 def test_marks_stand_between_command_lines():

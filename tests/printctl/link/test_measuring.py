@@ -10,7 +10,6 @@ from firmware_profiles import Printer, Watched
 from printctl.cli.status import told
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from printctl.link.journal import read_journal, read_records
 from printctl.link.measuring import Gauge
 from printctl.link.retreat import Retreat
@@ -21,6 +20,7 @@ from sim.dryrun import dry_run
 from sim.faults import FaultFile, load_faults
 from sim.gauges import Gauge as SimGauge
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
 

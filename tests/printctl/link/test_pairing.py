@@ -9,7 +9,6 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal
 from printctl.link.marlin_doubt import QUESTION, Timing
 from printctl.link.marlin_replies import frame
@@ -21,6 +20,7 @@ from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.sim_transport import SimTransport
 
 JOB = [b"G1 X%d E%d" % (k, k) for k in range(8)]

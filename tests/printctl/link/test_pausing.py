@@ -11,7 +11,6 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
 from printctl.link.families import FAMILIES
-from printctl.link.job import parse_job
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.marlin_doubt import Timing
@@ -25,6 +24,7 @@ from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeTransport
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (
     PRINTER,
     START,

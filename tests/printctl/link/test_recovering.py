@@ -8,7 +8,6 @@ import pytest
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.job import parse_job
 from printctl.link.journal import History, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery, surely_moved
@@ -18,6 +17,7 @@ from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.faults import parse_fault
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
 

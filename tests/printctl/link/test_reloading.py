@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.job import parse_job
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.reloading import plan_reloads, plunger_travel
@@ -22,6 +21,7 @@ from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (
     PRINTER,
     START,

@@ -14,7 +14,6 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
@@ -25,6 +24,7 @@ from sim.executed import ExecutedMotion
 from sim.faults import parse_fault
 from sim.marlin import MarlinPrinter
 from sim.marlin_board import Board
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import doomed
 from tests.printctl.link.sim_transport import SimTransport
 
@@ -115,10 +115,10 @@ def test_cold_extrusion_is_a_fault_although_the_printer_says_ok(tmp_path):
 
 
 def test_unknown_command_is_a_fault_although_the_printer_says_ok(tmp_path):
-    data = HEADER + b"M999999\n" + gcode(10)[len(HEADER) :]
+    data = HEADER + b"M9998\n" + gcode(10)[len(HEADER) :]
     status, _ = printed(data, tmp_path, wire())
     assert status.state is LinkState.FAILED
-    assert "M999999" in status.message
+    assert "M9998" in status.message
 
 
 class FaultAtTheEnd(SimTransport):

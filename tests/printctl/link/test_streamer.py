@@ -14,13 +14,14 @@ from printctl.link import channel
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import JournalError, PortLost
-from printctl.link.job import Job, parse_job
+from printctl.link.job import Job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
+from tests.printctl.link.jobs import parse_job
 
 
 def job_of(lines: list[bytes]) -> Job:

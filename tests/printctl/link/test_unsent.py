@@ -13,7 +13,6 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from printctl.link.errors import Refused
 from printctl.link.families import FAMILIES, family_of, protocol_for, refuse_unsent
-from printctl.link.job import parse_job
 from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.pipeline.stages import printing
@@ -23,6 +22,7 @@ from printctl.probing import ask_settings
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.dryrun import dry_run
 from tests.design.toolpath.shapes import as_solid, block
+from tests.printctl.link.jobs import parse_job
 
 PROFILE = "aerotech_pneumatic"
 PRINTER = load(Printer, PROFILE)
@@ -68,7 +68,7 @@ def test_no_state_machine_and_no_question_is_for_it() -> None:
 
 def test_its_marks_are_read() -> None:
     data = job()
-    found = parse_job(data, "part.gcode", PRINTER.max_line_bytes)
+    found = parse_job(data, "part.gcode", PRINTER)
     layers = [mark.number for mark in found.marks.of(MarkKind.LAYER)]
     assert layers == [0, 1, 2]
     assert not any(line.startswith(b"//") for line in found.lines)

@@ -9,7 +9,6 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import modes
 from printctl.link.guarding import guarded
-from printctl.link.job import parse_job
 from printctl.link.journal import History, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
@@ -22,6 +21,7 @@ from printctl.link.valve import is_about_valve, is_open, reopen, shut, shut_and_
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
 from tests.printctl.link.fake_marlin import FakeTransport
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Arming, Script, played
 from tests.printctl.link.sim_transport import SimTransport
 

@@ -12,13 +12,13 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Syringe, load
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.design.toolpath.shapes import as_solid, block, random_tree
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Script, played
 from tests.printctl.link.sim_transport import SimTransport
 

@@ -12,10 +12,10 @@ from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
 from printctl.link.clock import VirtualClock
-from printctl.link.job import parse_job
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.marlin import MarlinPrinter
+from tests.printctl.link.jobs import parse_job
 
 TWO = load(Printer, "two_syringe_marlin")
 SYRINGES = (load(Syringe, "hamilton_1ml"), load(Syringe, "hamilton_2_5ml"))

@@ -8,10 +8,11 @@ import pytest
 
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import SafetyError
-from printctl.link.job import Job, parse_job
+from printctl.link.job import Job
 from printctl.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.printing import capacity_mm, usable_mm, with_reloads
 from sim.dryrun import dry_run
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import START, layered
 
 PRINTER = load(Printer, "generic_marlin").model_copy(update={"plunger_travel_mm": 0.5})

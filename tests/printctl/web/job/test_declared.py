@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from firmware_profiles import Printer, load
 from printctl.link.errors import LinkError
-from printctl.link.job import load_job
 from printctl.link.recovering import declared_start
 from printctl.web.job.declared import declared_of
+from tests.printctl.link.jobs import load_job
 
 MOVES = b"".join(b"G1 X%d Y2 F600\n" % (k % 9) for k in range(5000))
 PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
@@ -35,9 +36,10 @@ def test_the_start_is_that_of_the_whole_job(
 ) -> None:
     path = tmp_path / "job.gcode"
     path.write_bytes(data)
-    assert declared_of(path) == found
+    name = "klipper_bioprinter" if b"KINEMATIC" in data else "generic_marlin"
+    assert declared_of(path, name) == found
     try:
-        job = load_job(path, 10_000)
+        job = load_job(path, load(Printer, name))
         assert declared_start(job, len(job)) == found
     except LinkError:
         assert found is None

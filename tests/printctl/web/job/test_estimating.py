@@ -9,7 +9,6 @@ import pytest
 
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.gcode_view import Pushing, read_job
-from printctl.link.job import parse_job
 from printctl.preflight import Loaded, volumes
 from printctl.web.job.journalled import read_so_far
 from printctl.web.job.progress import Filling, progress
@@ -17,6 +16,7 @@ from printctl.web.job.remaining import Estimate, Remaining
 from printctl.web.job.table import JobTable
 from printctl.web.job.tabulating import make_table
 from sim.dryrun import dry_run
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")

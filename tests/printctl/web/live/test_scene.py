@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from printctl.gcode_view import LineMap, read_line_map
-from printctl.link.job import parse_job
 from printctl.web.live import LiveScene, SceneError, make_scene
 from printctl.web.live.make import write_scene
 from printctl.web.live.pack import pack_scene, unpack_scene
 from printctl.web.live.scene import ACT, HEAD, LAYER, NONE, VESSEL, WIDTH
 from registration.report.gcode import Act
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.web.live import jobs
 from tests.printctl.web.live.oracle import moves_of, read_packed
 

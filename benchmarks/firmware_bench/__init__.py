@@ -1,0 +1,1 @@
+"""Benchmark of the product against real firmware in simulated boards."""

@@ -1,0 +1,67 @@
+"""Rows: how long motors go on stepping after a person has asked for the kill."""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from benchmarks.firmware_bench.avr_board import AvrBoard
+from benchmarks.firmware_bench.gcode_files import MARLIN_STEPS, raster
+from benchmarks.firmware_bench.product import attend
+from benchmarks.firmware_bench.serial_host import SerialHost
+from benchmarks.machine import row
+
+Row = dict[str, Any]
+GOAL_MS = 1000.0
+
+
+def stop_ms(image: Path, folder: Path, turn: int, letter: str) -> float | None:
+    """Return the time from the answered question to the last step edge, ms; None: never printed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    job = raster(100, width_mm=20.0).write(folder / f"stop-{letter}-{turn}.gcode")
+    with AvrBoard(image, folder / f"board-{letter}-{turn}") as board:
+        attended, until = attend(job, board.port), time.monotonic() + 60
+        while board.positions()["E"] < (0.5 + 0.1 * turn) * MARLIN_STEPS["E"]:
+            attended.read(0.02)
+            if time.monotonic() > until:
+                attended.process.kill()
+                return None
+        asked = attended.choose(letter)
+        code = attended.wait(40)
+        time.sleep(1.0)
+        last = board.log().last_edge_s()
+    took = 1000 * (last - asked)
+    print(f"{image.name}, {letter}: {took:.1f} ms, exit {code}", file=sys.stderr, flush=True)
+    return took
+
+
+def bare_stop_ms(image: Path, folder: Path) -> float:
+    """Return the firmware's own time from the bytes of M112 to the last step edge, ms."""
+    with AvrBoard(image, folder) as board:
+        host = SerialHost(board.port)
+        time.sleep(2.5)
+        for line in ("G91", "M302 P1", *["G1 X5 F1800", "G1 X-5"] * 8):
+            host.ask(line)
+        asked = time.monotonic()
+        host.write("M112")
+        time.sleep(4.0)
+        host.close()
+        return 1000 * (board.log().last_edge_s() - asked)
+
+
+def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row]:
+    """Measure kills by Ctrl-C and k."""
+    found = [stop_ms(image, folder, turn, "k") for turn in range(tries)]
+    known = [took for took in found if took is not None]
+    name = f"real Marlin, {build}, {tries} kills (Ctrl-C, k): answer to last step edge, "
+    if not known:
+        yield row(name + "median", float("nan"), "ms", f"{GOAL_MS:g}", False)
+        return
+    yield row(name + "median", round(statistics.median(known), 1), "ms")
+    bare = round(bare_stop_ms(image, folder / "bare"), 1)
+    yield row(f"real Marlin, {build}, M112 written by a plain host: to last step edge", bare, "ms")
+    yield row(name + "longest", round(max(known), 1), "ms", f"{GOAL_MS:g}", max(known) <= GOAL_MS)

@@ -1,0 +1,29 @@
+"""Jobs of tests: read for a Klipper where they have its named commands, else for a Marlin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer, load
+from printctl.link import job
+from printctl.link.job import Job
+
+MARLIN: Final = load(Printer, "generic_marlin")
+KLIPPER: Final = load(Printer, "klipper_bioprinter")
+_NAMES: Final = (b"SET_", b"ACTIVATE_")
+
+
+def parse_job(data: bytes, name: str, printer: Printer | None = None) -> Job:
+    """`printctl.link.job.parse_job`."""
+    named = any(line.startswith(_NAMES) for line in data.upper().splitlines())
+    return job.parse_job(data, name, printer or (KLIPPER if named else MARLIN))
+
+
+def load_job(path: Path, printer: Printer = MARLIN) -> Job:
+    """`printctl.link.job.load_job`."""
+    return (
+        parse_job(path.read_bytes(), path.name, printer)
+        if path.exists()
+        else job.load_job(path, printer)
+    )
