@@ -8,11 +8,12 @@ from printctl.gate.heat import check_heat
 from printctl.gate.judge import foreseen, judge, judge_line
 from printctl.gate.known import UNNAMED_C, Door, Known, Limit, Phase
 from printctl.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
-from printctl.gate.motion import check_homing, check_step
+from printctl.gate.motion import DEFAULT_MM_S, check_homing, check_step
 from printctl.gate.of_job import changed_settings, refused_lines
 from printctl.gate.verdict import Act, Allowed, NotAllowed, Place, Refusal, Verdict
 
 __all__ = [
+    "DEFAULT_MM_S",
     "RIM_MARGIN_MM",
     "UNNAMED_C",
     "Act",

@@ -6,11 +6,13 @@ import math
 from typing import Final
 
 from printctl.gate.known import Known, Phase
-from printctl.gate.limits import check_move, check_speed
+from printctl.gate.limits import check_move, check_speed, speed_limit
 from printctl.gate.verdict import Act, Allowed, NotAllowed, Place
 from sim.reading import GcodeLine
 
 AXES: Final = "xyz"
+DEFAULT_MM_S: Final = 5.0
+"""Speed of a move whose speed nobody said."""
 _TINY_MM: Final = 1e-6
 
 
@@ -42,8 +44,13 @@ def move(line: GcodeLine, known: Known) -> Allowed:
         )
     mm = [start[k] if places.get(axis) is None else places[axis] for k, axis in enumerate(AXES)]
     target = (float(mm[0] or 0.0), float(mm[1] or 0.0), float(mm[2] or 0.0))
+    if speed is None and known.phase is Phase.PAUSED:  # the job's own may be fast
+        speed = min(DEFAULT_MM_S, speed_limit(known.bounds, start, target)[0])
+        text = f"{line.text.decode('ascii')} F{speed * 60:g}"
+    else:
+        text = line.text.decode("ascii")
     check_step(known, start, target, speed)
-    return Allowed(line.text.decode("ascii"), Act.MOVE, target=target, speed_mm_s=speed)
+    return Allowed(text, Act.MOVE, target=target, speed_mm_s=speed)
 
 
 def check_step(known: Known, start: Place, target: Place, speed_mm_s: float | None) -> None:

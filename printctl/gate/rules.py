@@ -65,9 +65,7 @@ def _advance(line: GcodeLine, known: Known) -> Allowed:
 
 def _offset(line: GcodeLine, known: Known) -> Allowed:
     """RepRapFirmware's G10 P: a head's offset taken back."""
-    if "P" not in line.words or any(
-        value for key, value in line.words.items() if key != "P"
-    ):
+    if "P" not in line.words or any(value for key, value in line.words.items() if key != "P"):
         raise NotAllowed("only an offset of a head that is taken back passes: G10 P1 X0 Y0 Z0")
     return Allowed(line.text.decode("ascii"))
 
@@ -81,8 +79,14 @@ def _head(line: GcodeLine, known: Known) -> Allowed:
 
 
 _ASKED: Final[Rules] = {
-    **{code: asks() for code in ("M92 M201 M203 M204 M205 M206 M218 M301 M302 M304").split()},
-    **{code: asks() for code in ("M113 M115 M119 M149 M155 M211 M220 M31 M111 M122").split()},
+    **{
+        code: asks()
+        for code in ["M92", "M201", "M203", "M204", "M205", "M206", "M218", "M301", "M302", "M304"]
+    },
+    **{
+        code: asks()
+        for code in ["M113", "M115", "M119", "M149", "M155", "M211", "M220", "M31", "M111", "M122"]
+    },
     "M105": asks("T"),
     "M114": asks("DER"),
     "M221": asks("TD"),
@@ -107,9 +111,27 @@ _CONSOLE: Final[Rules] = {
 }
 
 _JOB: Final[Rules] = {
-    **{code: passes() for code in ("G0 G1 G2 G3 G28 G92 M17 M18 M73 M75 M76 M77 M84 M117").split()},
-    **{code: passes("") for code in ("G17 G21 G90 M82 M400").split()},
-    **{code: wait_for for code in ("M104 M109 M140 M190 M141 M191").split()},
+    **{
+        code: passes()
+        for code in [
+            "G0",
+            "G1",
+            "G2",
+            "G3",
+            "G28",
+            "G92",
+            "M17",
+            "M18",
+            "M73",
+            "M75",
+            "M76",
+            "M77",
+            "M84",
+            "M117",
+        ]
+    },
+    **{code: passes("") for code in ["G17", "G21", "G90", "M82", "M400"]},
+    **dict.fromkeys(["M104", "M109", "M140", "M190", "M141", "M191"], wait_for),
     **_ASKED,
     "G4": passes("PS"),
     "M85": passes("S"),
@@ -129,14 +151,14 @@ _JOB: Final[Rules] = {
 }
 
 _KLIPPER_ASKED: Final[Rules] = {
-    **{name: asks() for name in ("GET_POSITION STATUS").split()},
-    **{name: asks() for name in ("SET_VELOCITY_LIMIT SET_PRESSURE_ADVANCE").split()},
+    **{name: asks() for name in ["GET_POSITION", "STATUS"]},
+    **{name: asks() for name in ["SET_VELOCITY_LIMIT", "SET_PRESSURE_ADVANCE"]},
     "TURN_OFF_HEATERS": asks(),
     "SET_HEATER_TEMPERATURE": set_named,
 }
 _OWN: Final[dict[tuple[str, Door], Rules]] = {
     ("reprapfirmware", Door.CONSOLE): {
-        **{code: asks() for code in ("M208 M290 M408 M564 M566 M572").split()},
+        **{code: asks() for code in ["M208", "M290", "M408", "M564", "M566", "M572"]},
         "M409": asks("KF"),
     },
     ("reprapfirmware", Door.JOB): {"G10": _offset},

@@ -6,6 +6,7 @@ is held and gone on with in `printctl.link.pausing`.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Final
 
@@ -221,7 +222,9 @@ class Streamer(Pausing):
         """Refuse a tip that stands elsewhere than preflight took it to stand."""
         if self.care.start_mm is None:
             return
-        declared = declared_start(self.job, len(self.job))
+        declared = None
+        with contextlib.suppress(LinkError):  # a frame that moves later: the printer is asked
+            declared = declared_start(self.job, len(self.job))
         agree_start(lambda text: self._command(text, False), self.care.start_mm, declared)
 
     # --- found again -------------------------------------------------------------------------

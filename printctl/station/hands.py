@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from design.toolpath.gcode.dialect import DIALECTS
 from printctl.gate import (
+    DEFAULT_MM_S,
     Act,
     Door,
     Known,
@@ -31,7 +32,6 @@ from printctl.station.status import Place
 from printctl.station.temperatures import target_command
 
 AXES: Final = "xyz"
-DEFAULT_MM_S: Final = 5.0
 UNNAMED_UL_S: Final = 1.0
 """Fastest push of an ink that nobody named."""
 MOTIONS: Final = frozenset({"jog", "move_to", "home", "plunger", "command"})
