@@ -82,7 +82,9 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     """
     found = [*_factors(answers), *_limits(answers), *_flags(answers)]
     settings = _settings(answers.get("M503 S0", ()))
-    return found + [one for code, check in _CHECKS.items() for one in check(settings.get(code), printer)]  # fmt: skip
+    for code, check in _CHECKS.items():
+        found += check(settings.get(code), printer)
+    return found
 
 
 def told_settings(answers: Answers) -> dict[str, str]:

@@ -20,9 +20,9 @@ def _each(why: str, names: str) -> dict[str, str]:
 
 
 REASONS: Final[dict[str, str]] = {
-    **_each(_FIRMWARE, "M92 M201 M202 M203 M204 M205 M206 M207 M208 M209 M218 M301 M304 M305 M307"),
-    **_each(_FIRMWARE, "M309 M350 M428 M500 M501 M502 M504 M569 M574 M584 M665 M666 M851 M906 M907"),
-    **_each(_FIRMWARE, "M913 M915 M950 M558 M557 M561 M563 M572 M593 M593 M671"),
+    **_each(_FIRMWARE, "M92 M201 M202 M203 M204 M205 M206 M207 M208 M209 M218 M301 M304 M305"),
+    **_each(_FIRMWARE, "M307 M309 M350 M428 M500 M501 M502 M504 M569 M574 M584 M665 M666"),
+    **_each(_FIRMWARE, "M851 M906 M907 M913 M915 M950 M558 M557 M561 M563 M572 M593 M671"),
     **_each(
         "it switches the firmware's own limits; they stay as they are built", "M211 M564 M120 M121"
     ),

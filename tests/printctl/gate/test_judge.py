@@ -46,13 +46,14 @@ def refusal(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> s
     ["G 1 Z-50", "g1z-50", "(x)G1 Z-50", "G1 (x) Z-50", "g01 z -50", "G1Z-50;up", "G1\tZ-50"]
     + ["N5 G1 Z-50*12", "N5G1Z-50", "G1 X1 G1 Z-50", "M114\nG1 Z-50", "M114\rG1 Z-50", "G1 Z-٥٠"]
     + ["G1 Z-5e1", "G1 Z--50", "G1 Znan", "G1 Z-inf", "G1 Z-50.0.0", "G0 F1e9", "G0 X1 F9e9", "G53"]
-    + ["G91", "G92 Z100", "G92.1", "G28.1", "M104 S1e9", "M104.1 S30", "M104 S250", "T1", "T?", "@pause"]
-    + ['M118 "ok"', "M118 ok", "M28", "M23 a.g", "M24", "M98 P\"a\"", "M999", "M112", "M410", "M108"]
+    + ["G91", "G92 Z100", "G92.1", "G28.1", "M104 S1e9", "M104.1 S30", "M104 S250", "T1", "T?"]
+    + ['M118 "ok"', "M118 ok", "M28", "M23 a.g", "M24", "M98", "M999", "M112", "M410", "M108"]
     + ["M110 N1", "M83", "M84", "M18", "M17", "M92 X1", "M201 X9", "M203 X9", "M204 P9", "M205 X9"]
     + ["M206 X1", "M211 S0", "M218 T1 X1", "M220 S50", "M221 S50", "M301 P1", "M302 P0", "M304 P1"]
-    + ["M350 X16", "M428", "M500", "M501", "M502", "M504", "M85 S0", "M111 S8", "M113 S0", "M900 K1"]
-    + ["M155 S0", "M149 F", "M303 S200", "M109 S30", "M0", "M1", "G4 S9999", "", ";G28", "x" * 1000]
-    + ["M106 S1e9", "M106 P0", "M876 S0", "G29", "G30", "G38.2 Z-5", "G10", "G5 X1", "M600", "é"],
+    + ["M350 X16", "M428", "M500", "M501", "M502", "M504", "M85 S0", "M113 S0", "M111 S8"]
+    + ["M155 S0", "M149 F", "M303 S200", "M109 S30", "M0", "M1", "G4 S9999", "", ";G28", "M900 K1"]
+    + ["M106 S1e9", "M106 P0", "M876 S0", "G29", "G30", "G38.2 Z-5", "G10", "G5 X1"]
+    + ["M600", "é", "x" * 1000],
 )  # fmt: skip
 def test_nothing_that_moves_beyond_heats_beyond_or_sets_passes_a_console(typed):
     for known in MOMENTS:
@@ -65,9 +66,7 @@ def test_nothing_moves_by_hand_while_a_print_goes_on(typed):
 
 
 def test_through_the_dish_is_refused_with_place_and_limit():
-    assert "of the wall of" in refusal("G1 X0 Y0 Z2 F6000", PAUSED) or refusal(
-        "G1 X0 Y0 Z2", PAUSED
-    )
+    assert "of the wall of" in refusal("G1 X0 Y0 Z2", PAUSED)
     assert "below the dish's floor" in refusal("G1 Z1", PAUSED)
 
 
@@ -103,7 +102,7 @@ def test_the_firmwares_own_commands_with_names_are_listed_one_by_one():
     assert allowed("status", known).text == "STATUS"
     for typed in (
         "LOAD_INK", "SET_PIN PIN=valve VALUE=1", "SAVE_CONFIG", "FIRMWARE_RESTART", "RESTART",
-        "SET_GCODE_OFFSET Z=-5 MOVE=1", "SET_KINEMATIC_POSITION Z=100", "SET_VELOCITY_LIMIT ACCEL=9",
+        "SET_GCODE_OFFSET Z=-5 MOVE=1", "SET_KINEMATIC_POSITION Z=100", "SAVE_GCODE_STATE",
         "SET_IDLE_TIMEOUT TIMEOUT=1", "FORCE_MOVE STEPPER=stepper_z DISTANCE=-50 VELOCITY=5",
         "SET_HEATER_TEMPERATURE HEATER=extruder TARGET=250", "RESTORE_GCODE_STATE NAME=a MOVE=1",
         "SET_HEATER_TEMPERATURE HEATER=extruder TARGET=nan", "SDCARD_PRINT_FILE FILENAME=a.g",
@@ -127,7 +126,7 @@ def test_every_line_of_our_own_header_passes_the_jobs_door(printer):
 
 @pytest.mark.parametrize(
     "line",
-    ["M500", "M502", "M92 X1", "M206 X1", "M211 S0", "M220 S50", "M221 S95", "M221 T0 S95", "M301 P1"]
+    ["M500", "M502", "M92 X1", "M206 X1", "M211 S0", "M220 S50", "M221 S95", "M301 P1"]
     + ["M204 P99999", "M203 Z500", "M200 D1.75", "M900 K0.5", "M118 ok", "M113 S0", "G91", "M83"]
     + ["M218 T1 X5", "M85 S600 X1", "M106 S300", "M155 S1", "SET_PIN PIN=a", "M17 S1e9"],
 )  # fmt: skip

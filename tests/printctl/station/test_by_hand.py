@@ -69,7 +69,7 @@ def test_homing_needs_the_needle_off(at_rest):
     at_rest.mount(needle="25g", dish="petri_60mm")
     with pytest.raises(
         Refused,
-        match=r"25G, half an inch. mounted above the dish .Round dish, 60 mm. would drive it",
+        match=r"needle .25G, half an inch. mounted above the dish",
     ):
         at_rest.home()
     with pytest.raises(Refused, match="would drive it"):
