@@ -29,6 +29,7 @@ from sim.heads import Heads, read_heads
 from sim.marlin_board import Board
 from sim.planner import add_move, command_time, next_event, run_until, set_axis, take_head
 from sim.planner_state import LOG, Records, new_planner, new_ring
+from sim.reading.others import Others, other_lines
 from sim.valve import Valve, read_valve
 from sim.written import read_written
 
@@ -78,6 +79,8 @@ class DryRun:
         Line and name of each command that the firmware doesn't know.
     longest_line : (int, int)
         Bytes as sent (with line number and checksum), and the line.
+    others : tuple of (int, GcodeLine)
+        Lines that aren't plain moves.
     findings : list of Finding
         What is wrong, each sort once with its first line; the caller decides what it refuses.
     """
@@ -101,6 +104,7 @@ class DryRun:
     first_short_line: int
     unknown: tuple[tuple[int, str], ...]
     longest_line: tuple[int, int]
+    others: Others
     findings: list[Finding]
 
     @property
@@ -181,7 +185,7 @@ def dry_run(
     GcodeError
         When the bytes aren't text.
     """
-    head = printer.pneumatic
+    file, head = gcode, printer.pneumatic
     program, gcode, named, refused = read_written(gcode, printer, start_mm)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
     planner, ring = new_planner(printer, start_mm), new_ring(printer)
@@ -212,6 +216,7 @@ def dry_run(
         valve=None if head is None else read_valve(program, gcode, named, head),
         heads=read_heads(program, gcode, named, printer),
         heats=heatings(program, gcode, named),
+        others=other_lines(file, printer),
         **checked,
     )
 

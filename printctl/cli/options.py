@@ -27,11 +27,12 @@ SyringeOption = Annotated[
     str, typer.Option("--syringe", help="Syringe profile: a shipped name or a .yaml file.")
 ]
 StartOption = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--start",
         metavar="X,Y,Z",
-        help="Where the needle's tip stands before the first line, printer's frame, mm.",
+        help="Where the needle's tip stands before the first line, printer's frame, mm; where the "
+        "file's first lines tell it (G92), else 0,0,0, if not given.",
     ),
 ]
 

@@ -31,7 +31,6 @@ from printctl.cli.options import (
     print_json,
     print_lines,
     read_gcode_file,
-    three_numbers,
 )
 from printctl.cli.set_up_options import (
     AcceptCrossingsFlag,
@@ -46,6 +45,7 @@ from printctl.cli.set_up_options import (
     set_up,
 )
 from printctl.cli.shaft_file import file_shaft
+from printctl.cli.start_of import start_of
 from printctl.link.care import Care
 from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port, read_baud
@@ -87,7 +87,7 @@ def print_job(
     dish: DishOption = None,
     dish_centre: DishCentreOption = None,
     bath_depth: BathDepthOption = None,
-    start: StartOption = "0,0,0",
+    start: StartOption = None,
     folder: Annotated[
         Path | None,
         typer.Option("--folder", help="For the journal; FILE.print by default."),
@@ -119,7 +119,7 @@ def print_job(
     profile = load(Printer, printer)
     refuse_unsent(profile, str(file))
     place = folder if folder is not None else file.with_name(file.name + ".print")
-    tip = three_numbers(start, "--start")
+    tip = start_of(file, profile, start)
     loads = loads_of(profile, syringe, ink, needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     names = of_each(profile, syringe, "--syringe")
@@ -171,7 +171,9 @@ def _check(file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: 
     refuse_failed(checks)
     for text in warnings(checks):
         messages().print(f"note: {text}", markup=False)
-    return replace(chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted)
+    return replace(
+        chosen.care, reload_at=at, reload_heads=heads, accepted=shaft.accepted, start_mm=tip
+    )
 
 
 def _print(

@@ -18,7 +18,6 @@ from printctl.cli.options import (
     print_json,
     print_lines,
     read_gcode_file,
-    three_numbers,
 )
 from printctl.cli.set_up_options import (
     BathDepthOption,
@@ -31,6 +30,7 @@ from printctl.cli.set_up_options import (
 )
 from printctl.cli.shaft_file import file_shaft
 from printctl.cli.simulate_bead import BeadSaid, predicted, tell
+from printctl.cli.start_of import start_of
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from sim.dryrun import dry_run
 
@@ -45,7 +45,7 @@ def simulate(
     dish: DishOption = None,
     dish_centre: DishCentreOption = None,
     bath_depth: BathDepthOption = None,
-    start: StartOption = "0,0,0",
+    start: StartOption = None,
     out: options.OutOption = None,
     lag_s: options.LagOption = None,
     network: options.NetworkOption = None,
@@ -61,7 +61,7 @@ def simulate(
     code 3 when a check fails; the line and the reason are named.
     """
     profile = load(Printer, printer)
-    tip = three_numbers(start, "--start")
+    tip = start_of(file, profile, start)
     given = Mounted(needle, bath, dish, dish_centre, bath_depth)
     mounted = set_up(profile, syringe, ink, tip, given)
     gcode = read_gcode_file(file)

@@ -43,6 +43,8 @@ class Care:
         File or folder that all traffic is written to; empty for the last of it, kept in memory.
     accepted : tuple of str
         Checks that failed, and that the user told to print with all the same; for the journal.
+    start_mm : tuple of float or None, mm
+        Where the checks took the tip to stand before the first line; None where none was made.
     """
 
     checkpoint_s: float | None = 30.0
@@ -59,6 +61,7 @@ class Care:
     noise_window: int = 500
     noise_limit: int = 30
     wire_log: str = ""
+    start_mm: tuple[float, float, float] | None = None
 
     def of_head(self, number: int | None) -> tuple[str, float]:
         """Syringe and capacity of a head; of the only one for None."""
@@ -74,7 +77,9 @@ class Care:
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
         lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
-        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}})
+        start = data.get("start_mm")
+        told = {"start_mm": tuple(start) if start else None}
+        return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **told})
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,14 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
+from printctl.gate import Known, Phase, Refusal
 from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
+from printctl.link.gating import Manual, is_of_the_line, judge_typed, let_through
 from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook, Over, Wiring
@@ -45,11 +48,12 @@ class Channel(Logbook):
         super().__init__(wiring, job)
         self.firmware = Firmware()
         self._wishes: deque[str] = deque()
-        self._commands: deque[tuple[bytes, Callable[[tuple[bytes, ...]], None]]] = deque()
+        self._commands: deque[Manual] = deque()
         self._resumed = self._unverified = False
         self._awaited = -1
         self._replies: list[said.Replied] = []
         self._in_step: list[int] = []
+        self._settings: dict[str, str] = {}
         self._booted = False
         self._heard = 0
         self._kill_left = self._kill_host_s = 0.0
@@ -74,8 +78,26 @@ class Channel(Logbook):
         self._wishes.append("resume")
 
     def command(self, text: bytes, done: Callable[[tuple[bytes, ...]], None]) -> None:
-        """Ask for a manual command between two lines; ``done`` is told the printer's reply."""
-        self._commands.append((text, done))
+        """Ask for a command of the product's own between two lines; ``done`` is told the reply."""
+        self._commands.append(Manual(text.decode("ascii"), done))
+
+    def typed(
+        self,
+        text: str,
+        done: Callable[[tuple[bytes, ...]], None],
+        refused: Callable[[str], None],
+    ) -> None:
+        """Ask for a command that a person typed; the gate judges it once more when it is sent.
+
+        Raises
+        ------
+        Refused
+            When it passes in no state, or not while the print goes on.
+        """
+        if self._state is not LinkState.PAUSED:
+            known = replace(self.wiring.limits(), phase=Phase.PRINTING)
+            text = let_through(judge_typed(text, known)).text
+        self._commands.append(Manual(text, done, refused))
 
     def kill(self) -> None:
         """Halt the firmware at once, from any thread and any state.
@@ -145,6 +167,25 @@ class Channel(Logbook):
             self._agree(self.protocol.confirm)
             self._made.waited(self.protocol.lines_done)
         return self._replies[0].lines
+
+    def _carry_out(self, manual: Manual, known: Callable[[], Known]) -> None:
+        """Send a manual command, if the gate lets it pass as things stand.
+
+        What the printer says against it ends no print: nothing else was under way.
+        """
+        if manual.refused is None:
+            manual.done(self._command(manual.text.encode("ascii")))
+            return
+        verdict = judge_typed(manual.text, known())
+        if isinstance(verdict, Refusal):
+            self._record("notice", text=verdict.message)
+            manual.refused(verdict.message)
+            return
+        before = self._fault
+        lines = self._command(verdict.text.encode("ascii"))
+        if not before and is_of_the_line(self._fault):
+            lines, self._fault = (*lines, self._fault.encode("ascii", "replace")), ""
+        manual.done(lines)
 
     def _agree(self, begin: Callable[[float], None]) -> int:
         """Renumber or ask (``begin``); give the printer's last line."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from printctl.link.agreeing import agree_settings
 from printctl.link.errors import HandshakeError
 from printctl.link.families import family_of
 from printctl.link.firmware import differences, modes, parse_firmware
+from printctl.link.gating import is_of_the_line
 from printctl.link.measuring import Measuring
 from printctl.link.placing import RETRIES
 from printctl.link.valve import shut
@@ -64,12 +66,26 @@ class Checking(Measuring):
             self._check_steps()
         else:
             self._record("notice", text="this firmware doesn't tell its steps per mm (M92)")
+        self._agree_settings(journalled=False)
         printer = self.wiring.printer  # which an earlier job may have left otherwise
         for mode in (*shut(printer), *modes(printer)):
             self._command(mode, journalled=False)
         self._check_at_rest()
         if not self._journal_lost:
             self._fault = ""  # a firmware without M113 says so; that is no fault of the job
+
+    def _agree_settings(self, journalled: bool) -> None:
+        """Have the firmware as checks count on; write down what a job may change."""
+
+        def ask(text: bytes) -> tuple[bytes, ...]:
+            return self._command(text, journalled)
+
+        fault = self._fault
+        told = agree_settings(ask, self.wiring.printer, self._alarm)
+        if is_of_the_line(self._fault):
+            self._fault = fault  # a question that this build doesn't know
+        self._record("settings", told=told)
+        self._settings = self._settings or told
 
     def _check_heads(self) -> None:
         """Refuse a firmware that was built for fewer heads: it would push one syringe for all."""

@@ -13,24 +13,13 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.gate import refused_lines
 from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
+from sim.reading.others import Others, other_lines
 
-# What the link itself must be alone to send, or what would break "a repeated line doses nothing".
-_REFUSED = {
-    b"M83": "relative extrusion: a line sent again would dose twice; write M82 and absolute E",
-    b"G91": "relative moves: a line sent again would move twice; write G90 and absolute X Y Z",
-    b"G20": "inches: the link's own moves are in mm; write the job in mm",
-    b"M110": "it renumbers the lines, which the link does itself; take it out",
-    b"M112": "it would halt the printer; take it out and use `printctl` to stop",
-    b"M999": "it clears an error state that the user must see; take it out",
-    b"M0": "it waits for a button on the printer for ever; take it out and pause from the host",
-    b"M1": "it waits for a button on the printer for ever; take it out and pause from the host",
-    b"M108": "it breaks the printer's waits; take it out",
-    b"M410": "it loses the position; take it out",
-}
 _MOVES: Final = (b"G0 ", b"G1 ")
 _COMMENTS: Final = (b";", b"//")
 _SHORT: Final = 16
@@ -94,6 +83,8 @@ def load_job(path: Path, printer: Printer) -> Job:
 def parse_job(data: bytes, name: str, printer: Printer) -> Job:
     """Read G-code bytes; see `load_job`."""
     read = _read(data, name, printer)
+    if printer.streamed:
+        _check_gate(other_lines(data, printer), name, printer)
     lines: list[bytes] = []
     file_lines: list[int] = []
     marks = MarkReader()
@@ -131,6 +122,12 @@ def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None
             f"{where}: {sent} bytes with number and checksum exceed {max_line_bytes} "
             "(profile: max_line_bytes), the firmware would cut it; shorten the line"
         )
-    code = command.partition(b" ")[0]
-    if code in _REFUSED:
-        raise JobError(f"{where}: {code.decode()}: {_REFUSED[code]}")
+
+
+def _check_gate(others: Others, name: str, printer: Printer) -> None:
+    """Refuse a job with commands that no door lets pass; each code once, by its first line."""
+    first: dict[str, str] = {}
+    for number, code, why in refused_lines(others, printer):
+        first.setdefault(code, f"{name}, line {number}: {why}; take it out")
+    if first:
+        raise JobError("\n".join(first.values()))

@@ -186,6 +186,8 @@ class History:
         are missing, so that lines can't be counted.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
+    settings : dict of str to str
+        Settings of the firmware before the job's first line, by code: commands that set them.
     """
 
     job: Record = field(default_factory=dict)
@@ -206,6 +208,7 @@ class History:
     damaged: int = 0
     gaps: int = 0
     stopping: bool = False
+    settings: dict[str, str] = field(default_factory=dict)
     _torn: bool = False
 
     @property
@@ -278,6 +281,8 @@ def _apply(history: History, record: Record | None) -> None:
         history.checkpoint = record
         if record["agrees"] and record.get("mark"):
             history.checkpoints.append(record)
+    elif sort == "settings":
+        history.settings = history.settings or dict(record["told"])
     elif sort == "reload":
         history.reload, history.syringe = record, None
     elif sort == "syringe":

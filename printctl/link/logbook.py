@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
+from printctl.gate import Bounds, Known
 from printctl.link.clock import Clock
 from printctl.link.errors import JournalError
 from printctl.link.job import Job
@@ -45,6 +46,8 @@ class Wiring:
         Whether the port has just been opened, so that the board may be starting.
     on_status : callable
         Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
+    room : callable or None
+        What a station knows of the room around the tip, and of heat.
     """
 
     transport: Transport
@@ -55,6 +58,11 @@ class Wiring:
     retreat: Retreat = field(default_factory=Retreat)
     fresh: bool = True
     on_status: Callable[[Status], None] = lambda status: None
+    room: Callable[[], Known] | None = None
+
+    def limits(self) -> Known:
+        """What the gate judges by: a station's knowledge, or the profile alone."""
+        return self.room() if self.room is not None else Known(Bounds(self.printer))
 
 
 class Logbook:

@@ -13,6 +13,7 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.changing import CHANGE, Changing
 from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError, Refused
+from printctl.link.gating import PausedTip, settings_changed_by
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, last_of, relieved_mm
@@ -202,17 +203,17 @@ class Pausing(Changing):
 
     def _stay_paused(self, at: Modal) -> NewSyringe | None:
         """Wait for the word to go on; give the syringe that was put in, if one was."""
-        clock = self.wiring.clock
+        clock, tip = self.wiring.clock, PausedTip(self.wiring.limits(), self._command)
         while True:
             until = clock.now() + PAUSE_SIGN_S
             while clock.now() < until and not self._wishes and not self._commands:
                 self._pump(until)
             while self._commands:
-                text, done = self._commands.popleft()
-                done(self._command(text))
+                self._carry_out(self._commands.popleft(), tip.known)
             wish = self._wishes.popleft() if self._wishes else ""
             if wish == "stop":
                 self._heaters_off()
+                self._undo_settings()
                 raise Over(LinkState.STOPPED, "stopped by the user while paused")
             if wish == "reload" and not self._changing:
                 self._change_head = self._reload_head
@@ -297,6 +298,7 @@ class Pausing(Changing):
             self._command(command)
         self._heaters_off()
         self._command(b"M400")
+        self._undo_settings()
         raise Over(state, message)
 
     def _really(self) -> Modal:
@@ -311,6 +313,13 @@ class Pausing(Changing):
         self._alarm(wrong)
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
+
+    def _undo_settings(self) -> None:
+        """Set the firmware's settings as they were before the job, where it has changed them."""
+        taken = self.job.lines[: self.protocol.lines_done]
+        for code in settings_changed_by(taken, self.wiring.printer):
+            if code in self._settings:
+                self._command(self._settings[code].encode("ascii"))
 
     def _heaters_off(self) -> None:
         for command in heaters_off(self.wiring.printer):

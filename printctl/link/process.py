@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
+from printctl.gate import Known
 from printctl.link.care import Care
 from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
@@ -89,12 +90,15 @@ class Wire:
         Told what the print's clients are told.
     fresh : bool
         Whether it has just been opened, so that the board may be starting.
+    room : callable or None
+        What is known of the room around the tip, for what a person types into the print.
     """
 
     transport: Transport
     on_start: Callable[[Streamer], None]
     on_status: Callable[[Status], None]
     fresh: bool = False
+    room: Callable[[], Known] | None = None
 
 
 def serve(order: Order, wire: Wire | None = None) -> Status:
@@ -177,6 +181,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
                 retreat=order.retreat,
                 fresh=wire.fresh if wire else True,
                 on_status=lambda status: _publish(status, server, wire, keeper),
+                room=wire.room if wire else None,
             ),
             job,
             order.care,

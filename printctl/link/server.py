@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from printctl.link.by_hand import by_hand
 from printctl.link.care import NewSyringe
 from printctl.link.door import Door, Guest, forget, listen
+from printctl.link.errors import Refused
 from printctl.link.marks import MarkKind
 from printctl.link.pausing import Pausing
 from printctl.link.states import Status
@@ -78,10 +78,13 @@ class Server(Door):
         self.channel.alive()
 
     def _do_command(self, guest: Guest, wish: dict[str, Any]) -> None:
-        text = by_hand(str(wish["text"]), self.channel.wiring.printer)
+        text = str(wish["text"])
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
-            self.post(guest, {"event": "reply", "command": text, "lines": said})
+            self.post(guest, {"event": "reply", "command": text.strip(), "lines": said})
 
-        self.channel.command(text.encode(), done)
+        def refused(why: str) -> None:
+            self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
+
+        self.channel.typed(text, done, refused)

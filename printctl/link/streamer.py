@@ -6,9 +6,12 @@ is held and gone on with in `printctl.link.pausing`.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Final
 
+from printctl.gate import Known, Phase
+from printctl.link.agreeing import agree_start
 from printctl.link.care import Care
 from printctl.link.channel import POLL_S, Over, Wiring
 from printctl.link.errors import LinkError
@@ -18,6 +21,7 @@ from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.modal import astray, named
 from printctl.link.pausing import Pausing
+from printctl.link.recovering import declared_start
 from printctl.link.states import LinkState, Status
 from printctl.link.valve import is_open
 
@@ -76,6 +80,7 @@ class Streamer(Pausing):
             self._connect()
             self._enter(LinkState.CHECKING, "asking the firmware what it is")
             self._check()
+            self._agree_start()
             self.protocol.load(self.job.lines, 0, self._agree(self.protocol.renumber))
         else:
             self._find_again(history)
@@ -196,10 +201,7 @@ class Streamer(Pausing):
         """Do what was wished, with no line in flight."""
         self._settle()
         while self._commands:
-            text, done = self._commands.popleft()
-            done(self._command(text))
-            self._undo_speed(text)
-            self._unverified = True  # a move by hand must not become a part of the print
+            self._carry_out(self._commands.popleft(), self._printing)
         while self._wishes:
             wish = self._wishes.popleft()
             if wish == "stop":
@@ -211,11 +213,18 @@ class Streamer(Pausing):
             elif wish == "reload":  # wished in a pause that is over
                 self.watch.after = MarkKind.RELOAD
 
-    def _undo_speed(self, text: bytes) -> None:
-        """Set the job's feed rate again, which a move by hand may have changed for its lines."""
-        at = self._trail.at(self.protocol.lines_done)
-        if at.f is not None and text[:1] in b"Gg":
-            self._command(b"G1 F%b" % f"{at.f:g}".encode())
+    def _printing(self) -> Known:
+        """What the gate is told while lines go out."""
+        return replace(self.wiring.limits(), phase=Phase.PRINTING)
+
+    def _agree_start(self) -> None:
+        """Refuse a tip that stands elsewhere than preflight took it to stand."""
+        if self.care.start_mm is None:
+            return
+        declared = None
+        with contextlib.suppress(LinkError):  # a frame that moves later: the printer is asked
+            declared = declared_start(self.job, len(self.job))
+        agree_start(lambda text: self._command(text, False), self.care.start_mm, declared)
 
     # --- found again -------------------------------------------------------------------------
 
@@ -247,6 +256,8 @@ class Streamer(Pausing):
             self._alarm(f"the valve stood open after line {done} while no host was there; look")
         self._check_keepalive(journalled=True)
         self._command(b"M400")
+        self._settings = history.settings
+        self._agree_settings(journalled=True)
         at = self._where()
         if history.reload_at is not None:
             self.watch.reload_at = history.reload_at
@@ -272,5 +283,6 @@ class Streamer(Pausing):
         if self._unverified or self._noisy() or self.protocol.lines_done < self._noisy_until:
             self._unverified = False
             self._verify(self._trail.at(self.protocol.lines_done))
+        self._undo_settings()
         number = self.protocol.number
         return self._agree(self.protocol.ask) == number

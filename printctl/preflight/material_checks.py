@@ -7,6 +7,7 @@ from typing import Final
 
 from design.toolpath.embedded import held_diameter_mm
 from firmware_profiles import Bath, Ink
+from printctl.gate import UNNAMED_C
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
@@ -54,19 +55,20 @@ def bath_checks(bath: Bath) -> list[Check]:
     ]
 
 
-def temperature_checks(run: DryRun, ink: Ink, bath: Bath) -> list[Check]:
+def temperature_checks(run: DryRun, ink: Ink, bath: Bath | None) -> list[Check]:
     """What the job sets, by whatever command, against what ink and bath bear; 0 switches off."""
     span = ink.temperature_c
+    bears = f"{ink.name} bears at most that (ink: {_INK})"
+    unnamed = "no bath is named, and cells bear no more; name it (--bath) if it does"
+    warmest = (
+        (UNNAMED_C, unnamed)
+        if bath is None
+        else (bath.max_printing_c, f"{bath.name} bears at most that (bath: max_printing_c)")
+    )
     return [
-        _setting(run, "ink", "warmest", span.high, f"{ink.name} bears at most that (ink: {_INK})"),
+        _setting(run, "ink", "warmest", span.high, bears),
         _setting(run, "ink", "coldest", span.low, f"{ink.name} bears at least that (ink: {_INK})"),
-        _setting(
-            run,
-            "bath",
-            "warmest",
-            bath.max_printing_c,
-            f"{bath.name} bears at most that (bath: max_printing_c)",
-        ),
+        _setting(run, "bath", "warmest", *warmest),
     ]
 
 

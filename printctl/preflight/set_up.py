@@ -70,13 +70,13 @@ def _of_head(
         *syringe_checks(run, printer, load.syringe),
         *step_checks(run, printer, load.syringe),
         *viability_checks(PrintTime(run.duration_s), budget_of(load.ink)),
+        *temperature_checks(run, load.ink, setup.bath),
     ]
     if load.needle is not None:
         checks += force_checks(run, load.ink, load.needle, load.syringe, printer)
     if setup.bath is not None:
         checks += [
             chemistry_check(load.ink, setup.bath),
-            *temperature_checks(run, load.ink, setup.bath),
             floor_check(run, setup.bath, printer.z_mm.low),
         ]
     if load.needle is not None and setup.standing is not None:

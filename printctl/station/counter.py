@@ -15,14 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from printctl.link.by_hand import by_hand
+from printctl.gate import Bounds, reach
 from printctl.link.errors import JournalError, LinkError, PortLost, Refused
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
 from printctl.station.hands import MOTIONS
 from printctl.station.knowledge import Knowledge
-from printctl.station.limits import Bounds, reach
 from printctl.station.standby import Standby
 from printctl.station.status import Place, StationState, StationStatus
 from printctl.station.temperatures import parse_temperatures
@@ -171,16 +170,12 @@ class Counter:
         folder = self._status.print_folder
         if do != "command" or streamer is None:
             raise Refused(f"a print goes on in {folder}; pause or stop it, or wait for its end")
-        try:
-            text = by_hand(str(values["text"]), self.known.printer)
-        except ValueError as exc:
-            raise Refused(f"{values['text']!r} can't be sent: one line of ASCII without *") from exc
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
             say(self._reply("command", {"lines": said}))
 
-        streamer.command(text.encode("ascii"), done)
+        streamer.typed(str(values["text"]), done, lambda why: say(refusal(Refused(why))))
 
     # --- telling -------------------------------------------------------------------------------
 

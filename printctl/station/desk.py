@@ -106,7 +106,13 @@ class Desk(Attending):
             if transport is None:
                 raise PortLost(f"{self.socket.port} isn't open")
             fresh = self.socket.simulated
-            wire = Wire(transport, on_start, lambda _: self.on_change(self.status), fresh)
+            wire = Wire(
+                transport,
+                on_start,
+                lambda _: self.on_change(self.status),
+                fresh,
+                lambda: self.known.limits,
+            )
             return serve(here.order, wire), begun
         except LinkError as exc:
             return Status(LinkState.FAILED, message=str(exc), error=type(exc).__name__), begun

@@ -8,19 +8,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 from design.toolpath.gcode.dialect import DIALECTS
+from printctl.gate import (
+    DEFAULT_MM_S,
+    Act,
+    Door,
+    Known,
+    NotAllowed,
+    check_heat,
+    check_homing,
+    check_step,
+    judge,
+    speed_limit,
+)
 from printctl.link.errors import LinkError, Refused
-from printctl.station.console import Typed, read_typed
+from printctl.link.gating import let_through
 from printctl.station.knowledge import Knowledge
-from printctl.station.limits import check_move, check_speed, speed_limit
 from printctl.station.standby import Standby
 from printctl.station.status import Place
-from printctl.station.temperatures import check_target, target_command
+from printctl.station.temperatures import target_command
 
 AXES: Final = "xyz"
-DEFAULT_MM_S: Final = 5.0
 UNNAMED_UL_S: Final = 1.0
 """Fastest push of an ink that nobody named."""
 MOTIONS: Final = frozenset({"jog", "move_to", "home", "plunger", "command"})
@@ -80,23 +91,22 @@ class Hands:
         at, bounds = self._at(), self.known.bounds
         if math.dist(at, target) < _TINY:
             return {}
-        check_move(bounds, at, target)
         mm_s = min(DEFAULT_MM_S, speed_limit(bounds, at, target)[0])
         mm_s = mm_s if speed is None else _number(speed, "speed_mm_s")
-        check_speed(bounds, at, target, mm_s)
+        try:
+            check_step(self._known, at, target, mm_s)
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
         whole = self.standby.travel(target, mm_s)
         return {"message": "" if whole else "the move was ended before its goal"}
 
     def _home(self, wish: dict[str, Any]) -> Answer:
         axes = [str(axis).lower() for axis in wish["axes"]]
         _only(axes, AXES)
-        mounted = self.known.mounted
-        if mounted.needle and not wish.get("needle_off"):
-            where = f" above {mounted.dish}" if mounted.dish else ""
-            raise Refused(
-                f"homing with the needle {mounted.needle} mounted{where} would drive it into what "
-                "is below; take it off and say so (needle_off), or touch off instead of homing"
-            )
+        try:
+            check_homing(replace(self._known, needle_off=bool(wish.get("needle_off"))))
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
         self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
         self.standby.look()
         self.known.home(set(axes))
@@ -172,28 +182,35 @@ class Hands:
 
     def _heat(self, wish: dict[str, Any]) -> Answer:
         name, celsius = str(wish["name"]), _number(wish["celsius"], "celsius")
-        check_target(
-            self.standby.temperatures, name, celsius, self.known.kit, self.known.part_in_dish
-        )
+        try:
+            check_heat(self._known, name, celsius)
+        except NotAllowed as exc:
+            raise Refused(str(exc)) from exc
         self.standby.do(target_command(name, celsius))
         self.standby.ask_soon()
         return {}
 
     def _command(self, wish: dict[str, Any]) -> Answer:
         """A line of the console; one that moves or heats goes the way of the wish for that."""
-        typed = read_typed(str(wish["text"]), self.known.printer)
-        lines: list[str] = []
-        if typed.wish == "raw":
-            lines = self.standby.do(typed.text)
+        line = let_through(judge(str(wish["text"]), Door.CONSOLE, self._known))
+        if line.act is Act.SEND:
+            lines = self.standby.do(line.text)
             self.standby.look()
+            return {"lines": lines}
+        if line.act is Act.MOVE and line.target is not None:
+            answer = self._go(line.target, line.speed_mm_s)
+        elif line.act is Act.HOME:
+            answer = self._home({"axes": line.axes})
         else:
-            answer = self.wishes[typed.wish](self._with_modal(typed))
-            lines = [answer["message"]] if answer.get("message") else []
-        return {"lines": lines}
+            answer = self._heat({"name": line.heater, "celsius": line.celsius})
+        return {"lines": [answer["message"]] if answer.get("message") else []}
 
-    @staticmethod
-    def _with_modal(typed: Typed) -> dict[str, Any]:
-        return dict(typed.values)
+    @property
+    def _known(self) -> Known:
+        """What the gate is told."""
+        standby = self.standby
+        told = tuple(one.name for one in standby.temperatures)
+        return replace(self.known.limits, position=standby.position, heaters=told)
 
     # --- where it is ---------------------------------------------------------------------------
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
+from printctl.gate import Bounds, Known
 from printctl.link.errors import Refused
 from printctl.printing.syringes import usable_mm
 from printctl.station.kit import Kit, read_kit
-from printctl.station.limits import Bounds
 from printctl.station.status import Mounted, Place
+from printctl.station.temperatures import heat_limits
 
 _NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)
@@ -66,6 +67,14 @@ class Knowledge:
             bath_level_mm=told.bath_level_mm,
             part_in_dish=self.part_in_dish,
         )
+
+    @property
+    def limits(self) -> Known:
+        """What the gate judges by, but for the moment."""
+        per_mm, ink = self.kit.ul_per_mm, self.kit.ink
+        bears = math.inf if ink is None or per_mm is None else ink.plunger_ul_s / per_mm
+        heat = heat_limits(self.kit, self.part_in_dish)
+        return Known(self.bounds, heat=heat, plunger_mm_s=bears)
 
     @property
     def plunger_left_mm(self) -> float | None:

@@ -6,12 +6,10 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from printctl.link.errors import Refused
+from printctl.gate import Limit
 from printctl.station.kit import Kit
 from printctl.station.status import Temperature
 
-UNNAMED_C: Final = 45.0
-"""Hottest target while nobody said which ink or bath is there: cells and proteins bear no more."""
 _READING: Final = re.compile(
     rb"(?<![\w@])([TBC])(\d*): ?(-?\d+(?:\.\d+)?)(?: ?/ ?(-?\d+(?:\.\d+)?))?"
 )
@@ -45,34 +43,17 @@ def target_command(name: str, celsius: float) -> str:
     return f"{_SETS[kind]}{head} S{celsius:g}"
 
 
-def check_target(
-    known: Sequence[Temperature], name: str, celsius: float, kit: Kit, part_in_dish: bool
-) -> None:
-    """Refuse a heater that the printer hasn't, and a target too hot for what is mounted.
-
-    Raises
-    ------
-    Refused
-    """
-    if celsius == 0 and name.partition(" ")[0] in _SETS:
-        return  # off is always right
-    names = [one.name for one in known]
-    if name not in names:
-        raise Refused(f"this printer tells of no {name!r}, only of {', '.join(names) or 'none'}")
-    limit, why = hottest(name, kit, part_in_dish)
-    if not 0 <= celsius <= limit:
-        raise Refused(f"{celsius:g} °C for the {name} is outside 0 to {limit:g} °C ({why})")
-
-
-def hottest(name: str, kit: Kit, part_in_dish: bool) -> tuple[float, str]:
-    """Hottest target of a heater, °C, and what limits it."""
-    if name.startswith("nozzle"):
-        if kit.ink is not None:
-            return kit.ink.temperature_c.high, f"temperature_c of {kit.ink.name}"
-        return UNNAMED_C, "no ink is named; name it (mount) if it bears more"
-    if kit.bath is None:
-        return UNNAMED_C, "no bath is named; name it (mount) if it bears more"
+def heat_limits(kit: Kit, part_in_dish: bool) -> dict[str, Limit]:
+    """Hottest targets that what is mounted bears, by heater."""
+    found = {}
+    if kit.ink is not None:
+        found["nozzle"] = Limit(kit.ink.temperature_c.high, f"temperature_c of {kit.ink.name}")
     bath = kit.bath
+    if bath is None:
+        return found
     if part_in_dish and bath.melt_out_c is not None:
-        return max(bath.melt_out_c, bath.max_printing_c), f"melt_out_c of {bath.name}"
-    return bath.max_printing_c, f"max_printing_c of {bath.name}, as long as nothing is printed"
+        hottest = Limit(max(bath.melt_out_c, bath.max_printing_c), f"melt_out_c of {bath.name}")
+    else:
+        why = f"max_printing_c of {bath.name}, as long as nothing is printed"
+        hottest = Limit(bath.max_printing_c, why)
+    return {**found, "bed": hottest, "chamber": hottest}

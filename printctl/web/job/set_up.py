@@ -82,6 +82,7 @@ class JobSetUp(BaseModel):
             capacity_mm=usable[0],
             head_syringes=tuple(names) if several else (),
             head_capacity_mm=tuple(usable) if several else (),
+            start_mm=self.start_mm,
         )
 
     def budget(self, mounted: SetUp) -> Budget | None:

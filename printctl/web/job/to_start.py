@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from firmware_profiles import Dish, load
 from printctl.errors import SafetyError
+from printctl.gate import RIM_MARGIN_MM
 from printctl.station import Station, StationStatus
-from printctl.station.limits import RIM_MARGIN_MM
 
 Place = tuple[float, float, float]
 

@@ -11,8 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.files import write_text
 from firmware_profiles import Printer, load
-from printctl.link.by_hand import by_hand
-from printctl.link.errors import Refused
+from printctl.gate import Refusal, foreseen
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line
@@ -122,12 +121,11 @@ class Macros:
     def _check(self, profile: str, macro: Macro) -> None:
         printer = load(Printer, self._shelf.given(Printer, profile))
         for number, text in enumerate(macro.commands, 1):
-            try:
-                by_hand(checked_line(text), printer)
-            except (Refused, ValueError, BadRequestError) as exc:
+            verdict = foreseen(checked_line(text), printer)
+            if isinstance(verdict, Refusal):
                 raise BadRequestError(
-                    f"macro {macro.name!r}, line {number}: {exc}; take it out"
-                ) from exc
+                    f"macro {macro.name!r}, line {number}: {verdict.message}; take it out"
+                )
 
     def _write(self, profile: str, macros: list[Macro]) -> None:
         data = {"macros": [one.model_dump(mode="json") for one in macros]}

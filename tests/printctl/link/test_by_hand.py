@@ -1,38 +1,107 @@
-"""Manual commands between two lines of the job: none of them may become a part of the print."""
+"""Commands that a person types into a print: judged, and none of them ends it."""
 
 from __future__ import annotations
 
+import pytest
+
 from printctl.link.clock import VirtualClock
+from printctl.link.errors import Refused
 from printctl.link.states import LinkState
 from tests.printctl.link.fake_marlin import FakeTransport
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Following, Script, layered, played
 
 
-def followed(data, tmp_path, script):
-    job = parse_job(data, "test.gcode")
-    printer = Following(job, script)
-    status = played(data, tmp_path, FakeTransport(printer, VirtualClock()), script)
-    return status, job, printer
+class Person:
+    """Types once, and hears what came of it."""
+
+    def __init__(self, *lines: str) -> None:
+        self.lines = lines
+        self.heard: list[tuple[bytes, ...]] = []
+        self.refused: list[str] = []
+
+    def __call__(self, streamer) -> None:
+        self.type(self.lines, streamer)
+
+    def type(self, lines: tuple[str, ...], streamer) -> None:
+        for line in lines:
+            try:
+                streamer.typed(line, self.heard.append, self.refused.append)
+            except Refused as exc:
+                self.refused.append(str(exc))
+
+    def in_pause(self, streamer) -> None:
+        lines, self.lines = self.lines, ()
+        if not lines:  # the needle was brought elsewhere, so that the print isn't gone on with
+            streamer.stop()
+            return
+        self.type(lines, streamer)
+        streamer.command(b"M105", lambda said: streamer.resume())
 
 
-def by_hand(command: bytes):
-    return lambda streamer: streamer.command(command, lambda lines: None)
+def printed_with(tmp_path, person: Person, paused: bool = False):
+    data = layered(2, 20)
+    wish = (lambda streamer: streamer.pause()) if paused else person
+    script = Script(at_line={12: wish}, on_paused=person.in_pause)
+    printer = Following(parse_job(data, "test.gcode"), script)
+    transport = FakeTransport(printer, VirtualClock())
+    before = len(printer.numbered)
+    status = played(data, tmp_path, transport, script)
+    return status, printer.numbered[before:]
 
 
-def test_move_by_hand_between_two_lines_does_not_become_a_part_of_the_print(tmp_path):
-    script = Script(
-        at_line={12: lambda streamer: streamer.command(b"G0 Z15 F60", lambda lines: None)}
+@pytest.mark.parametrize(
+    "line",
+    ["G0 Z15 F60", "G 1 Z-50", "g1z2", "G1 F60", "G1 E5 F60", "G28", "G92 Z0", "G91", "M28", "M84"]
+    + ["M104 S250", "M92 X1", "M221 S50", "M206 X1", "M211 S0", "M502", "M500", "M111 S8", "T1"]
+    + ["M400", "M118 ok", "M112", "M999", "M410", "M108", "M85 S0", "M204 P1", "M302 P0"],
+)
+def test_what_moves_or_sets_is_refused_in_a_print_which_goes_on(tmp_path, line):
+    person = Person(line)
+    status, sent = printed_with(tmp_path, person)
+    assert status.state is LinkState.DONE, status
+    assert len(person.refused) == 1
+    plain = line.replace(" ", "").upper()
+    assert plain not in {text.replace(" ", "") for text in sent if text not in ("M400",)}
+
+
+def test_questions_fans_and_warmth_within_limits_go_out_in_a_print(tmp_path):
+    person = Person("m 105", "M114", "M106 P0 S128", "M104 S37", "M140 S30")
+    status, sent = printed_with(tmp_path, person)
+    assert status.state is LinkState.DONE, status
+    assert person.refused == []
+    assert len(person.heard) == 5
+    at = sent.index("M106 P0 S128")
+    assert sent[at - 2 : at + 3] == ["M105", "M114", "M106 P0 S128", "M104 S37", "M140 S30"]
+
+
+def test_a_question_that_the_firmware_doesnt_know_ends_no_print(tmp_path):
+    person = Person("M119")
+    data, script = layered(2, 20), Script(at_line={12: person})
+    printer = Following(parse_job(data, "test.gcode"), script)
+    said = printer._reply
+    printer._reply = lambda word, text: (  # type: ignore[method-assign]
+        'echo:Unknown command: "M119"\nok\n' if word == "M119" else said(word, text)
     )
-    status, _, printer = followed(layered(2, 20), tmp_path, script)
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert "Z is 15.00 mm where the job says 10.00 mm" in status.message
-    assert printer.taken < 16
+    status = played(data, tmp_path, FakeTransport(printer, VirtualClock()), script)
+    assert status.state is LinkState.DONE, status
+    assert b"unknown command" in b" ".join(person.heard[0])
 
 
-def test_speed_given_by_hand_between_two_lines_does_not_become_the_jobs(tmp_path):
-    script = Script(at_line={12: by_hand(b"G1 F60")})
-    status, _, printer = followed(layered(2, 20), tmp_path, script)
-    assert status.state is LinkState.DONE
-    at = printer.numbered.index("G1 F60")
-    assert printer.numbered[at + 1] == "G1 F1800"
+def test_in_a_pause_moves_go_by_limits_and_a_feed_of_their_own(tmp_path):
+    person = Person("G1 X60", "G1 Z1", "G1 X900", "G1 Z500", "G0 F60000 X61", "G28")
+    status, sent = printed_with(tmp_path, person, paused=True)
+    assert status.state is LinkState.STOPPED, status
+    moved = [text for text in sent if text.startswith("G1 X60")]
+    assert moved == ["G1 X60 F300"]
+    assert len(person.refused) == 5
+    assert "where the pause left it" in person.refused[0]
+    assert not any("X900" in text or "Z500" in text or text == "G28" for text in sent)
+
+
+def test_in_a_pause_the_plunger_goes_no_faster_than_it_may(tmp_path):
+    person = Person("G1 E-5 F60", "G1 E0 F60000", "G1 E900 F60", "G1 X51 E0 F60")
+    status, sent = printed_with(tmp_path, person, paused=True)
+    assert status.state is LinkState.DONE, status
+    assert "G1 E-5 F60" in sent
+    assert len(person.refused) == 3

@@ -50,7 +50,29 @@ def test_line_that_must_not_be_sent_is_named(line, why):
 
 
 def test_m1101_is_not_m110():
-    assert len(parse_job(b"M1101\nG910\n", "a")) == 2
+    with pytest.raises(JobError, match="M1101: it isn't on the list of what may be sent"):
+        parse_job(b"M1101\nG910\n", "a")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "M500",
+        "M502",
+        "M92 X100",
+        "M206 X1",
+        "M211 S0",
+        "M220 S120",
+        "M221 S90",
+        "M301 P1",
+        "M118 ok",
+    ]
+    + ["M113 S0", "M28 a.g", "M84\nM201 X99999", "M204 P99999", "M302 S170\nM999"],
+)
+def test_what_changes_the_firmware_is_refused_by_its_line(line):
+    code = line.splitlines()[-1].split()[0]
+    with pytest.raises(JobError, match=f"line {2 + line.count(chr(10))}: {code}"):
+        parse_job(f"G90\n{line}\nG1 X1\n".encode(), "a")
 
 
 def test_empty_and_missing_jobs_are_named(tmp_path):

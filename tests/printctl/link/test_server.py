@@ -10,8 +10,10 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.gate import Bounds, Known, Phase
 from printctl.link.care import NewSyringe
 from printctl.link.errors import LinkError
+from printctl.link.gating import judge_typed, let_through
 from printctl.link.marks import MarkKind
 from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
@@ -43,8 +45,9 @@ class Spy:
     def alive(self) -> None:
         self.wishes.append("alive")
 
-    def command(self, text: bytes, done) -> None:
-        self.wishes.append(text.decode())
+    def typed(self, text: str, done, refused) -> None:
+        known = Known(Bounds(self.wiring.printer), Phase.PRINTING)
+        self.wishes.append(let_through(judge_typed(text, known)).text)
         done((b"X:0.00", b"ok"))
 
     def kill(self) -> None:

@@ -253,7 +253,7 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     rng = np.random.default_rng(seed)
     clock, printer = VirtualClock(), MarlinPrinter(AIR, START)
     transport = SimTransport(printer, clock)
-    transport.die_at(int(rng.integers(40, 90)), float(rng.random()))
+    transport.die_at(int(rng.integers(46, 96)), float(rng.random()))
     with pytest.raises(HostDiedError):
         played(DATA, tmp_path, transport, Script(), printer=AIR)
     transport = SimTransport(printer, clock)

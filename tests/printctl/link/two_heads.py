@@ -54,7 +54,7 @@ def job_of(heads: tuple[int, ...], moves: int = 6, ul: float = 0.4) -> bytes:
 
 
 DATA = job_of((0, 1, 0, 1, 1, 0))
-JOB = parse_job(DATA, "test.gcode")
+JOB = parse_job(DATA, "test.gcode", QUICK)
 
 
 def strokes(motion: ExecutedMotion) -> NDArray[np.float64]:

@@ -10,8 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from firmware_profiles import Dish, Needle, Printer, load
-from printctl.link.errors import Refused
-from printctl.station.limits import (
+from printctl.gate.limits import (
     IN_DISH_MM_S,
     RIM_MARGIN_MM,
     STEP_ASIDE_MM,
@@ -21,6 +20,7 @@ from printctl.station.limits import (
     check_speed,
     reach,
 )
+from printctl.gate.verdict import NotAllowed
 
 PRINTER = load(Printer, "generic_marlin")
 NEEDLE = load(Needle, "25g")
@@ -41,7 +41,7 @@ def bounds(dish: str = "petri_60mm", **changed: object) -> Bounds:
 
 
 def refused(why: str, known: Bounds, start: tuple, target: tuple) -> None:
-    with pytest.raises(Refused, match=why):
+    with pytest.raises(NotAllowed, match=why):
         check_move(known, start, target)
 
 
@@ -55,7 +55,7 @@ def test_no_accepted_move_touches_dish_or_leaves_the_machine(name, start, target
     known = bounds(name)
     try:
         check_move(known, start, target)
-    except Refused:
+    except NotAllowed:
         return
     moved = [mm for mm, was in zip(target, start, strict=True) if mm != was]
     assert all(-NM <= mm <= 200 + NM for mm in moved)
@@ -147,7 +147,7 @@ def test_accepted_speeds_are_within_each_axis(start, target, speed):
     known = bounds()
     try:
         check_speed(known, start, target, speed)
-    except Refused:
+    except NotAllowed:
         return
     part = np.abs(np.subtract(target, start)) / math.dist(start, target) * speed
     limits = [getattr(PRINTER.max_speed_mm_s, axis) for axis in "xyz"]
@@ -158,5 +158,5 @@ def test_accepted_speeds_are_within_each_axis(start, target, speed):
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
 def test_speed_that_is_none_is_refused(speed):
-    with pytest.raises(Refused, match=r"above 0|exceeds"):
+    with pytest.raises(NotAllowed, match=r"above 0|exceeds"):
         check_speed(bounds(), (100, 100, 50), (110, 100, 50), speed)

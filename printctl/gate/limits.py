@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Dish, Needle, Printer
-from printctl.link.errors import Refused
+from printctl.gate.verdict import NotAllowed, Place
 from printctl.set_up import WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
-from printctl.station.status import Place
 
 RIM_MARGIN_MM: Final = 2.0
 """Kept above the rim by a needle that goes sideways over it."""
@@ -47,6 +46,9 @@ class Bounds:
     bath_level_mm : float or None, mm
     part_in_dish : bool
         Whether something was written into the bath.
+    clear_mm : float or None, mm
+        In a pause of a print whose dish nobody named: height at which the pause left the needle,
+        below which small steps alone are allowed.
     """
 
     printer: Printer
@@ -57,6 +59,7 @@ class Bounds:
     floor_mm: float | None = None
     bath_level_mm: float | None = None
     part_in_dish: bool = False
+    clear_mm: float | None = None
 
     @property
     def needle_above_dish(self) -> bool:
@@ -91,7 +94,7 @@ def check_move(bounds: Bounds, start: Place, target: Place) -> None:
 
     Raises
     ------
-    Refused
+    NotAllowed
         What would be met, the value, its limit, and the remedy.
     """
     aside = math.hypot(target[0] - start[0], target[1] - start[1])
@@ -111,12 +114,12 @@ def _in_machine(bounds: Bounds, start: Place, target: Place) -> None:
         span = getattr(printer, f"{axis}_mm")
         if not bounds.trusted:
             if abs(end - begin) > span.high - span.low:
-                raise Refused(
+                raise NotAllowed(
                     f"a step of {end - begin:g} mm along {axis.upper()} is longer than the axis, "
                     f"{span.high - span.low:g} mm ({axis}_mm of {printer.name})"
                 )
         elif end != begin and not span.low - _TINY_MM <= end <= span.high + _TINY_MM:
-            raise Refused(
+            raise NotAllowed(
                 f"{axis.upper()} {end:.2f} mm is outside {span.low:g} to {span.high:g} mm "
                 f"({axis}_mm of {printer.name}); take a shorter step, or correct the position "
                 "if the tip isn't where the printer counts it"
@@ -126,7 +129,7 @@ def _in_machine(bounds: Bounds, start: Place, target: Place) -> None:
 def _above_floor(bounds: Bounds, target: Place) -> None:
     floor = bounds.floor_mm
     if bounds.needle_above_dish and floor is not None and target[2] < floor - _TINY_MM:
-        raise Refused(
+        raise NotAllowed(
             f"Z {target[2]:.2f} mm is below the dish's floor, touched off at {floor:.2f} mm; the "
             "needle would go into the glass. Touch off again if another needle is mounted"
         )
@@ -137,10 +140,11 @@ def _small_if_unknown(bounds: Bounds, low_mm: float, aside: float, up: float) ->
     missing = _missing(bounds, low_mm)
     if not missing:
         return
-    most = STEP_DOWN_MM if bounds.needle_above_dish else STEP_ASIDE_MM
+    dish = bounds.needle_above_dish or bounds.clear_mm is not None
+    most = STEP_DOWN_MM if dish else STEP_ASIDE_MM
     for what, mm, limit in (("down", -up, STEP_DOWN_MM), ("aside", aside, most)):
         if mm > limit + _TINY_MM:
-            raise Refused(
+            raise NotAllowed(
                 f"{mm:g} mm {what} in one step, at most {limit:g} mm while {missing}; go up first "
                 "if the way is longer"
             )
@@ -150,6 +154,11 @@ def _missing(bounds: Bounds, low_mm: float) -> str:
     if not bounds.trusted:
         return "the position isn't trusted (home without needle, or tell where the tip is)"
     if not bounds.needle_above_dish:
+        if bounds.clear_mm is not None and low_mm < bounds.clear_mm - _TINY_MM:
+            return (
+                f"the needle may stand in a dish that nobody named, below Z {bounds.clear_mm:.2f} "
+                "mm, where the pause left it"
+            )
         return ""
     if bounds.floor_mm is None:
         return "the dish's floor isn't touched off"
@@ -163,7 +172,7 @@ def _not_through_part(bounds: Bounds, low_mm: float) -> None:
         return
     level = bounds.bath_level_mm if bounds.bath_level_mm is not None else bounds.rim_mm
     if level is not None and low_mm < level:
-        raise Refused(
+        raise NotAllowed(
             f"the tip would move at Z {low_mm:.2f} mm, below {level:.2f} mm, in a bath that holds "
             "a print: go straight up; say that another dish was put there (mount) to go down again"
         )
@@ -182,7 +191,7 @@ def _clear_of_wall(bounds: Bounds, start: Place, target: Place) -> None:
     }
     for what, gap in gaps.items():
         if gap < WALL_CLEARANCE_MM - _TINY_MM:
-            raise Refused(
+            raise NotAllowed(
                 f"the {what} would come within {gap:.2f} mm of the wall of {standing.dish.name}, "
                 f"at least {WALL_CLEARANCE_MM:g} mm is kept below Z {bounds.rim_mm:.2f} mm (its "
                 f"rim and {RIM_MARGIN_MM:g} mm); go straight up above that first"
@@ -194,13 +203,13 @@ def check_speed(bounds: Bounds, start: Place, target: Place, speed_mm_s: float) 
 
     Raises
     ------
-    Refused
+    NotAllowed
     """
     if not math.isfinite(speed_mm_s) or speed_mm_s <= 0:
-        raise Refused(f"speed {speed_mm_s:g} mm/s isn't above 0")
+        raise NotAllowed(f"speed {speed_mm_s:g} mm/s isn't above 0")
     limit, why = speed_limit(bounds, start, target)
     if speed_mm_s > limit * (1 + 1e-9):
-        raise Refused(f"{speed_mm_s:g} mm/s exceeds {limit:g} mm/s ({why}); lower the speed")
+        raise NotAllowed(f"{speed_mm_s:g} mm/s exceeds {limit:g} mm/s ({why}); lower the speed")
 
 
 def speed_limit(bounds: Bounds, start: Place, target: Place) -> tuple[float, str]:
@@ -212,9 +221,16 @@ def speed_limit(bounds: Bounds, start: Place, target: Place) -> tuple[float, str
         if share > _TINY_MM:
             fastest = getattr(bounds.printer.max_speed_mm_s, axis)
             limits.append((fastest / share, f"max_speed_mm_s.{axis} of {bounds.printer.name}"))
-    if bounds.needle_above_dish and min(start[2], target[2]) < (bounds.rim_mm or math.inf):
+    if min(start[2], target[2]) < _slow_below(bounds):
         limits.append((IN_DISH_MM_S, "a needle below the rim of the dish"))
     return min(limits, default=(IN_DISH_MM_S, "nothing moves"))
+
+
+def _slow_below(bounds: Bounds) -> float:
+    """Height below which a needle may be in a dish, mm."""
+    if bounds.needle_above_dish:
+        return math.inf if bounds.rim_mm is None else bounds.rim_mm
+    return -math.inf if bounds.clear_mm is None else bounds.clear_mm
 
 
 def reach(bounds: Bounds, at: Place) -> tuple[Place, Place]:
@@ -248,6 +264,6 @@ def _may(bounds: Bounds, at: Place, axis: int, value: float) -> bool:
     target = (*at[:axis], value, *at[axis + 1 :])
     try:
         check_move(bounds, at, (target[0], target[1], target[2]))
-    except Refused:
+    except NotAllowed:
         return False
     return True

@@ -1,0 +1,53 @@
+"""Where a file's first lines take the tip to stand, and where the user says that it stands."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from firmware_profiles import Printer
+from printctl.cli.options import read_gcode_file, three_numbers
+from printctl.errors import UsageError
+from printctl.link.agreeing import ASIDE_MM
+from printctl.link.errors import LinkError
+from printctl.link.job import parse_job
+from printctl.link.recovering import declared_start
+
+Place = tuple[float, float, float]
+
+
+def start_of(file: Path, printer: Printer, said: str | None) -> Place:
+    """Where the tip stands before the first line, mm.
+
+    Parameters
+    ----------
+    file : Path
+        Its first lines may tell the firmware (G92, SET_KINEMATIC_POSITION).
+    printer : Printer
+    said : str or None
+        ``--start``.
+
+    Raises
+    ------
+    UsageError
+        When the two aren't the same place.
+    """
+    given = None if said is None else three_numbers(said, "--start")
+    declared = _declared(file, printer)
+    if declared is None:
+        return given or (0.0, 0.0, 0.0)
+    if given is not None and math.dist(given, declared) > ASIDE_MM:
+        raise UsageError(
+            f"--start {said}: the first lines of {file} tell the printer that the tip stands at "
+            f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
+        )
+    return declared
+
+
+def _declared(file: Path, printer: Printer) -> Place | None:
+    """Where the job says that it starts; None where it doesn't, or other checks refuse it."""
+    try:
+        job = parse_job(read_gcode_file(file), file.name, printer)
+        return declared_start(job, len(job))
+    except LinkError:
+        return None

@@ -1,0 +1,40 @@
+"""One gate for every line that a person or a file wants sent to a printer.
+
+Pure: it opens nothing and sends nothing. `judge` answers allowed, with the text that is sent, or
+refused, with the reason.
+"""
+
+from printctl.gate.heat import check_heat
+from printctl.gate.judge import foreseen, judge, judge_line
+from printctl.gate.known import UNNAMED_C, Door, Known, Limit, Phase
+from printctl.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
+from printctl.gate.motion import DEFAULT_MM_S, check_homing, check_step
+from printctl.gate.of_job import changed_settings, refused_lines
+from printctl.gate.verdict import Act, Allowed, NotAllowed, Place, Refusal, Verdict
+
+__all__ = [
+    "DEFAULT_MM_S",
+    "RIM_MARGIN_MM",
+    "UNNAMED_C",
+    "Act",
+    "Allowed",
+    "Bounds",
+    "Door",
+    "Known",
+    "Limit",
+    "NotAllowed",
+    "Phase",
+    "Place",
+    "Refusal",
+    "Verdict",
+    "changed_settings",
+    "check_heat",
+    "check_homing",
+    "check_step",
+    "foreseen",
+    "judge",
+    "judge_line",
+    "reach",
+    "refused_lines",
+    "speed_limit",
+]

@@ -1,0 +1,208 @@
+"""The firmware's own state against what checks count on: percentages, limits, debug flags, units.
+
+What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
+220 %, soft endstops that are off, a dry run in which nothing moves. Replies are read as
+
+- Marlin, Prusa: M503 S0, M211, M220 (``FR:100%``), M221 (``E0 Flow: 100%``), M111
+  (``DEBUG:DRYRUN``); the recorded bugfix-2.1.x;
+- RepRapFirmware 3.5 ``GCodes2.cpp``: M220 and M221 (a number and ``%``), M564, M290;
+- Klipper and Smoothieware don't tell: what would be reset is reset.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles import Printer
+
+Answers = Mapping[str, Sequence[str]]
+
+_FACTORS: Final = {"M220": "the speed factor", "M221": "the flow factor"}
+_QUESTIONS: Final[dict[str, tuple[str, ...]]] = {
+    "marlin": ("M503 S0", "M211", "M220", "M221", "M111", "M302"),
+    "prusa": ("M503 S0", "M211", "M220", "M221", "M111"),
+    "reprapfirmware": ("M220", "M221", "M564", "M290"),
+}
+_BLINDLY: Final[dict[str, tuple[str, ...]]] = {
+    "klipper": ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0"),
+    "smoothieware": ("M220 S100", "M221 S100"),
+}
+_PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
+_FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
+_SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
+_WORD: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
+_OFFSETS: Final = re.compile(r"[XYZ]:? ?(-?\d+\.\d+)")
+_COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled")
+_NOT_TOLD_WHOLE: Final = {"M205": "J"}
+"""Words of which M503 leaves digits out (0.013 is told as 0.01)."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Something that the firmware has otherwise than checks count on.
+
+    Attributes
+    ----------
+    what : str
+        With its value.
+    reset : str
+        Command that takes it back; empty where a person must.
+    remedy : str
+        For a person.
+    """
+
+    what: str
+    reset: str = ""
+    remedy: str = ""
+
+
+def questions(printer: Printer) -> tuple[str, ...]:
+    """What a firmware is asked before a start; none of it sets anything."""
+    asked = _QUESTIONS.get(printer.firmware, ())
+    return tuple(one for one in asked if not (printer.pneumatic and one in ("M221", "M302")))
+
+
+def blind_resets(printer: Printer) -> tuple[str, ...]:
+    """What is reset unasked, because the firmware doesn't tell it."""
+    resets = _BLINDLY.get(printer.firmware, ())
+    return tuple(one for one in resets if not (printer.pneumatic and one.startswith("M221")))
+
+
+def differences(answers: Answers, printer: Printer) -> list[Difference]:
+    """Name what the firmware has otherwise than a job and its checks count on.
+
+    Parameters
+    ----------
+    answers : mapping
+        Question to the lines that were said to it.
+    printer : Printer
+    """
+    found = [*_factors(answers), *_limits(answers), *_flags(answers)]
+    settings = _settings(answers.get("M503 S0", ()))
+    for code, check in _CHECKS.items():
+        found += check(settings.get(code), printer)
+    return found
+
+
+def told_settings(answers: Answers) -> dict[str, str]:
+    """Settings that a job may change, as the commands that set them back, by code."""
+    found: dict[str, str] = {}
+    for code, words in _settings(answers.get("M503 S0", ())).items():
+        if code in ("M201", "M203", "M204", "M205"):
+            left_out = _NOT_TOLD_WHOLE.get(code, "")
+            told = (f"{key}{value}" for key, value in words.items() if key not in left_out)
+            found[code] = " ".join([code, *told])
+    for text in answers.get("M302", ()):
+        cold = _COLD.search(text)
+        if cold:
+            found["M302"] = f"M302 P{int(cold[1] == 'en')}"
+    return found
+
+
+def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Words of each setting that M503 lists, as it writes them."""
+    found: dict[str, dict[str, str]] = {}
+    for text in lines:
+        said = _SETTING.match(text)
+        if said:
+            words = dict(_WORD.findall(said[2])) or dict.fromkeys(said[2].split(), "")
+            found.setdefault(said[1], words)
+    return found
+
+
+def _factors(answers: Answers) -> list[Difference]:
+    found = []
+    for code, name in _FACTORS.items():
+        told = [_PERCENT.search(text) for text in answers.get(code, ())]
+        for percent in (float(one[1]) for one in told if one):
+            if percent != 100:
+                found.append(Difference(f"{name} is {percent:g} % ({code})", f"{code} S100"))
+    return found
+
+
+def _limits(answers: Answers) -> list[Difference]:
+    texts = answers.get("M211", ())
+    found = []
+    if any("M211 S0" in text or "endstops: Off" in text for text in texts):
+        found.append(Difference("the soft endstops are off (M211 S0)", "M211 S1"))
+    for text in answers.get("M564", ()):
+        if "outside the bed is permitted" in text:
+            found.append(Difference("moves outside the bed are permitted (M564 S0)", "M564 S1"))
+    for text in answers.get("M290", ()):
+        if any(float(mm) for mm in _OFFSETS.findall(text)):
+            found.append(
+                Difference(
+                    f"places are shifted by baby steps ({text})",
+                    remedy="take them back at the panel (M290 R0 S0 moves the tip), touch off "
+                    "again",
+                )
+            )
+    return found
+
+
+def _flags(answers: Answers) -> list[Difference]:
+    told = [_FLAGS.search(text) for text in answers.get("M111", ())]
+    on = [one[1].strip() for one in told if one]
+    return [
+        Difference(f"debug flags are set: {flags} (M111)", "M111 S0")
+        for flags in on
+        if flags.lower() not in ("off", "")
+    ]
+
+
+def _units(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or "C" in words:
+        return []
+    return [Difference(f"temperatures aren't told in °C (M149 {' '.join(words)})", "M149 C")]
+
+
+def _volumes(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or float(words.get("S", 0)) == 0:
+        return []
+    return [Difference("E is a volume and no travel (M200 S1)", "M200 S0")]
+
+
+def _home_offset(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    shifted = {axis: mm for axis, mm in (words or {}).items() if float(mm)}
+    if not shifted:
+        return []
+    said = " ".join(f"{axis}{mm}" for axis, mm in shifted.items())
+    return [
+        Difference(
+            f"homing is shifted by M206 {said} mm",
+            remedy="set it back with the maker's own program (M206 X0 Y0 Z0, M500), or have the "
+            "firmware built with these places, and home again",
+        )
+    ]
+
+
+def _levelling(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    if words is None or float(words.get("S", 0)) == 0:
+        return []
+    return [
+        Difference(
+            "bed levelling is on (M420 S1), which moves Z along with X and Y",
+            remedy="switch it off with the maker's own program (M420 S0, M500): a tip in a bath "
+            "must go where the job says",
+        )
+    ]
+
+
+def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    told = float((words or {}).get("K", printer.advance_s))
+    if abs(told - printer.advance_s) <= 0.005:
+        return []
+    what = f"pressure advance is {told:g} s, {printer.advance_s:g} s in the profile (advance_s)"
+    return [Difference(what, f"M900 K{printer.advance_s:g}")]
+
+
+_CHECKS: Final = {
+    "M149": _units,
+    "M200": _volumes,
+    "M206": _home_offset,
+    "M420": _levelling,
+    "M900": _advance,
+}

@@ -1,0 +1,102 @@
+"""Heaters' targets: which heater a line sets, and whether what is mounted bears it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from printctl.gate.known import Known
+from printctl.gate.verdict import Act, Allowed, NotAllowed
+from sim.reading import GcodeLine
+
+HEATERS: Final = {
+    "M104": "nozzle",
+    "M109": "nozzle",
+    "M140": "bed",
+    "M190": "bed",
+    "M141": "chamber",
+    "M191": "chamber",
+}
+_KINDS: Final = frozenset({"nozzle", "bed", "chamber"})
+_KLIPPERS: Final = {"heater_bed": "bed", "extruder": "nozzle"}
+
+
+def check_heat(known: Known, heater: str, celsius: float) -> None:
+    """Refuse a heater that the printer hasn't, and a target too hot for what is mounted.
+
+    Raises
+    ------
+    NotAllowed
+    """
+    if celsius == 0 and heater.partition(" ")[0] in _KINDS:
+        return  # off is always right
+    if known.heaters is not None and heater not in known.heaters:
+        told = ", ".join(known.heaters) or "none"
+        raise NotAllowed(f"this printer tells of no {heater!r}, only of {told}")
+    limit = known.hottest(heater)
+    if not 0 <= celsius <= limit.celsius:
+        raise NotAllowed(
+            f"{celsius:g} °C for the {heater} is outside 0 to {limit.celsius:g} °C ({limit.why})"
+        )
+
+
+def set_target(line: GcodeLine, known: Known) -> Allowed:
+    """Judge a line that sets a target by S and doesn't wait.
+
+    Raises
+    ------
+    NotAllowed
+    """
+    celsius = line.number("S")
+    if celsius is None or set(line.words) - {"S", "T"}:
+        raise NotAllowed("say the target as S and a number of °C")
+    heater = _heater(line)
+    check_heat(known, heater, celsius)
+    return Allowed(line.text.decode("ascii"), Act.HEAT, heater=heater, celsius=celsius)
+
+
+def wait_for(line: GcodeLine, known: Known) -> Allowed:
+    """Judge a line of a job that sets a target, by S or R, and may wait for it.
+
+    Raises
+    ------
+    NotAllowed
+    """
+    for letter in "SR":
+        celsius = line.number(letter)
+        if celsius is not None:
+            check_heat(known, _heater(line), celsius)
+    if set(line.words) - {"S", "R", "T"}:
+        raise NotAllowed("only S or R (°C) and T (head) are looked at; take the rest out")
+    return Allowed(line.text.decode("ascii"))
+
+
+def set_named(line: GcodeLine, known: Known) -> Allowed:
+    """Judge Klipper's SET_HEATER_TEMPERATURE and TEMPERATURE_WAIT.
+
+    Raises
+    ------
+    NotAllowed
+    """
+    name = line.parameters.get("HEATER", line.parameters.get("SENSOR", ""))
+    heater = _KLIPPERS.get(name)
+    if heater is None and name.startswith("extruder") and name[8:].isdigit():
+        heater = f"nozzle {int(name[8:])}"
+    if heater is None:
+        raise NotAllowed(f"{name or 'no heater'} is neither extruder nor heater_bed")
+    for key in ("TARGET", "MINIMUM", "MAXIMUM"):
+        if key in line.parameters:
+            check_heat(known, heater, _number(line.parameters[key], key))
+    return Allowed(line.text.decode("ascii"))
+
+
+def _number(text: str, key: str) -> float:
+    try:
+        value = float(text)
+    except ValueError as exc:
+        raise NotAllowed(f"{key}={text} is no number of °C") from exc
+    return value
+
+
+def _heater(line: GcodeLine) -> str:
+    head = line.number("T")
+    return HEATERS[line.code] + (f" {head:.0f}" if head else "")

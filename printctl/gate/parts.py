@@ -1,0 +1,120 @@
+"""Makers of rules: what a code's words may be for a line to pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from printctl.gate.known import Known
+from printctl.gate.reasons import REASONS
+from printctl.gate.verdict import Allowed, NotAllowed
+from sim.reading import GcodeLine
+
+Judge = Callable[[GcodeLine, Known], Allowed]
+Most = Callable[[Known, str], tuple[float, str]]
+"""Greatest value of a letter, and the profile's key that says so."""
+
+
+def passes(words: str | None = None) -> Judge:
+    """Let a code pass with these letters alone; with any where None is given."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        if words is not None:
+            _only(line, words)
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
+
+
+def asks(words: str = "") -> Judge:
+    """Let a question pass: a code that sets something as soon as it has other words."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        beyond = sorted({*line.words, *line.parameters} - set(words))
+        if beyond:
+            why = REASONS.get(line.code, "that isn't done from here")
+            raise NotAllowed(
+                f"with {' '.join(beyond)} it sets something ({line.code} alone asks): {why}"
+            )
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
+
+
+def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> Judge:
+    """Let a setting pass that takes another back: these words with these values alone.
+
+    Parameters
+    ----------
+    values : mapping
+        Letter (or Klipper's key) to the one value it may have; one at least must be there.
+    also : str
+        Letters of any value (a head's number).
+    remedy : str
+        What to do instead of another value.
+    """
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        given = {**line.words, **{key: _float(text) for key, text in line.parameters.items()}}
+        wrong = [key for key, value in given.items() if key not in also and (
+            key not in values or value != values[key])]  # fmt: skip
+        if wrong or not given.keys() & values.keys():
+            said = " ".join(f"{key}{value:g}" for key, value in values.items())
+            raise NotAllowed(f"only {line.code} {said} passes; {remedy}")
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
+
+
+def at_most(most: Most, words: str) -> Judge:
+    """Let a setting of a job pass below the profile's limit; it is undone at the job's end."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        _only(line, words)
+        for letter, value in line.words.items():
+            limit, key = most(known, letter)
+            if value is not None and not 0 <= value <= limit * (1 + 1e-9):
+                raise NotAllowed(
+                    f"{letter}{value:g} is outside 0 to {limit:g} ({key} of {known.printer.name});"
+                    " lower it, or correct the profile"
+                )
+        return Allowed(line.text.decode("ascii"), undo=(line.code,))
+
+    return judge
+
+
+def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judge:
+    """Let a code pass whose numbers are in these spans."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        _only(line, "".join(words))
+        if any(letter not in line.words for letter in needs):
+            raise NotAllowed(f"{needs} isn't given, and what it then does differs; write it")
+        for letter, value in line.words.items():
+            low, high = words[letter]
+            if value is not None and not low <= value <= high:
+                raise NotAllowed(f"{letter}{value:g} is outside {low:g} to {high:g}")
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
+
+
+def refuses(why: str) -> Judge:
+    """Let nothing pass."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        raise NotAllowed(why)
+
+    return judge
+
+
+def _only(line: GcodeLine, letters: str) -> None:
+    beyond = sorted(set(line.words) - set(letters))
+    if beyond:
+        raise NotAllowed(f"{' '.join(beyond)} isn't looked at by any check; take it out")
+
+
+def _float(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,200 @@
+"""The allow-list: what each door lets pass, by firmware family.
+
+A code that isn't here passes no door. Sources of what a code does: Marlin bugfix-2.1.x
+``src/gcode``; RepRapFirmware 3.5 ``GCodes2.cpp``; Klipper ``gcode_move.py``, ``toolhead.py``,
+``idle_timeout.py``; Prusa-Firmware ``Marlin_main.cpp``; https://smoothieware.org/supported-g-codes.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Final
+
+from printctl.gate.heat import set_named, set_target, wait_for
+from printctl.gate.known import Door, Known, Phase
+from printctl.gate.motion import home, move
+from printctl.gate.parts import Judge, asks, at_most, only_with, passes, within
+from printctl.gate.verdict import Allowed, NotAllowed
+from sim.reading import GcodeLine
+
+Rules = dict[str, Judge]
+_FAN: Final = within({"S": (0, 255), "P": (0, 20)}, needs="S")
+_HIGHEST: Final = math.inf, ""
+
+
+def _still(line: GcodeLine, known: Known) -> Allowed:
+    """A wait for the motors, where none of them writes."""
+    if known.phase is Phase.PRINTING:
+        raise NotAllowed("it stops the needle in the gel until the planner is empty; pause instead")
+    return passes("")(line, known)
+
+
+def _speed(known: Known, letter: str) -> tuple[float, str]:
+    axes = known.printer.max_speed_mm_s
+    per = 60.0 if known.printer.firmware == "reprapfirmware" else 1.0  # M203 in mm/min
+    return _HIGHEST if letter == "T" else (getattr(axes, letter.lower()) * per, "max_speed_mm_s")
+
+
+def _axis_acceleration(known: Known, letter: str) -> tuple[float, str]:
+    axes = known.printer.max_acceleration_mm_s2
+    return _HIGHEST if letter == "T" else (getattr(axes, letter.lower()), "max_acceleration_mm_s2")
+
+
+def _acceleration(known: Known, letter: str) -> tuple[float, str]:
+    axes = known.printer.max_acceleration_mm_s2
+    return max(axes.x, axes.y, axes.z, axes.e), "max_acceleration_mm_s2"
+
+
+def _any(known: Known, letter: str) -> tuple[float, str]:
+    return _HIGHEST
+
+
+def _advance(line: GcodeLine, known: Known) -> Allowed:
+    """Pressure advance as the profile has it."""
+    own = known.printer.advance_s
+    said = line.parameters.get("ADVANCE", "")
+    value = line.number("K") if line.code == "M900" else float(said or math.nan)
+    if value is None or abs(value - own) > 1e-9 or set(line.words) - {"K"}:
+        raise NotAllowed(
+            f"pressure advance is {own:g} s (advance_s of {known.printer.name}), and checks count "
+            "on it; correct the profile"
+        )
+    return Allowed(line.text.decode("ascii"))
+
+
+def _offset(line: GcodeLine, known: Known) -> Allowed:
+    """RepRapFirmware's G10 P: a head's offset taken back."""
+    if "P" not in line.words or any(value for key, value in line.words.items() if key != "P"):
+        raise NotAllowed("only an offset of a head that is taken back passes: G10 P1 X0 Y0 Z0")
+    return Allowed(line.text.decode("ascii"))
+
+
+def _head(line: GcodeLine, known: Known) -> Allowed:
+    """A head that the printer has, chosen without the macros of a change of tools."""
+    printer = known.printer
+    if printer.firmware == "reprapfirmware" and line.words.get("P") != 0:
+        raise NotAllowed(f"macros of the board may move it; write {line.code} P0")
+    return Allowed(line.text.decode("ascii"))
+
+
+_ASKED: Final[Rules] = {
+    **{
+        code: asks()
+        for code in ["M92", "M201", "M203", "M204", "M205", "M206", "M218", "M301", "M302", "M304"]
+    },
+    **{
+        code: asks()
+        for code in ["M113", "M115", "M119", "M149", "M155", "M211", "M220", "M31", "M111", "M122"]
+    },
+    "M105": asks("T"),
+    "M114": asks("DER"),
+    "M221": asks("TD"),
+    "M503": asks("S"),
+}
+
+_CONSOLE: Final[Rules] = {
+    **_ASKED,
+    "G0": move,
+    "G1": move,
+    "G21": passes(""),
+    "G28": home,
+    "G90": passes(""),
+    "M82": passes(""),
+    "M104": set_target,
+    "M106": _FAN,
+    "M107": passes("P"),
+    "M117": passes(),
+    "M140": set_target,
+    "M141": set_target,
+    "M400": _still,
+}
+
+_JOB: Final[Rules] = {
+    **{
+        code: passes()
+        for code in [
+            "G0",
+            "G1",
+            "G2",
+            "G3",
+            "G28",
+            "G92",
+            "M17",
+            "M18",
+            "M73",
+            "M75",
+            "M76",
+            "M77",
+            "M84",
+            "M117",
+        ]
+    },
+    **{code: passes("") for code in ["G17", "G21", "G90", "M82", "M400"]},
+    **dict.fromkeys(["M104", "M109", "M140", "M190", "M141", "M191"], wait_for),
+    **_ASKED,
+    "G4": passes("PS"),
+    "M85": passes("S"),
+    "M106": _FAN,
+    "M107": passes("P"),
+    "M200": only_with({"D": 0, "S": 0}, "T", "E is the plunger's travel in mm"),
+    "M201": at_most(_axis_acceleration, "XYZET"),
+    "M203": at_most(_speed, "XYZET"),
+    "M204": at_most(_acceleration, "PRST"),
+    "M205": at_most(_any, "XYZEBST"),
+    "M211": only_with({"S": 1}, "", "the firmware's own limits stay on"),
+    "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
+    "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),
+    "M221": only_with({"S": 100}, "TD", "doses are the job's: correct flow_factor or the ink"),
+    "M302": at_most(_any, "PS"),
+    "M900": _advance,
+}
+
+_KLIPPER_ASKED: Final[Rules] = {
+    **{name: asks() for name in ["GET_POSITION", "STATUS"]},
+    **{name: asks() for name in ["SET_VELOCITY_LIMIT", "SET_PRESSURE_ADVANCE"]},
+    "TURN_OFF_HEATERS": asks(),
+    "SET_HEATER_TEMPERATURE": set_named,
+}
+_OWN: Final[dict[tuple[str, Door], Rules]] = {
+    ("reprapfirmware", Door.CONSOLE): {
+        **{code: asks() for code in ["M208", "M290", "M408", "M564", "M566", "M572"]},
+        "M409": asks("KF"),
+    },
+    ("reprapfirmware", Door.JOB): {"G10": _offset},
+    ("klipper", Door.CONSOLE): _KLIPPER_ASKED,
+    ("klipper", Door.JOB): {
+        **_KLIPPER_ASKED,
+        "ACTIVATE_EXTRUDER": passes(),
+        "SET_FAN_SPEED": passes(),
+        "SET_GCODE_OFFSET": only_with({"X": 0, "Y": 0, "Z": 0}, "", "write the places themselves"),
+        "SET_IDLE_TIMEOUT": passes(),
+        "SET_KINEMATIC_POSITION": passes(),
+        "SET_PRESSURE_ADVANCE": _advance,
+        "TEMPERATURE_WAIT": set_named,
+    },
+}
+
+OF_THE_MOMENT: Final = frozenset({move, home, set_target, set_named})
+"""Rules that depend on what is known when a line is sent."""
+
+
+@cache
+def rules(family: str, door: Door) -> Rules:
+    """Rules of a door, by code.
+
+    Parameters
+    ----------
+    family : str
+        The profile's ``firmware``.
+    door : Door
+    """
+    common = _JOB if door is Door.JOB else _CONSOLE
+    return {**common, **_OWN.get((family, door), {})}
+
+
+def rule(line: GcodeLine, family: str, door: Door) -> Judge | None:
+    """Rule of a line; None where no door lets its code pass."""
+    if line.code[:1] == "T" and line.code[1:].isdigit():
+        return _head if door is Door.JOB else None
+    return rules(family, door).get(line.code)

@@ -1,0 +1,75 @@
+"""What the gate answers of a line: allowed, with what is sent, or refused, with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final
+
+Place = tuple[float, float, float]
+NOT_BY_HAND: Final = "isn't for manual use"
+
+
+class Act(StrEnum):
+    """What carries an allowed line out."""
+
+    SEND = "send"
+    """It is sent as it is."""
+    MOVE = "move"
+    """A straight move of the tip to `Allowed.target`, at `Allowed.speed_mm_s`."""
+    HOME = "home"
+    """Homing of `Allowed.axes`."""
+    HEAT = "heat"
+    """A target for the heater `Allowed.heater`."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """A line that may leave.
+
+    Attributes
+    ----------
+    text : str
+        What is sent: rendered from what was understood.
+    act : Act
+    target : (x, y, z) or None, mm
+        Of a move.
+    speed_mm_s : float or None, mm/s
+        Of a move, where the line says it.
+    axes : tuple of str
+        To home.
+    heater : str
+        ``nozzle``, ``nozzle 1``, ``bed``, ``chamber``.
+    celsius : float, °C
+    undo : tuple of str
+        Settings (codes) that must be as before once the job has ended.
+    """
+
+    text: str
+    act: Act = Act.SEND
+    target: Place | None = None
+    speed_mm_s: float | None = None
+    axes: tuple[str, ...] = ()
+    heater: str = ""
+    celsius: float = 0.0
+    undo: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A line that may not leave.
+
+    Attributes
+    ----------
+    message : str
+        What, the value, its limit, where that comes from, and the remedy.
+    """
+
+    message: str
+
+
+Verdict = Allowed | Refusal
+
+
+class NotAllowed(Exception):  # noqa: N818 (an answer, which `printctl.gate.judge` gives back)
+    """Something that no line may do; the message is a refusal's."""

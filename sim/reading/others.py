@@ -1,0 +1,48 @@
+"""Lines of a file that aren't plain moves: few, and each judged by itself."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from firmware_profiles import Printer
+from sim.errors import LineError
+from sim.reading.line import GcodeLine
+from sim.reading.plain import PLAIN_MOVE
+from sim.reading.read import read_line
+
+Others = tuple[tuple[int, GcodeLine], ...]
+"""Line of the file, from 1, and what stands there."""
+
+_MOVES: Final = frozenset({"G0", "G1"})
+
+
+def other_lines(gcode: bytes, printer: Printer) -> Others:
+    """Read a file's lines that aren't moves; those that can't be read are left out.
+
+    Parameters
+    ----------
+    gcode : bytes
+    printer : Printer
+        Its ``firmware`` says how lines are read.
+    """
+    is_plain = PLAIN_MOVE.fullmatch
+    found: list[tuple[int, GcodeLine]] = []
+    kept: dict[bytes, GcodeLine | None] = {}
+    for number, text in enumerate(gcode.splitlines(), 1):
+        if is_plain(text) or text[:1] == b";":
+            continue
+        if text not in kept:
+            kept[text] = _read(text, printer)
+        line = kept[text]
+        if line:
+            found.append((number, line))
+    return tuple(found)
+
+
+def _read(text: bytes, printer: Printer) -> GcodeLine | None:
+    """Read one line; None for a move, and for one that is refused elsewhere."""
+    try:
+        line = read_line(text, printer)
+    except LineError:
+        return None
+    return None if line.code in _MOVES else line

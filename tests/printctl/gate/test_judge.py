@@ -1,0 +1,160 @@
+"""What passes the gate, by each door and in each state."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from design.toolpath.gcode.dialect import DIALECTS
+from firmware_profiles import Dish, Needle, Printer, load
+from printctl.gate import Act, Allowed, Bounds, Door, Known, Phase, Refusal, foreseen, judge
+
+MARLIN = load(Printer, "generic_marlin")
+KLIPPER = load(Printer, "klipper_bioprinter")
+DUET = load(Printer, "makergear_m2_duet2")
+PNEUMATIC = load(Printer, "pneumatic_marlin")
+DISH = Bounds(
+    MARLIN,
+    trusted=True,
+    needle=load(Needle, "25g"),
+    dish=load(Dish, "petri_60mm"),
+    centre_mm=(100.0, 100.0),
+    floor_mm=2.0,
+)
+AT = (100.0, 100.0, 50.0)
+STANDING = Known(Bounds(MARLIN, trusted=True), Phase.STANDING, AT, heaters=("nozzle", "bed"))
+PRINTING = Known(DISH, Phase.PRINTING, AT)
+PAUSED = Known(DISH, Phase.PAUSED, AT, plunger_mm=1.0)
+MOMENTS = (STANDING, PRINTING, PAUSED)
+
+
+def allowed(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> Allowed:
+    verdict = judge(typed, door, known)
+    assert isinstance(verdict, Allowed), verdict
+    return verdict
+
+
+def refusal(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> str:
+    verdict = judge(typed, door, known)
+    assert isinstance(verdict, Refusal), verdict
+    return verdict.message
+
+
+@pytest.mark.parametrize(
+    "typed",
+    ["G 1 Z-50", "g1z-50", "(x)G1 Z-50", "G1 (x) Z-50", "g01 z -50", "G1Z-50;up", "G1\tZ-50"]
+    + ["N5 G1 Z-50*12", "N5G1Z-50", "G1 X1 G1 Z-50", "M114\nG1 Z-50", "M114\rG1 Z-50", "G1 Z-٥٠"]
+    + ["G1 Z-5e1", "G1 Z--50", "G1 Znan", "G1 Z-inf", "G1 Z-50.0.0", "G0 F1e9", "G0 X1 F9e9", "G53"]
+    + ["G91", "G92 Z100", "G92.1", "G28.1", "M104 S1e9", "M104.1 S30", "M104 S250", "T1", "T?"]
+    + ['M118 "ok"', "M118 ok", "M28", "M23 a.g", "M24", "M98", "M999", "M112", "M410", "M108"]
+    + ["M110 N1", "M83", "M84", "M18", "M17", "M92 X1", "M201 X9", "M203 X9", "M204 P9", "M205 X9"]
+    + ["M206 X1", "M211 S0", "M218 T1 X1", "M220 S50", "M221 S50", "M301 P1", "M302 P0", "M304 P1"]
+    + ["M350 X16", "M428", "M500", "M501", "M502", "M504", "M85 S0", "M113 S0", "M111 S8"]
+    + ["M155 S0", "M149 F", "M303 S200", "M109 S30", "M0", "M1", "G4 S9999", "", ";G28", "M900 K1"]
+    + ["M106 S1e9", "M106 P0", "M876 S0", "G29", "G30", "G38.2 Z-5", "G10", "G5 X1"]
+    + ["M600", "é", "x" * 1000],
+)  # fmt: skip
+def test_nothing_that_moves_beyond_heats_beyond_or_sets_passes_a_console(typed):
+    for known in MOMENTS:
+        assert refusal(typed, known)
+
+
+@pytest.mark.parametrize("typed", ["G1 X0 Y0 Z2 F6000", "G1 Z50", "G0 X100", "G28", "M400"])
+def test_nothing_moves_by_hand_while_a_print_goes_on(typed):
+    assert refusal(typed, PRINTING)
+
+
+def test_through_the_dish_is_refused_with_place_and_limit():
+    assert "of the wall of" in refusal("G1 X0 Y0 Z2", PAUSED)
+    assert "below the dish's floor" in refusal("G1 Z1", PAUSED)
+
+
+@pytest.mark.parametrize(
+    ("typed", "text"),
+    [
+        ("m 105", "M105"),
+        ("M0114", "M114"),
+        ("m106 p0 s128", "M106 P0 S128"),
+        ("M107", "M107"),
+        ("M104S37", "M104 S37"),
+        ("M140 S0", "M140 S0"),
+        ("M503 ; settings", "M503"),
+        ("M92", "M92"),
+        ("M220", "M220"),
+    ],
+)
+def test_questions_fans_and_heat_within_limits_pass_in_every_state(typed, text):
+    for known in MOMENTS:
+        assert allowed(typed, known).text == text
+
+
+def test_a_move_of_a_standing_tip_goes_by_its_limits():
+    move = allowed("G 1 X 110 F600")
+    assert (move.act, move.target, move.speed_mm_s) == (Act.MOVE, (110.0, 100.0, 50.0), 10.0)
+    assert "outside 0 to 200 mm" in refusal("G1 X900")
+    assert "exceeds 5 mm/s" in refusal("G1 Z60 F6000")
+    assert "isn't known to be right" in refusal("G1 X110", Known(Bounds(MARLIN), position=AT))
+
+
+def test_the_firmwares_own_commands_with_names_are_listed_one_by_one():
+    known = Known(Bounds(KLIPPER, trusted=True), Phase.STANDING, AT)
+    assert allowed("status", known).text == "STATUS"
+    for typed in (
+        "LOAD_INK", "SET_PIN PIN=valve VALUE=1", "SAVE_CONFIG", "FIRMWARE_RESTART", "RESTART",
+        "SET_GCODE_OFFSET Z=-5 MOVE=1", "SET_KINEMATIC_POSITION Z=100", "SAVE_GCODE_STATE",
+        "SET_IDLE_TIMEOUT TIMEOUT=1", "FORCE_MOVE STEPPER=stepper_z DISTANCE=-50 VELOCITY=5",
+        "SET_HEATER_TEMPERATURE HEATER=extruder TARGET=250", "RESTORE_GCODE_STATE NAME=a MOVE=1",
+        "SET_HEATER_TEMPERATURE HEATER=extruder TARGET=nan", "SDCARD_PRINT_FILE FILENAME=a.g",
+    ):  # fmt: skip
+        assert refusal(typed, known)
+
+
+def test_a_valve_is_opened_by_a_print_alone():
+    known = Known(Bounds(PNEUMATIC, trusted=True), position=AT)
+    opens = PNEUMATIC.pneumatic.opens if PNEUMATIC.pneumatic else ""
+    assert "a print alone" in refusal(opens, known)
+    assert allowed(opens, Known.of_job(PNEUMATIC), Door.JOB)
+
+
+@pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET, PNEUMATIC])
+def test_every_line_of_our_own_header_passes_the_jobs_door(printer):
+    dialect = DIALECTS[printer.firmware]
+    for line in [*dialect.header(printer, ("1", "2", "3")), *dialect.footer(), dialect.dwell(0.5)]:
+        assert allowed(line, Known.of_job(printer), Door.JOB)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["M500", "M502", "M92 X1", "M206 X1", "M211 S0", "M220 S50", "M221 S95", "M301 P1"]
+    + ["M204 P99999", "M203 Z500", "M200 D1.75", "M900 K0.5", "M118 ok", "M113 S0", "G91", "M83"]
+    + ["M218 T1 X5", "M85 S600 X1", "M106 S300", "M155 S1", "SET_PIN PIN=a", "M17 S1e9"],
+)  # fmt: skip
+def test_a_job_doesnt_change_the_firmware(line):
+    assert refusal(line, Known.of_job(MARLIN), Door.JOB)
+
+
+def test_a_job_may_set_what_is_undone_at_its_end():
+    assert allowed("M204 P500", Known.of_job(MARLIN), Door.JOB).undo == ("M204",)
+    assert allowed("M302 P1", Known.of_job(MARLIN), Door.JOB).undo == ("M302",)
+
+
+def test_a_macro_is_kept_with_moves_that_are_judged_later():
+    assert isinstance(foreseen("G1 X50", MARLIN), Allowed)
+    assert isinstance(foreseen("M104 S200", MARLIN), Allowed)
+    assert isinstance(foreseen("M500", MARLIN), Refusal)
+    assert isinstance(foreseen("G1 X50 X60", MARLIN), Refusal)
+
+
+@given(st.text(max_size=40) | st.from_regex(r"[ GMTgmtN0-9.XYZEFSP*;()\"-]{0,30}", fullmatch=True))
+def test_whatever_is_typed_is_answered_and_what_passes_is_read_the_same_again(typed):
+    for known in MOMENTS:
+        verdict = judge(typed, Door.CONSOLE, known)
+        if isinstance(verdict, Allowed):
+            again = judge(verdict.text, Door.CONSOLE, known)
+            assert isinstance(again, Allowed)
+            assert again.text == verdict.text
+            assert verdict.text.isascii()
+            assert verdict.text.isprintable()
+            if verdict.target is not None:
+                assert all(0 <= mm <= 200 for mm in verdict.target)

@@ -1,0 +1,111 @@
+"""The firmware's state and the tip's place before a start, on the simulated printer."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_profiles import Printer, load
+from printctl.gate.firmware import differences, told_settings
+from printctl.link.care import Care
+from printctl.link.clock import VirtualClock
+from printctl.link.errors import HandshakeError
+from printctl.link.journal import read_journal
+from printctl.link.states import LinkState
+from sim.marlin import MarlinPrinter
+from tests.printctl.link.layered import PRINTER, START, Script, layered, played
+from tests.printctl.link.sim_transport import SimTransport
+
+DATA = layered(1, 10)
+BARE = b"G1 X51 Y50 Z10 F600\nM400\n"
+
+
+def printed(tmp_path, data=DATA, dirty: bytes = b"", care: Care | None = None):
+    printer = MarlinPrinter(PRINTER, START)
+    transport = SimTransport(printer, VirtualClock())
+    if dirty:
+        transport.write(dirty)
+        while transport.read(1.0):
+            pass
+    status = played(data, tmp_path, transport, Script(), care)
+    return status, printer, read_journal(tmp_path / "journal.log").alarms
+
+
+@pytest.mark.parametrize(
+    ("dirty", "why"),
+    [
+        (b"M220 S250\n", "speed factor is 250 %"),
+        (b"M221 S50\n", "flow factor is 50 %"),
+        (b"M211 S0\n", "soft endstops are off"),
+        (b"M111 S8\n", "debug flags are set: DRYRUN"),
+    ],
+)
+def test_what_somebody_left_is_reset_and_told_before_the_first_line(tmp_path, dirty, why):
+    status, printer, alarms = printed(tmp_path, dirty=dirty)
+    assert status.state is LinkState.DONE, status
+    assert any(why in text for text in alarms)
+    machine = printer.machine
+    assert float(machine.modal["speed_percent"][0]) == 100
+    assert float(machine.modal["flow_percent"][0]) == 100
+    assert machine.soft_endstops
+    assert machine.debug == 0
+
+
+def test_a_shifted_homing_is_refused_by_its_name(tmp_path):
+    status, printer, _ = printed(tmp_path, dirty=b"M206 X5\n")
+    assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)
+    assert "homing is shifted by M206 X5.00 mm" in status.message
+    assert len(printer.executed()) == 0
+
+
+def test_a_start_that_the_printer_contradicts_is_refused_with_both_places(tmp_path):
+    status, printer, _ = printed(tmp_path, BARE, care=Care(start_mm=(0.0, 0.0, 0.0)))
+    assert status.state is LinkState.FAILED
+    assert "X0.00 Y0.00 Z0.00" in status.message
+    assert "X50.00 Y50.00 Z10.00" in status.message
+    assert len(printer.executed()) == 0
+
+
+def test_a_start_that_the_printer_or_the_job_confirms_is_printed(tmp_path):
+    assert printed(tmp_path, BARE, care=Care(start_mm=START))[0].state is LinkState.DONE
+    (tmp_path / "told").mkdir()
+    status = printed(tmp_path / "told", DATA, care=Care(start_mm=START))[0]
+    assert status.state is LinkState.DONE
+    (tmp_path / "other").mkdir()
+    status = printed(tmp_path / "other", DATA, care=Care(start_mm=(1.0, 2.0, 3.0)))[0]
+    assert "the job's first lines say" in status.message
+
+
+def test_what_a_job_set_is_as_before_at_its_end(tmp_path):
+    status, printer, _ = printed(tmp_path, b"M204 P500 T500\nM203 X20\n" + DATA)
+    assert status.state is LinkState.DONE, status
+    state = printer.machine.state
+    assert float(state["acceleration"][0]) == PRINTER.acceleration_mm_s2
+    assert float(state["max_speed"][0]) == PRINTER.max_speed_mm_s.x
+    assert not printer.machine.cold_allowed
+
+
+def test_the_recorded_firmware_s_answers_are_read():
+    told = {
+        "M503 S0": ["  G21 ; (mm)", "  M149 C ; Units in Celsius", "  M200 S0 D1.75",
+                    "  M204 P3000.00 R3000.00 T3000.00", "  M205 B20000.00 S0.00 T0.00 J0.01",
+                    "  M206 X0.00 Y0.00 Z0.00"],
+        "M211": ["  M211 S1 ; ON", "  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00"],
+        "M220": ["FR:100%"],
+        "M221": ["echo:E0 Flow: 100%"],
+        "M111": ["echo:DEBUG:off"],
+        "M302": ["echo:Cold extrudes are disabled (min temp 170C)"],
+    }  # fmt: skip
+    printer = load(Printer, "marlin_avr")
+    assert differences(told, printer) == []
+    assert told_settings(told) == {
+        "M204": "M204 P3000.00 R3000.00 T3000.00",
+        "M205": "M205 B20000.00 S0.00 T0.00",
+        "M302": "M302 P0",
+    }
+    worse = {**told, "M503 S0": ["  M149 F", "  M200 S1 D1.75", "  M420 S1 Z10.00", "  M900 K0.40"]}
+    assert [one.reset for one in differences(worse, printer)] == [
+        "M149 C",
+        "M200 S0",
+        "",
+        "M900 K0",
+    ]
