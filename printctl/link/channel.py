@@ -111,14 +111,15 @@ class Channel(Logbook):
         self._killed.set()
         halts = ((self.halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
         for attempt, (data, wait_s) in enumerate(self.halting.first + halts):
-            self._kill_sent |= data == self.halting.last
             with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
                 self.wiring.transport.write_urgent(data)
+                self._kill_sent |= data == self.halting.last
             if attempt == 0:
                 self._kill_left = self.wiring.clock.now()
                 self._kill_host_s = self._kill_left - asked
             if self._halted.wait(wait_s) or self._ended.is_set():
                 return
+        self._kill_sent = True
         self.wiring.transport.reset()
 
     # --- one step ----------------------------------------------------------------------------

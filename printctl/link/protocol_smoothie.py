@@ -6,8 +6,8 @@ ok, nothing thrown away. So the question is asked twice in a row, and two answer
 ``ok`` to a G1 comes before the move is planned; a halted firmware answers ``!!`` until M999; ^X
 halts it out of band. It has no command that says a text of one's own, so the answer to M115 stands
 for a token; of two on their way the first is taken for the second. Unknown commands are answered
-by ok: nobody learns of them. A line whose ``*`` is garbled away is taken unchecked: use USB, not a
-UART.
+by ok: nobody learns of them. A line whose ``*`` is garbled away is taken unchecked: use USB, not
+a UART.
 """
 
 from __future__ import annotations

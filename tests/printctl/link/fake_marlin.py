@@ -34,6 +34,7 @@ class FakeMarlin:
         self.executed: list[str] = []
         self.numbered: list[str] = []
         self.tokens: list[str] = []
+        self.by_number: dict[int, str] = {}
         self.halted = False
         self.mute = False
         self.firmware = "Marlin 2.1.2"
@@ -76,6 +77,7 @@ class FakeMarlin:
             return self._refuse("checksum mismatch")
         self.last = n
         command = re.sub(r"^M0+(?=\d)", "M", body[number.end() :].strip())  # a number is a number
+        self.by_number[n] = command
         if command.startswith("M118 E1 "):
             self.tokens.append(command)
         elif not renumber:

@@ -351,7 +351,5 @@ def test_command_that_was_not_taken_after_all_is_counted_where_it_was(tmp_path, 
     else:
         assert status.state is LinkState.DONE, status
     assert {n: text for n, text in history.controls.items() if n > 20} == {
-        n: text
-        for n, text in enumerate(printer.numbered[printer.numbered.index("M82") + 1 :], 1)
-        if text.encode() not in lines
+        n: text for n, text in printer.by_number.items() if n > 20 and text.encode() not in lines
     }

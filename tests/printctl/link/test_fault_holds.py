@@ -1,0 +1,34 @@
+"""An error and its ok in one read: no further line of the job leaves."""
+
+from __future__ import annotations
+
+import pytest
+
+from printctl.link.protocol import Fault
+from printctl.link.protocol_klipper import KlipperProtocol
+from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.protocol_rrf import RrfProtocol
+
+JOB = [b"G1 X%d" % k for k in range(1, 101)]
+SAID = [
+    (KlipperProtocol, b"!! Move out of range: 501.000 0.000 0.000 [0.000]\nok\n"),
+    (KlipperProtocol, b'// Unknown command:"G1"\nok\n'),
+    (RrfProtocol, b"Error: G1: outside machine limits\nok\n"),
+    (MarlinProtocol, b"echo: cold extrusion prevented\nok\n"),
+]
+
+
+@pytest.mark.parametrize(("family", "said"), SAID)
+def test_no_further_line_leaves_behind_an_error_whose_ok_is_in_the_same_read(family, said):
+    protocol = family()
+    protocol.load(JOB, 0, 0)
+    protocol.held = False
+    protocol.go(0.0)
+    assert b"G1 X1" in protocol.take_output()
+    events = protocol.feed(said, 0.1)
+    assert any(isinstance(event, Fault) for event in events)
+    assert b"G1" not in protocol.take_output()
+    for second in range(1, 100):
+        protocol.feed(b"ok\n", second)
+        protocol.tick(float(second))
+        assert b"G1" not in protocol.take_output()
