@@ -7,6 +7,7 @@ or not, by the compiler's flags, and by the types that it is called with. Docstr
 annotations and line numbers don't take part.
 
 A value of a kind that can't be described raises `TypeError`, so that nothing is left out silently.
+What can be compiled but not found again safely raises `UnkeepableError`.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import dis
 import enum
 import hashlib
 import inspect
-import math
 import platform
+import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
@@ -27,9 +28,6 @@ import numba
 import numpy as np
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
-from numba.core.types.containers import BaseNamedTuple, BaseTuple
-from numba.core.types.misc import Optional
-from numba.core.types.scalars import EnumMember
 
 _SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of numba, from its environment variables, that change machine code."""
@@ -39,19 +37,37 @@ _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 
 _READS: Final = frozenset({"LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_FROM_DICT_OR_DEREF"})
 
+_ADDRESS: Final = re.compile(r"\b0x[0-9a-f]{6,}\b")
+
 Memo = dict[Dispatcher, tuple[str, tuple[Dispatcher, ...]]]
 """Description of a kernel alone, and the kernels that it calls directly."""
+
+
+class UnkeepableError(TypeError):
+    """A kernel that would not be the same in another process, so that it isn't kept on disk."""
 
 
 def kernel_key(kernel: Dispatcher, memo: Memo) -> str:
     """Return the key of ``kernel`` with all that it takes in, 32 hex digits.
 
     ``memo`` keeps the descriptions of kernels already seen; pass a new one to look again.
-    Raises `TypeError` where a kernel takes in a value that can't be described.
+    Raises `TypeError` where a kernel takes in a value that can't be described. Raises
+    `UnkeepableError` where kernels call each other in a circle (numba's loader crashes on those)
+    or stand in a script.
     """
     parts = [_alone(kernel, memo)[0]]
-    parts += sorted(_alone(callee, memo)[0] for callee in called_kernels(kernel, memo))
+    callees = called_kernels(kernel, memo)
+    for callee in callees | {kernel}:
+        if callee.py_func.__module__ == "__main__":
+            raise UnkeepableError(f"{_function_name(callee.py_func)} stands in a script")
+        if any(callee in called_kernels(one, memo) for one in _others(callee, memo)):
+            raise UnkeepableError(f"{_function_name(callee.py_func)} is called by what it calls")
+    parts += sorted(_alone(callee, memo)[0] for callee in callees)
     return _digest([_environment(), *parts])
+
+
+def _others(kernel: Dispatcher, memo: Memo) -> list[Dispatcher]:
+    return [one for one in _alone(kernel, memo)[1] if one is not kernel]
 
 
 def called_kernels(kernel: Dispatcher, memo: Memo) -> set[Dispatcher]:
@@ -74,18 +90,31 @@ def signature_text(signature: Iterable[types.Type], memo: Memo) -> str:
     return ", ".join(_type_text(one, memo) for one in signature)
 
 
-def _type_text(numba_type: types.Type, memo: Memo) -> str:
-    if isinstance(numba_type, BaseNamedTuple):
-        return f"{_class_text(numba_type.instance_class)}({signature_text(numba_type, memo)})"
-    if isinstance(numba_type, BaseTuple):
-        return f"({signature_text(numba_type, memo)})"
-    if isinstance(numba_type, EnumMember):
-        return _class_text(numba_type.instance_class)
+def _type_text(numba_type: types.Type, memo: Memo, around: tuple[types.Type, ...] = ()) -> str:
     if isinstance(numba_type, types.Dispatcher):
         return f"kernel {kernel_key(numba_type.dispatcher, memo)}"
-    if isinstance(numba_type, Optional):
-        return f"optional {_type_text(numba_type.type, memo)}"
-    return str(numba_type)
+    text = str(numba_type)
+    if _ADDRESS.search(text):
+        raise UnkeepableError(f"type {text} is known to one process only")
+    parts = [text]
+    instance_class = getattr(numba_type, "instance_class", None)
+    if isinstance(instance_class, type):
+        parts.append(_class_text(instance_class))
+    for _, value in sorted(vars(numba_type).items()):
+        parts += [
+            _type_text(one, memo, (*around, numba_type))
+            for one in _types_in(value)
+            if one not in around and one != numba_type
+        ]
+    return f"<{', '.join(parts)}>"
+
+
+def _types_in(value: Any) -> Iterator[types.Type]:
+    if isinstance(value, types.Type):
+        yield value
+    elif isinstance(value, tuple | list | dict):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _types_in(one)
 
 
 @cache
@@ -101,7 +130,7 @@ def _alone(kernel: Dispatcher, memo: Memo) -> tuple[str, tuple[Dispatcher, ...]]
     if kernel not in memo:
         function = cast(FunctionType, kernel.py_func)
         texts = [_function_name(function), repr(sorted(kernel.targetoptions.items()))]
-        texts += [_code_text(function.__code__, function.__doc__)]
+        texts += [_code_text(function.__code__)]
         texts += [_value_text(one) for one in (function.__defaults__, function.__kwdefaults__)]
         callees = []
         for name, value in _values_read(function):
@@ -119,7 +148,7 @@ def _described(value: Any, name: str, function: FunctionType) -> str:
         return _value_text(value)
     except TypeError as error:
         message = f"kernel {_function_name(function)} takes in {name}, {error}"
-        raise TypeError(message) from error
+        raise type(error)(message) from error
 
 
 def _values_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
@@ -172,18 +201,26 @@ def _is_external(value: ModuleType) -> bool:
     return value.__name__.partition(".")[0] in _EXTERNAL
 
 
-def _code_text(code: CodeType, doc: str | None) -> str:
-    """Describe a code object without its docstring and line numbers."""
+def _code_text(code: CodeType) -> str:
+    """Describe a code object without docstring, line numbers and names of local variables."""
     constants = list(code.co_consts)
-    if doc is not None and constants and constants[0] == doc:
-        constants[0] = None
+    if constants and isinstance(constants[0], str) and not _loads_first_constant(code):
+        constants[0] = None  # the docstring
     inner = [
-        _code_text(one, None) if isinstance(one, CodeType) else _value_text(one)
-        for one in constants
+        _code_text(one) if isinstance(one, CodeType) else _value_text(one) for one in constants
     ]
+    arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     shape = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
-    names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
-    return _digest([code.co_code.hex(), repr(shape), repr(names), *inner])
+    names = (arguments, code.co_names, code.co_freevars, code.co_cellvars)
+    exceptions = getattr(code, "co_exceptiontable", b"")
+    return _digest([code.co_code.hex(), exceptions.hex(), repr(shape), repr(names), *inner])
+
+
+def _loads_first_constant(code: CodeType) -> bool:
+    return any(
+        instruction.opcode in dis.hasconst and instruction.arg == 0
+        for instruction in dis.get_instructions(code)
+    )
 
 
 def _value_text(value: Any) -> str:
@@ -219,9 +256,8 @@ def _value_text(value: Any) -> str:
 
 def _number_text(value: Any) -> str:
     kind = f"{type(value).__module__}.{type(value).__name__}"
-    if isinstance(value, float) and not math.isnan(value):
-        return f"{kind} {value.hex()}"
-    return f"{kind} {np.asarray(value).tobytes().hex()}"
+    array = np.asarray(value)
+    return f"{kind} {array.dtype.descr!r} {array.tobytes().hex()}"
 
 
 def _collection_text(value: Any) -> str:
@@ -232,6 +268,8 @@ def _collection_text(value: Any) -> str:
 
 def _class_text(value: Any) -> str:
     name = f"class {value.__module__}.{value.__qualname__}"
+    if value.__module__ == "__main__" or "<locals>" in value.__qualname__:
+        raise UnkeepableError(f"{name} can't be found by its name in another process")
     if issubclass(value, enum.Enum):
         members = [(key, _value_text(one.value)) for key, one in value.__members__.items()]
         return f"{name} {members}"

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import pickle
+import secrets
 import tempfile
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from numba.core import types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaWarning
 from numba.core.serialize import dumps
 
-from kernels.key import Memo, kernel_key, signature_text
+from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
 
 _MEMO: Memo = {}
+_DIGEST_BYTES: Final = 32
+
+# Numba numbers the functions that a process compiles from 1 and puts the number into their
+# symbols. Files of two processes would hold different functions under one symbol, and the second
+# to be loaded would run the first one's code. So each process counts from a place of its own.
+FunctionIdentity._unique_ids = itertools.count(secrets.randbits(60))
 
 
 def cache_dir() -> Path:
@@ -31,7 +41,13 @@ def cache_dir() -> Path:
     """
     base = os.environ.get("PRINTCTL_CACHE")
     root = Path(base) if base else Path.home() / ".cache" / "printctl"
-    return root / "kernels"
+    return _absolute(root) / "kernels"
+
+
+@cache
+def _absolute(root: Path) -> Path:
+    """Where ``root`` was when it was first asked for: a process may change its folder."""
+    return root.absolute()
 
 
 class KernelStore(NullCache):
@@ -53,11 +69,8 @@ class KernelStore(NullCache):
         """Return the compiled kernel for argument types ``sig``, or None."""
         target_context.refresh()
         path = self._path(sig, target_context.codegen())
-        try:
-            payload = pickle.loads(path.read_bytes())
-        except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError, ValueError):
-            return None
-        return CompileResult._rebuild(target_context, *payload)
+        payload = None if path is None else _read_whole(path)
+        return None if payload is None else CompileResult._rebuild(target_context, *payload)
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
         """Keep the compiled kernel ``data`` for argument types ``sig``."""
@@ -65,19 +78,40 @@ class KernelStore(NullCache):
             name = self._kernel.py_func.__qualname__
             warnings.warn(f"kernel {name} can't be kept on disk", NumbaWarning, stacklevel=2)
             return
-        with suppress(OSError):
-            _write_whole(self._path(sig, data.codegen), dumps(data._reduce()))
+        path = self._path(sig, data.codegen)
+        if path is not None:
+            with suppress(OSError):
+                _write_whole(path, dumps(data._reduce()))
 
-    def _path(self, sig: Sequence[types.Type], codegen: Any) -> Path:
+    def _path(self, sig: Sequence[types.Type], codegen: Any) -> Path | None:
+        """File for argument types ``sig``; None where such a kernel isn't kept."""
         function = self._kernel.py_func
-        parts = [
-            kernel_key(self._kernel, _MEMO),
-            signature_text(sig, _MEMO),
-            repr(codegen.magic_tuple()),
-        ]
+        try:
+            key, types_text = kernel_key(self._kernel, _MEMO), signature_text(sig, _MEMO)
+        except UnkeepableError:
+            return None
+        parts = [key, types_text, repr(codegen.magic_tuple())]
         name = f"{function.__module__}.{function.__name__}"
-        key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
-        return cache_dir() / f"{name}-{key}.nbc"
+        digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+        return cache_dir() / f"{name}-{digest}.nbc"
+
+
+def _checksum(path: Path, content: bytes) -> bytes:
+    """Digest of a file's name and content: a file under another's name is damaged, too."""
+    return hashlib.sha256(path.name.encode() + b"\0" + content).digest()
+
+
+def _read_whole(path: Path) -> tuple[Any, ...] | None:
+    """Read a file that `_write_whole` wrote; None where it is missing or damaged."""
+    try:
+        data = path.read_bytes()
+        content = data[_DIGEST_BYTES:]
+        if data[:_DIGEST_BYTES] != _checksum(path, content):
+            return None
+        payload: tuple[Any, ...] = pickle.loads(content)
+    except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError, ValueError):
+        return None
+    return payload
 
 
 def _write_whole(path: Path, content: bytes) -> None:
@@ -86,7 +120,8 @@ def _write_whole(path: Path, content: bytes) -> None:
     handle, scratch = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content)
+            file.write(_checksum(path, content) + content)
+        os.chmod(scratch, 0o644)  # a cache that one user made may serve others
         os.replace(scratch, path)
     except OSError:
         with suppress(OSError):

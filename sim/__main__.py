@@ -116,7 +116,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
         printer.bad_line = BadLine(file, np.random.default_rng(file.seed))
         printer.gauges = {gauge.command: gauge for gauge in file.gauges}
-        printer.job = JobLines(_read(given.job)) if given.job else None
+        printer.job = JobLines(_read(given.job), printer.machine.printer) if given.job else None
         port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)

@@ -302,7 +302,9 @@ def _strange(
             )
         )
     for kind, sort, text in (
-        (BAD, "bad_arc", "the arc has no centre (I, J or R); write it as straight moves"),
+        (BAD, "bad_arc", "the arc has no centre (I, J or R), its end lies off its circle by "
+         "more than 0.1 mm or abreast of its begin, or it is longer than 10 m; firmwares differ "
+         "then: write straight moves"),
         (HOME, "homing", "homing with needle and dish mounted drives the needle through them; "
          "take G28 out and touch off instead"),
     ):  # fmt: skip

@@ -28,6 +28,7 @@ from sim.gcode_modal import (
     MODAL,
     MOVE,
     SET_POSITION,
+    arc_is_sound,
     arc_points,
     dwell_s,
     has,
@@ -287,13 +288,16 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> i
         kind = interpret(modal, words)
         count = 1
         if kind == ARC:
-            count = arc_points(begin, modal.position, words, modal.unit, segments)
+            count = 0
+            if arc_is_sound(begin, modal.position, words, modal.unit):
+                count = arc_points(begin, modal.position, words, modal.unit, segments)
             if count > len(segments):
                 segments = np.empty((count, 4))
                 arc_points(begin, modal.position, words, modal.unit, segments)
-            if count == 0:
+            if count <= 0:
                 kind = BAD
                 count = 1
+                modal.position[:] = begin
         elif kind == HOME:
             _home(modal, words)
         for k in range(count):

@@ -111,8 +111,11 @@ def interpret(modal: Record, words: Record) -> int:
             _set_target(modal, words)
             return MOVE
         if number <= 3:
+            if not (has(words, _I) or has(words, _J) or has(words, _R)):
+                _set_feed(modal, words)
+                return BAD
             _set_target(modal, words)
-            return ARC if has(words, _I) or has(words, _J) or has(words, _R) else BAD
+            return ARC
         if number == 4:
             return DWELL
         if number == 20 or number == 21:
@@ -162,6 +165,11 @@ def _set_target(modal: Record, words: Record) -> None:
         if modal.limited[axis] != 0:
             within = max(modal.position[axis], modal.low[axis])
             modal.position[axis] = min(within, modal.high[axis])
+    _set_feed(modal, words)
+
+
+@jit
+def _set_feed(modal: Record, words: Record) -> None:
     if has(words, _F) and words.value[_F] > 0:
         modal.feed = words.value[_F] * modal.unit / 60.0
 
@@ -226,6 +234,59 @@ def arc_centre(
     return begin[0] + i, begin[1] + j
 
 
+OFF_CIRCLE_MM = 0.1
+LONGEST_ARC_MM = 1e4
+"""No machine has room for it; Marlin counts its pieces, of 1 mm, in 16 bits."""
+LEAST_TURN = 1e-3
+
+
+@jit
+def arc_turn(
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, cx: float, cy: float
+) -> float:
+    """Angle of an arc around its centre, rad, above 0 for G3; 0 where begin and end are abreast."""
+    if begin[0] == end[0] and begin[1] == end[1]:
+        return -2.0 * math.pi if words.number == 2 else 2.0 * math.pi
+    rx, ry = begin[0] - cx, begin[1] - cy
+    tx, ty = end[0] - cx, end[1] - cy
+    turn = math.atan2(rx * ty - ry * tx, rx * tx + ry * ty)
+    if words.number == 2 and turn > 0:
+        turn -= 2.0 * math.pi
+    elif words.number == 3 and turn < 0:
+        turn += 2.0 * math.pi
+    return turn
+
+
+@jit
+def arc_is_sound(
+    begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, unit: float
+) -> bool:
+    """Whether an arc has a centre, ends on its circle, and goes a way that no rounding turns round.
+
+    A Marlin on an 8-bit board counts in 32 bits: an end abreast of the begin is left out, or made a
+    whole turn.
+    """
+    cx, cy = arc_centre(begin, end, words, unit)
+    if math.isnan(cx):
+        return False
+    if has(words, _R):
+        chord = math.hypot(end[0] - begin[0], end[1] - begin[1])
+        if chord > 2.0 * (abs(words.value[_R] * unit) + OFF_CIRCLE_MM):
+            return False
+    elif abs(_radius(begin, cx, cy) - _radius(end, cx, cy)) > OFF_CIRCLE_MM:
+        return False
+    turn = abs(arc_turn(begin, end, words, cx, cy))
+    if _radius(begin, cx, cy) * turn > LONGEST_ARC_MM:
+        return False
+    whole = begin[0] == end[0] and begin[1] == end[1]
+    return whole or LEAST_TURN < turn < 2.0 * math.pi - LEAST_TURN
+
+
+@jit
+def _radius(at: NDArray[np.float64], cx: float, cy: float) -> float:
+    return math.hypot(at[0] - cx, at[1] - cy)
+
+
 @jit
 def arc_points(
     begin: NDArray[np.float64],
@@ -249,21 +310,17 @@ def arc_points(
     Returns
     -------
     int
-        How many segments there are; 0 where the line describes no arc.
+        How many segments there are; 0 where the line describes no arc, -1 where it ends abreast
+        of its begin, which Marlin leaves out.
     """
     cx, cy = arc_centre(begin, end, words, unit)
     if math.isnan(cx):
         return 0
     rx, ry = begin[0] - cx, begin[1] - cy
     radius = math.hypot(rx, ry)
-    tx, ty = end[0] - cx, end[1] - cy
-    turn = math.atan2(rx * ty - ry * tx, rx * tx + ry * ty)
-    if words.number == 2 and turn > 0:
-        turn -= 2.0 * math.pi
-    elif words.number == 3 and turn < 0:
-        turn += 2.0 * math.pi
-    if turn == 0.0 and begin[0] == end[0] and begin[1] == end[1]:
-        turn = -2.0 * math.pi if words.number == 2 else 2.0 * math.pi
+    turn = arc_turn(begin, end, words, cx, cy)
+    if turn == 0.0:
+        return -1
     length = radius * abs(turn)
     least = math.ceil(LEAST_SEGMENTS_PER_TURN * abs(turn) / (2.0 * math.pi))
     count = max(math.floor(length / LONGEST_SEGMENT_MM), least, 1)

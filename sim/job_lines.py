@@ -10,9 +10,12 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from firmware_profiles import Printer
+from sim.errors import LineError
+from sim.reading import read_line
+from sim.reading.file import read_file
+
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
-_CODE: Final = re.compile(rb"^([GMT])0+(?=\d)")
-_PARENTHESES: Final = re.compile(rb"\([^)]*\)")
 _BEGINS: Final = re.compile(rb"(?:N-?\d+ *)?M0*110(?!\d)")
 OWN: Final = -1
 
@@ -24,11 +27,13 @@ class JobLines:
     ----------
     gcode : bytes
         The file.
+    printer : Printer
+        Whose firmware family says how a line is read.
     """
 
-    def __init__(self, gcode: bytes) -> None:
-        plain = (_PARENTHESES.sub(b"", raw.split(b";", 1)[0]).strip() for raw in gcode.splitlines())
-        self._commands = [_code(command) for command in plain if command]
+    def __init__(self, gcode: bytes, printer: Printer) -> None:
+        self._commands = [command for command in read_file(gcode, printer).lines if command]
+        self._printer = printer
         self._next = 0
 
     def find(self, line: bytes) -> int:
@@ -38,8 +43,10 @@ class JobLines:
         """
         at = self._next
         found = _NUMBERED.match(line.rstrip())
-        same = at < len(self._commands) and found and _code(found[1]) == self._commands[at]
-        return at if same else OWN
+        if found is None or at >= len(self._commands):
+            return OWN
+        wanted = self._commands[at]
+        return at if found[1] == wanted or self._sent(found[1]) == wanted else OWN
 
     def take(self, line: bytes) -> int:
         """The same, for a line that is done now: the next command of the file follows it."""
@@ -51,7 +58,9 @@ class JobLines:
             self._next = found + 1
         return found
 
-
-def _code(command: bytes) -> bytes:
-    """With the command's number written without zeros before it: M0400 is M400."""
-    return _CODE.sub(rb"\1", command)
+    def _sent(self, command: bytes) -> bytes:
+        """As our link would send it; what can't be read is a host's own."""
+        try:
+            return read_line(command, self._printer).text
+        except LineError:
+            return b""

@@ -1,7 +1,8 @@
 """Commands that a stock Marlin 2.1 build with one extruder and EEPROM answers to.
 
-After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command. A stock build
-knows no inches (G20: INCH_MODE_SUPPORT); one that does says so in `extra_commands`.
+After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command. A
+stock build knows no inches (G20: INCH_MODE_SUPPORT); the profile of one that does names it
+(`extra_commands`).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from sim.bad_line import BadLine
 from sim.fault_plan import FaultPlan, happen
 from sim.faults import Fault
 from sim.gcode import Command, command_of, split_line
-from sim.gcode_modal import BAD, interpret, speed
+from sim.gcode_modal import ARC, BAD, interpret, speed
 from sim.gcode_words import WORDS
 from sim.job_lines import JobLines
 from sim.marlin_arc import arc_of
@@ -329,15 +329,17 @@ class MainLoop:
         machine = self.machine
         begin = machine.modal["position"][0].copy()
         kind = interpret(machine.modal[0], self.words[0])
-        if kind == BAD:
+        target = machine.modal["position"][0].copy()
+        points = target[None]
+        if kind == ARC:
+            points = arc_of(begin, target, self.words, float(machine.modal["unit"][0]))
+        if kind == BAD or not len(points):
+            machine.modal["position"][0] = begin
             machine.say("Error:G2/G3 bad parameters")
             return
-        target = machine.modal["position"][0].copy()
         if target[3] != begin[3] and self._no_extrusion(abs(target[3] - begin[3])):
             machine.set_plunger(float(target[3]))
-        points = target[None]
-        if command.number >= 2:
-            points = arc_of(begin, target, self.words, float(machine.modal["unit"][0]))
+        machine.modal["position"][0] = points[-1]
         feed = float(speed(machine.modal[0]))
         for point in points:
             yield Place()

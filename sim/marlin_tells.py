@@ -100,7 +100,7 @@ def m115(board: MainLoop, command: Command) -> None:
 
 def m118(board: MainLoop, command: Command) -> None:
     """Say the text: E1 puts echo: before it, A1 makes it an action."""
-    text = command.text[4:].lstrip(b" ")
+    text = command.text.lstrip(b"Mm").lstrip(b"0")[3:].lstrip(b" ")
     prefix = b""
     while text[:1] in (b"E", b"A", b"P") and text[1:2].isdigit():
         if text[1:2] != b"0":

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
 from sim.dialect_aerotech import output_of
+from sim.errors import GcodeError
 from sim.executed import ExecutedMotion
 from sim.gcode import Program, parse_line
 from sim.gcode_extended import Named
@@ -123,8 +124,20 @@ def read_with_valve(
     printer : Printer
     start_mm : tuple, mm
         Where the tip stands before the first line.
+
+    Raises
+    ------
+    GcodeError
+        When a command can't be read: what is left of the file would be another part.
     """
-    program, text, named, _ = read_written(gcode, printer, start_mm)
+    program, text, named, refused = read_written(gcode, printer, start_mm)
+    unread = [(line, error) for line, error in refused if error.sort != "no_command"]
+    if unread:
+        line, error = unread[0]
+        raise GcodeError(
+            f"line {line}: {error} ({len(unread)} lines can't be read; `printctl simulate` tells "
+            "them by kind)"
+        )
     head = printer.pneumatic
     return program, None if head is None else read_valve(program, text, named, head)
 

@@ -36,6 +36,33 @@ PrimeOption = Annotated[
 ReloadFlag = Annotated[
     bool, typer.Option("--reload", help="Pause for a new syringe where one doesn't last.")
 ]
+SilentLimitOption = Annotated[
+    float,
+    typer.Option(
+        "--silent-limit",
+        metavar="SECONDS",
+        min=10.0,
+        max=86_400.0,
+        help="End the print when the printer gives no usable answer for so long, s.",
+    ),
+]
+NoiseLimitOption = Annotated[
+    int,
+    typer.Option(
+        "--noise-limit",
+        metavar="LINES",
+        min=1,
+        help="Pause when more lines than this among 500 had to be sent again.",
+    ),
+]
+WireLogOption = Annotated[
+    str,
+    typer.Option(
+        "--wire-log",
+        metavar="PATH",
+        help="Write all traffic to this file or folder; else the last of it is kept on an alarm.",
+    ),
+]
 
 
 def care_for(

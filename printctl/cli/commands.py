@@ -29,6 +29,7 @@ COMMANDS: dict[str, str] = {
     "reload": "reload:reload",
     "alive": "alive:alive",
     "recover": "recover:recover",
+    "give-up": "give_up:give_up",
     "sim-printer": "sim_printer:sim_printer",
     "register": "register:register",
     "dye": "dye:dye",

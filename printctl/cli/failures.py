@@ -5,10 +5,10 @@ Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the print
 
 from __future__ import annotations
 
-import errno
 import sys
 
 from printctl.errors import PrintctlError
+from printctl.system_errors import explain
 
 CODES: tuple[tuple[str, str, int], ...] = (
     ("printctl.link.errors", "NoLink", 1),  # not the printer's fault, as the next three
@@ -32,15 +32,4 @@ def message_and_code(exc: Exception) -> tuple[str, int] | None:
         # What no module that is loaded defines can't have been raised.
         if module in sys.modules and isinstance(exc, getattr(sys.modules[module], name)):
             return str(exc), code
-    return (disk_message(exc), 1) if isinstance(exc, OSError) else None
-
-
-def disk_message(exc: OSError) -> str:
-    """Name the file and the remedy of a failed read or write."""
-    place = f" ({exc.filename})" if exc.filename else ""
-    if exc.errno == errno.ENOSPC:
-        return (
-            f"the disk is full{place}; free some space and run the same command again: files that "
-            "were there before are untouched"
-        )
-    return f"{exc.strerror or exc}{place}"
+    return (explain(exc).message, 1) if isinstance(exc, OSError | MemoryError) else None

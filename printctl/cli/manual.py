@@ -59,6 +59,7 @@ MANUAL: Final[Mapping[str, Manual]] = {
     "reload": Manual(("printctl reload runs/my_run",), REACHES),
     "alive": Manual(("printctl alive runs/my_run",), REACHES),
     "recover": Manual(("printctl recover runs/my_run",), REACHES),
+    "give-up": Manual(("printctl give-up runs/my_run",), REACHES),
     "sim-printer": Manual(("printctl sim-printer --link /tmp/printer",)),
     "register": Manual(
         (

@@ -14,8 +14,11 @@ from printctl.cli.care_options import (
     CheckpointOption,
     DeadmanOption,
     DeadmanStopsFlag,
+    NoiseLimitOption,
     PrimeOption,
     ReloadFlag,
+    SilentLimitOption,
+    WireLogOption,
     care_for,
 )
 from printctl.cli.options import (
@@ -97,6 +100,9 @@ def print_job(
         bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
     ] = False,
     checkpoint_every: CheckpointOption = 30.0,
+    silent_limit: SilentLimitOption = 60.0,
+    noise_limit: NoiseLimitOption = 30,
+    wire_log: WireLogOption = "",
     deadman: DeadmanOption = 0.0,
     deadman_stops: DeadmanStopsFlag = False,
     prime_ul: PrimeOption = 0.0,
@@ -117,7 +123,12 @@ def print_job(
     loads = loads_of(profile, syringe, ink, needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     names = of_each(profile, syringe, "--syringe")
-    care = care_for(names, usable, checkpoint_every, deadman, deadman_stops)
+    care = replace(
+        care_for(names, usable, checkpoint_every, deadman, deadman_stops),
+        silent_limit_s=silent_limit,
+        noise_limit=noise_limit,
+        wire_log=str(Path(wire_log).absolute()) if wire_log else "",
+    )
     retreat, *others = (retreat_for(one.syringe, one.ink, 20.0, prime_ul) for one in loads)
     retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))

@@ -4,41 +4,62 @@ from __future__ import annotations
 
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
-from printctl.link.client import attach
 from printctl.link.states import Status
+from printctl.printing.print_actions import Possible, PrintAction
+from printctl.printing.print_state import PrintTruth, read_print
+
+_COMMANDS = {
+    PrintAction.GO_ON: "go on: printctl resume {run}",
+    PrintAction.RECOVER: "recover: printctl recover {run}",
+    PrintAction.GIVE_UP: "give up: printctl give-up {run}",
+}
 
 
 def status(run: RunArg, as_json: JsonFlag = False) -> None:
-    """Say how a print stands, whether it goes on, is paused or has ended.
+    """Say how a print stands, whether it goes on, is paused or has ended, and what may be done.
 
     Only looks: the print isn't touched, and of one that has ended the journal tells.
     """
-    with attach(print_folder(run)) as client:
-        found = client.status
+    found = read_print(print_folder(run))
     if as_json:
         print_json(found.to_dict())
         return
-    print_lines(*told(found))
+    print_lines(*told(found, str(run)))
 
 
-def told(status: Status) -> list[str]:
-    """A status for people."""
-    share = 100 * status.lines_done / max(status.lines_total, 1)
+def told(truth: PrintTruth, run: str) -> list[str]:
+    """A print for people."""
+    status = truth.status
     lines = [
         f"{status.state.value}: {status.message}",
-        f"{status.lines_done} of {status.lines_total} lines ({share:.1f} %), "
+        f"{100 * truth.share:.1f} % made; {status.lines_done} of {status.lines_total} lines taken, "
         f"line {status.file_line} of the file",
+        *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
+        *watched(status),
     ]
-    if status.waits_for:
-        lines.append(f"waits for: {status.waits_for}")
+    if status.line_errors or status.alarms:
+        lines.append(f"{status.line_errors} lines sent again, {status.alarms} alarms")
+    if not status.position_known:
+        lines.append("position unknown")
+    if status.ended:
+        lines += [text for one in truth.actions if (text := _offered(one, run))]
+    return lines
+
+
+def watched(status: Status) -> list[str]:
+    """Say what a print waits for and what the machine reads."""
+    lines = [f"waits for: {status.waits_for}"] if status.waits_for else []
     if status.deadman_left_s is not None and not status.ended:
         lines.append(
             f"dead-man: pauses or stops in {status.deadman_left_s / 60:.1f} min unless "
             "`printctl alive` confirms"
         )
-    lines += [f"reads {reading}" for reading in status.readings]
-    if status.line_errors or status.alarms:
-        lines.append(f"{status.line_errors} lines sent again, {status.alarms} alarms")
-    if not status.position_known:
-        lines.append("position unknown: see `printctl recover`")
-    return lines
+    return lines + [f"reads {reading}" for reading in status.readings]
+
+
+def _offered(one: Possible, run: str) -> str:
+    """The command of an action that is possible now."""
+    if not one.possible or one.action not in _COMMANDS:
+        return ""
+    line = " --from-line LINE" if one.needs == "from_line" else ""
+    return _COMMANDS[one.action].format(run=run) + line + (f" ({one.reason})" if line else "")

@@ -10,7 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.gcode import parse_line
+from firmware_profiles import Printer
+from sim.errors import LineError
+from sim.reading import read_line
 
 IntArray = NDArray[np.int64]
 
@@ -108,12 +110,16 @@ def _next_comment(text: bytes, at: int) -> int:
     return found + 1 if found >= 0 else -1
 
 
-def said_start(text: bytes) -> tuple[float, float, float] | None:
+def said_start(text: bytes, printer: Printer) -> tuple[float, float, float] | None:
     """Where the file itself says that the tip stands before it moves (G92 X Y Z), mm."""
     for line in text[: 100 * _BEFORE_MOVING].split(b"\n")[:_BEFORE_MOVING]:
-        command = parse_line(line)
-        if command.name in ("G0", "G1", "G2", "G3", "G28", "G20"):
+        try:
+            read = read_line(line, printer)
+        except LineError:
+            continue
+        if read.code in ("G0", "G1", "G2", "G3", "G28", "G20"):
             return None
-        if command.name == "G92" and all(axis in command.values for axis in "XYZ"):
-            return command.values["X"], command.values["Y"], command.values["Z"]
+        x, y, z = (read.number(axis) for axis in "XYZ")
+        if read.code == "G92" and x is not None and y is not None and z is not None:
+            return x, y, z
     return None

@@ -75,7 +75,7 @@ def read_with_program(
         When it isn't G-code, or nothing in it writes.
     """
     text = plain_lines(gcode)
-    start = None if b"\0" in text else said_start(text)
+    start = None if b"\0" in text else said_start(text, pushing.printer)
     try:
         program, valve = read_with_valve(text, pushing.printer, start or (0.0, 0.0, 0.0))
     except GcodeError as exc:

@@ -35,6 +35,12 @@ class Care:
         As `syringe`, of each of several heads.
     head_capacity_mm : tuple of float, mm
         As `capacity_mm`, of each of several heads.
+    silent_limit_s : float, s
+        Without any usable answer for so long a print in progress counts as lost.
+    noise_window, noise_limit : int
+        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
+    wire_log : str
+        File or folder that all traffic is written to; empty for the last of it, kept in memory.
     accepted : tuple of str
         Checks that failed, and that the user told to print with all the same; for the journal.
     start_mm : tuple of float or None, mm
@@ -51,6 +57,10 @@ class Care:
     head_syringes: tuple[str, ...] = ()
     head_capacity_mm: tuple[float, ...] = ()
     accepted: tuple[str, ...] = ()
+    silent_limit_s: float = 60.0
+    noise_window: int = 500
+    noise_limit: int = 30
+    wire_log: str = ""
     start_mm: tuple[float, float, float] | None = None
 
     def of_head(self, number: int | None) -> tuple[str, float]:

@@ -19,6 +19,7 @@ from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.gating import Manual, is_of_the_line, judge_typed, let_through
+from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook, Over, Wiring
 from printctl.link.states import LinkState
@@ -56,6 +57,8 @@ class Channel(Logbook):
         self._booted = False
         self._heard = 0
         self._kill_left = self._kill_host_s = 0.0
+        self._kill_sent = False
+        self.halting = halting_of(wiring.printer, self.protocol.kill_bytes)
         self._killed = threading.Event()
         self._halted = threading.Event()
         self._ended = threading.Event()
@@ -99,20 +102,22 @@ class Channel(Logbook):
     def kill(self) -> None:
         """Halt the firmware at once, from any thread and any state.
 
-        M112 goes to the wire before anything else is done. It is repeated until the printer says
-        that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
+        The family's `halting` goes to the wire before anything else is done. M112 is repeated
+        until the printer says that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
         """
         if self._ended.is_set():
             return
         asked = self._kill_left = self.wiring.clock.now()
         self._killed.set()
-        for attempt in range(KILL_ATTEMPTS):
+        halts = ((self.halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
+        for attempt, (data, wait_s) in enumerate(self.halting.first + halts):
+            self._kill_sent |= data == self.halting.last
             with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
-                self.wiring.transport.write_urgent(self.protocol.kill_bytes)
+                self.wiring.transport.write_urgent(data)
             if attempt == 0:
                 self._kill_left = self.wiring.clock.now()
                 self._kill_host_s = self._kill_left - asked
-            if self._halted.wait(KILL_REPEAT_S) or self._ended.is_set():
+            if self._halted.wait(wait_s) or self._ended.is_set():
                 return
         self.wiring.transport.reset()
 
@@ -147,7 +152,10 @@ class Channel(Logbook):
         raise Over(LinkState.STOPPED, "stopped by the user before the first line")
 
     def _command(self, text: bytes, journalled: bool = True) -> tuple[bytes, ...]:
-        """Send a control command with nothing in flight; give the printer's reply."""
+        """Send a control command with nothing in flight; give the printer's reply.
+
+        Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
+        """
         self._replies.clear()
         self._awaited = self.protocol.number + 1
         if journalled:
@@ -156,6 +164,7 @@ class Channel(Logbook):
         while not self._replies:
             self._pump()
         if text == b"M400":
+            self._agree(self.protocol.confirm)
             self._made.waited(self.protocol.lines_done)
         return self._replies[0].lines
 
@@ -190,7 +199,9 @@ class Channel(Logbook):
         """M112 was sent by another thread: wait for the printer to say so, send nothing more."""
         clock = self.wiring.clock
         limit = clock.now() + KILL_WAIT_S
-        while clock.now() < limit:
+        while clock.now() < limit or not self._kill_sent:
+            if not self._kill_sent:
+                limit = clock.now() + KILL_WAIT_S
             try:
                 data = self.wiring.transport.read(POLL_S)
             except PortLost:
@@ -231,8 +242,18 @@ class Channel(Logbook):
         for number, command in enumerate(event.controls, event.first):
             self._record("control", n=number, command=command.decode("ascii"))
 
+    def _on_token_sent(self, event: said.TokenSent) -> None:
+        if self._state not in EARLY or self._resumed:  # else lines are numbered anew
+            self._record("control", n=event.number, command=event.command.decode("ascii"))
+
+    def _on_waiting(self, event: said.Waiting) -> None:
+        self._alarm(
+            f"no usable answer for {event.seconds:.0f} s after {self._progress()}; asked on, the "
+            f"print ends after {event.limit:.0f} s (--silent-limit)"
+        )
+
     def _on_stray(self, event: said.Stray) -> None:
-        self._record("notice", text=f"an ok without a line, before line {event.number}")
+        self._record("notice", text=f"an ok without a line, near line {event.number}")
         self._unverified = True
 
     def _on_fault(self, event: said.Fault) -> None:
@@ -259,12 +280,24 @@ class Channel(Logbook):
             printer_s = self.wiring.clock.now() - self._kill_left
             raise Over(
                 LinkState.KILLED,
-                f"killed by the user; M112 left the host after {self._kill_host_s * 1e3:.1f} ms, "
-                f"the printer halted {printer_s * 1e3:.0f} ms later",
+                f"killed by the user; {self.halting.words} left the host after "
+                f"{self._kill_host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
+                f"later that it has halted; "
+                f"{self.halting.told(self._speed_mm_s)}",
                 known=False,
             )
         because = f": {self._fault}" if self._fault else ""
-        raise Over(LinkState.KILLED, f"the firmware halted itself ({event.text}){because}", False)
+        raise Over(
+            LinkState.KILLED,
+            f"the firmware halted itself ({event.text}){because}; "
+            f"{self.halting.told(self._speed_mm_s, by_itself=True)}",
+            False,
+        )
+
+    @property
+    def _speed_mm_s(self) -> float:
+        """How fast the needle may be, mm/s."""
+        return self.wiring.printer.max_speed_mm_s.x
 
     def _on_booted(self, event: said.Booted) -> None:
         self._booted = True
@@ -280,7 +313,7 @@ class Channel(Logbook):
             )
         raise Over(
             LinkState.POSITION_UNKNOWN,
-            f"the printer was reset after {self._progress()}; `printctl recover` goes on",
+            f"the printer was reset after {self._progress()}; `printctl status` says what next",
             known=False,
         )
 
@@ -288,7 +321,7 @@ class Channel(Logbook):
         raise Over(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, the host's {event.expected}; another "
-            "program may have spoken to it; `printctl recover` tells how to go on",
+            "program may have spoken to it; `printctl status` says what next",
             known=False,
         )
 
@@ -325,6 +358,8 @@ _ON_EVENT: Final[dict[type, str]] = {
     said.Notice: "_on_notice",
     said.WentBack: "_on_went_back",
     said.Stray: "_on_stray",
+    said.TokenSent: "_on_token_sent",
+    said.Waiting: "_on_waiting",
     said.Action: "_on_action",
     said.Noisy: "_on_noisy",
     said.Halted: "_on_halted",

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
+from printctl.link.care import Care
 from printctl.link.errors import Refused
 from printctl.link.marlin_doubt import Timing
 from printctl.link.pairing import Pairing
@@ -87,7 +88,7 @@ def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = ""
         )
 
 
-def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
+def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:
     """The state machine for a printer, on a wire of so much latency.
 
     Parameters
@@ -95,6 +96,8 @@ def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
     printer : Printer
     quiet_s : float
         See `printctl.link.transport.Transport`.
+    care : Care, optional
+        Its limits on silence and noise.
 
     Raises
     ------
@@ -102,7 +105,13 @@ def protocol_for(printer: Printer, quiet_s: float) -> LinkProtocol:
         For a printer that takes no lines.
     """
     refuse_unsent(printer)
-    timing = Timing(quiet_s=quiet_s)
+    care = care or Care()
+    timing = Timing(
+        quiet_s=quiet_s,
+        silent_limit_s=care.silent_limit_s,
+        noise_window=care.noise_window,
+        noise_limit=care.noise_limit,
+    )
     if printer.lines_in_flight == 2:  # the profile allows it for Marlin and its fork alone
         return MarlinProtocol(timing, Pairing(printer.receive_buffer_bytes))
     return family_of(printer).make(timing)

@@ -8,25 +8,23 @@ silent.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
-from typing import Final
 
 from firmware_profiles import Printer
-
-_CHOICE: Final = re.compile(
-    rb"(?:T(\d+)(?![\d.])|ACTIVATE_EXTRUDER\b.*\bEXTRUDER=extruder(\d*))", re.I
-)
+from sim.reading import read_sent
 
 
 def head_chosen(line: bytes) -> int | None:
     """The head that a line chooses; None for any other line."""
-    if line[:1] not in b"TtAa":
+    if line[:1] not in (b"T", b"A"):
         return None
-    found = _CHOICE.match(line)
-    if found is None:
-        return None
-    return int(found[1] if found[1] is not None else found[2] or 0)
+    read = read_sent(line)
+    if read.code[1:].isdigit():
+        return int(read.code[1:])
+    name = read.parameters.get("EXTRUDER", "").lower()
+    number = name.removeprefix("extruder")
+    chooses = read.code == "ACTIVATE_EXTRUDER" and name.startswith("extruder")
+    return int(number or 0) if chooses and (not number or number.isdigit()) else None
 
 
 def head_at(lines: Sequence[bytes], done: int) -> int | None:

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from printctl.link.journal import Record, read_records
 from printctl.link.noted import noted
+from printctl.link.states import LinkState
 
-INTERRUPTED = "interrupted"
+INTERRUPTED = LinkState.INTERRUPTED.value
 """State of a print whose journal has no end: its link process died, or it is going on."""
 
 

@@ -7,13 +7,10 @@ planner and command queue hold, may still be ahead; once it has answered M400, n
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
-from typing import Final
 
 from firmware_profiles import Printer
-
-_MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
+from sim.reading import is_motion
 
 
 def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int = 0) -> int:
@@ -33,7 +30,7 @@ def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int =
         return min(least, taken)
     left = queued
     for index in range(taken - 1, least - 1, -1):
-        if _MOVE.match(lines[index]):
+        if is_motion(lines[index]):
             if left == 0:
                 return index + 1
             left -= 1

@@ -41,19 +41,21 @@ class Timing:
     Attributes
     ----------
     silence_s : float
-        Without any sign of life while a line is in flight; more than twice the interval of busy
-        messages that the handshake sets (M113 S1).
+        Without any sign of life while a line is in flight, until the printer is asked. It decides
+        nothing but how soon a lost ok is noticed.
     deaf_s : float
-        In place of ``silence_s`` for the ok to a line that was taken, on a firmware that sends no
-        busy messages: there a slow move is as silent as a lost ok.
+        Interval of notices on a firmware that says nothing while it is busy and can't be asked.
     quiet_s : float
         Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
     answer_s : float
         For the answer to a question.
     doubt_limit_s : float
-        From the first question until the printer counts as silent.
+        Without a usable answer until a printer that isn't found yet counts as silent, and until
+        an alarm is given of one in mid-print.
+    silent_limit_s : float
+        Without a usable answer until a printer in mid-print counts as silent.
     busy_limit_s : float
-        For one line, however busy the printer says it is.
+        For one line of a firmware that can't be asked.
     noise_window, noise_limit : int
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
     calm_lines : int
@@ -65,6 +67,7 @@ class Timing:
     quiet_s: float = 0.05
     answer_s: float = 1.0
     doubt_limit_s: float = 6.0
+    silent_limit_s: float = 60.0
     busy_limit_s: float = 1800.0
     noise_window: int = 500
     noise_limit: int = 30
@@ -78,17 +81,19 @@ class Doubt:
     Attributes
     ----------
     since : float
-        When it began, s.
+        When it began, or the printer last said that it is busy, s.
     number : int
         Of the (first) line in flight.
     flights : tuple of (bytes or None)
         The command in flight, or two.
-    conclusive : bool
-        Whether "taken" alone will do as acknowledgement, because an ok can't come any more.
     two_resends : bool
         Whether the answer to a question is twice the same ``Resend``, each without an ok.
-    short : bool
-        Whether the doubt began with what may be one line's garbled ok.
+    by_silence : bool
+        Whether nothing was heard, rather than something doubtful.
+    asked : int
+        Questions so far.
+    alarmed : bool
+        Whether it was said that no usable answer comes.
     last, resend : int
         The answer to the last question: ``Last Line`` and ``Resend``; -1 until heard.
     confirmed : int
@@ -104,9 +109,10 @@ class Doubt:
     since: float
     number: int = 0
     flights: tuple[bytes | None, ...] = (None,)
-    conclusive: bool = False
     two_resends: bool = False
-    short: bool = False
+    by_silence: bool = False
+    asked: int = 0
+    alarmed: bool = False
     last: int = -1
     resend: int = -1
     confirmed: int = -1
@@ -129,6 +135,7 @@ class Doubt:
         """Forget the last answer; what it said of the ok to come, too."""
         self.last = self.resend = -1
         self._foreign_ok = False
+        self.asked += 1
 
     def hear(self, reply: Reply) -> None:
         """Take one more line into account."""
@@ -146,8 +153,6 @@ class Doubt:
         elif kind is Kind.UNKNOWN_COMMAND:
             self.quoted = unknown_command(reply.text).split(b"*")[0].strip()
             self._foreign_ok = self.quoted not in self.flights
-        elif kind is Kind.BUSY:
-            self.conclusive = False
 
     def _hear_ok(self, reply: Reply) -> None:
         if self._foreign_ok:

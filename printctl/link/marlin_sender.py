@@ -11,6 +11,7 @@ from printctl.link.guarding import guarded
 from printctl.link.line_errors import LineErrors
 from printctl.link.marlin_doubt import Phase, Timing
 from printctl.link.marlin_replies import frame
+from printctl.link.marlin_tokens import Tokens
 from printctl.link.pairing import Pairing
 from printctl.link.protocol import Event
 
@@ -26,6 +27,7 @@ class MarlinSender:
     """
 
     guard: Callable[[bytes], bytes] = staticmethod(guarded)
+    make_tokens: type[Tokens] = Tokens
 
     def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
         self.timing = timing or Timing()
@@ -52,8 +54,8 @@ class MarlinSender:
         self._complaint = ""
         self.report = b""
         self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
-        self._busy_since = math.nan
-        self._taken_at = math.nan
+        self._tokens = self.make_tokens()
+        self._awaiting: tuple[int, bytes] | None = None  # taken, its answer is still to come
 
     # --- what the streamer calls -----------------------------------------------------------
 
@@ -100,7 +102,6 @@ class MarlinSender:
     def _send_next(self, now: float) -> None:
         self._said, self._complaint = [], ""
         self._fast = False
-        self._taken_at = self._busy_since = math.nan
         if self._second is not None:  # it is in flight already
             self._flight, self._flight_frame = self._second, self._second_frame
             self._second = None
@@ -115,10 +116,11 @@ class MarlinSender:
             self._flight, self._phase, self.deadline = None, Phase.READY, math.inf
             return
         self._flight_frame = frame(self.number + 1, self._flight)
-        if self._pairing is not None and not self._flight_control:
+        clear = not self._flight_control and not self._tokens.suspect
+        if self._pairing is not None and clear:
             self._take_along(self._pairing, self._flight)
         self._fly(now)
-        self._fast = not self._rest and not self._flight_control
+        self._fast = clear and not self._rest
 
     def _take_along(self, pairing: Pairing, first: bytes) -> None:
         """Let the next job line leave together with ``first`` where that is allowed."""
@@ -140,15 +142,52 @@ class MarlinSender:
         self._phase, self.deadline = Phase.FLIGHT, now + self.timing.silence_s
 
     def _count_taken(self, events: list[Event]) -> None:
-        """Note that the line in flight was taken."""
+        """Note that the line in flight was taken and answered."""
+        self._count_flight()
+        self._answer(events)
+
+    def _count_flight(self) -> None:
+        """Note that the line in flight was taken; a control command's answer is still to come."""
         self.number += 1
-        if self._flight_control:
+        if self._tokens.flying:
+            self._tokens.numbers.add(self.number)
+        elif self._flight_control:
             command = self._flight or b""
             self._control_numbers[self.number] = command
-            events.append(said.Replied(command, self.number, tuple(self._said)))
+            self._awaiting = self.number, command
         else:
             self.lines_done += 1
 
+    def _answer(self, events: list[Event]) -> None:
+        """Hand over what was said to a control command: all of it was heard."""
+        if self._awaiting is not None:
+            number, command = self._awaiting
+            events.append(said.Replied(command, number, tuple(self._said)))
+            self._awaiting = None
+
     def _acknowledge(self, now: float, events: list[Event]) -> None:
+        """Go on from an ok; in doubt it is only believed once a token has come back."""
+        if self._tokens.suspect:
+            self._tokens.heard += 1
+            self._owe(now, events)
+            return
         self._count_taken(events)
         self._send_next(now)
+
+    def _owe(self, now: float, events: list[Event]) -> None:
+        """Count the line in flight as taken, whose ok may have come or not; send a token."""
+        self._count_flight()
+        self._tokens.owed += 1
+        if self._controls:  # sent again, under numbers that are written down already
+            self._send_next(now)
+        else:
+            self._send_token(now, events)
+
+    def _send_token(self, now: float, events: list[Event]) -> None:
+        number = self.number + 1
+        command = self._tokens.make(number, now)
+        self._flight, self._flight_control = self.guard(command), True
+        self._flight_frame = frame(number, self._flight)
+        self._fast = False
+        events.append(said.TokenSent(number, command))
+        self._fly(now)

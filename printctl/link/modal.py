@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from printctl.link.heads import head_chosen
+from sim.reading import code_of, is_motion, read_sent
 
-_MOVE: Final = re.compile(rb"(?:G0*[0123]|G92)(?!\d|\.)")
-_HOME: Final = re.compile(rb"G0*2[89](?!\d)")
-_WORD: Final = re.compile(rb"([XYZEF])([+-]?\d*\.?\d+)")
+_PLACING: Final = (b"G0", b"G1", b"G2", b"G3", b"G92")
+_HOMING: Final = (b"G28", b"G29")
+_KEPT: Final = "XYZEF"
 _POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
 AXES: Final = "XYZE"
 
@@ -76,11 +77,13 @@ def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str,
     """Last words in lines ``first`` to ``done`` - 1, and whether homing ended the search."""
     found: dict[str, float] = {}
     for line in reversed(lines[first:done]):
-        if _HOME.match(line):
+        code = code_of(line)
+        if code in _HOMING:
             return found, True
-        if _MOVE.match(line):
-            for word in _WORD.finditer(line):
-                found.setdefault(word[1].decode().lower(), float(word[2]))
+        if code in _PLACING:
+            for letter, value in read_sent(line).words.items():
+                if letter in _KEPT and value is not None:
+                    found.setdefault(letter.lower(), value)
             if len(found) == 5:
                 break
     return found, False
@@ -120,10 +123,10 @@ def named(lines: Sequence[bytes]) -> str:
     """
     axes: set[str] = set()
     for line in lines:
-        if line.startswith(b"G92"):
+        if code_of(line) == b"G92":
             break
-        if _MOVE.match(line):
-            axes |= {word[1].decode() for word in _WORD.finditer(line)}.intersection(AXES)
+        if is_motion(line):
+            axes |= read_sent(line).words.keys() & set(AXES)
     return "".join(sorted(axes))
 
 
@@ -136,27 +139,24 @@ def relieved_mm(lines: Sequence[bytes], done: int) -> float:
     now: float | None = None
     for index in range(done - 1, -1, -1):
         line = lines[index]
-        move = _MOVE.match(line)
-        if not move:
+        code = code_of(line)
+        if code not in _PLACING:
             if head_chosen(line) is not None:
                 return math.inf
             continue
-        words = {word[1]: float(word[2]) for word in _WORD.finditer(line)}
-        if b"E" not in words:
+        e = read_sent(line).number("E")
+        if e is None:
             continue
         if now is None:
-            now = words[b"E"]
-        elif words[b"E"] != now:
-            return max(0.0, words[b"E"] - now)
-        if line.startswith(b"G92"):
+            now = e
+        elif e != now:
+            return max(0.0, e - now)
+        if code == b"G92":
             changed = index > 0 and head_chosen(lines[index - 1]) is not None
             return math.inf if changed else 0.0
     return 0.0
 
 
 def last_of(lines: Sequence[bytes], done: int, codes: tuple[bytes, ...]) -> bytes | None:
-    """The last line before ``done`` that begins with one of ``codes``; None without one."""
-    for line in reversed(lines[:done]):
-        if line.startswith(codes) and line.split(None, 1)[0] in codes:
-            return line
-    return None
+    """The last line before ``done`` that has one of ``codes``; None without one."""
+    return next((line for line in reversed(lines[:done]) if code_of(line) in codes), None)

@@ -32,6 +32,12 @@ class Placing(Channel):
         self._trail = ModalTrail(job.lines)
         self._shut = False
 
+    @property
+    def _speed_mm_s(self) -> float:
+        """How fast the needle may be, mm/s: by the job's last feed rate."""
+        feed = self._trail.at(self.protocol.lines_done).f
+        return super()._speed_mm_s if feed is None else feed / 60.0
+
     def _settle(self) -> None:
         """Send no further job line; wait until what is in flight is taken."""
         self.protocol.held = True
@@ -72,7 +78,7 @@ class Placing(Channel):
             self._shut_valve()
             raise Over(
                 LinkState.POSITION_UNKNOWN,
-                f"after line {done}: {wrong}; `printctl recover` tells how to go on",
+                f"after line {done}: {wrong}; `printctl status` says what next",
                 known=False,
             )
 
@@ -120,7 +126,7 @@ class Placing(Channel):
         raise Over(
             LinkState.POSITION_UNKNOWN,
             f"the firmware doesn't say that it uses head {number} ({choose(printer, number)!r}): "
-            "nothing was moved; see that it was built with so many, then `printctl recover`",
+            "nothing was moved; see that it was built with so many, then `printctl status`",
             known=False,
         )
 

@@ -12,7 +12,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -38,6 +38,7 @@ from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport, open_port
+from printctl.link.wire_log import FILE, LoggedTransport, WireLog
 
 _LOCK_PATIENCE_S: Final = 0.3
 _HISTORY_PATIENCE_S: Final = 5.0
@@ -163,20 +164,23 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     refuse_unsent(printer, str(order.job))
     job = load_job(order.job, printer)
     history = resumable(order.folder, job.sha256) if order.resume else None
-    transport = wire.transport if wire else open_port(order.port, printer, order.baud)
+    port = wire.transport if wire else open_port(order.port, printer, order.baud)
+    traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
+    transport = LoggedTransport(port, traffic)
+    keeper = _Keeper(traffic, order.folder / FILE)
     journal = Journal(order.folder / JOURNAL if order.resume else put_aside(order.folder))
     try:
         listener, address, token = listen(order.folder)
         streamer = Streamer(
             Wiring(
                 transport=transport,
-                protocol=protocol_for(printer, transport.quiet_s),
+                protocol=protocol_for(printer, transport.quiet_s, order.care),
                 clock=RealClock(),
                 journal=journal,
                 printer=printer,
                 retreat=order.retreat,
                 fresh=wire.fresh if wire else True,
-                on_status=lambda status: _publish(status, server, wire),
+                on_status=lambda status: _publish(status, server, wire, keeper),
                 room=wire.room if wire else None,
             ),
             job,
@@ -210,11 +214,30 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             forget(address)
     finally:
         journal.close()
+        traffic.close()
         if wire is None:
             transport.close()
 
 
-def _publish(status: Status, server: Server, wire: Wire | None) -> None:
+@dataclass
+class _Keeper:
+    """Keeps the last traffic in the print's folder when something went wrong."""
+
+    traffic: WireLog
+    path: Path
+    _alarms: int = 0
+
+    def look(self, status: Status) -> None:
+        """Write it at each new alarm, and at an end other than the job's."""
+        ended_badly = status.ended and status.state is not LinkState.DONE
+        if status.alarms > self._alarms or ended_badly:
+            self._alarms = status.alarms
+            with suppress(OSError):  # a full disk is the journal's affair
+                self.traffic.keep(self.path)
+
+
+def _publish(status: Status, server: Server, wire: Wire | None, keeper: _Keeper) -> None:
+    keeper.look(status)
     server.publish(status)
     if wire:
         wire.on_status(status)

@@ -90,10 +90,38 @@ class Stray:
     Attributes
     ----------
     number : int
-        Of the line in flight, which wasn't taken and will be sent again.
+        Of the line near which it came.
     """
 
     number: int
+
+
+@dataclass(frozen=True)
+class TokenSent:
+    """A line of the protocol's own is about to leave: its number must be in the journal before.
+
+    Attributes
+    ----------
+    number : int
+    command : bytes
+    """
+
+    number: int
+    command: bytes
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """The printer gives no usable answer; it is asked on until the limit.
+
+    Attributes
+    ----------
+    seconds, limit : float, s
+        So far, and when it counts as silent.
+    """
+
+    seconds: float
+    limit: float
 
 
 @dataclass(frozen=True)
@@ -165,6 +193,8 @@ Event: TypeAlias = (
     | Notice
     | WentBack
     | Stray
+    | TokenSent
+    | Waiting
     | Action
     | Noisy
     | Halted
@@ -227,6 +257,13 @@ class LinkProtocol(Protocol):
 
     def ask(self, now: float) -> None:
         """Ask which line was taken last; `InStep` follows, or an error event."""
+        ...
+
+    def confirm(self, now: float) -> None:
+        """Have the printer say what it can say only once all before is carried out.
+
+        `InStep` follows, or an error event. Nothing may be in flight.
+        """
         ...
 
     def submit(self, command: bytes, now: float) -> None:

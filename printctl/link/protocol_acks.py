@@ -8,6 +8,7 @@ there is no asking "which line did you take last"; what is done in doubt is each
 from __future__ import annotations
 
 import math
+import re
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
@@ -21,7 +22,9 @@ from printctl.link.protocol import Event
 
 PROBE: Final = b"M105"
 """Asked only to hear an answer: temperatures, which every family tells at any time."""
+PLACE: Final = b"M114"
 _REST_LIMIT: Final = 65536
+_POSITION: Final = re.compile(rb"X:\s*-?\d")
 
 
 class Sort(Enum):
@@ -54,7 +57,7 @@ class AckProtocol(ABC):
         self._lines: Sequence[bytes] = ()
         self._controls: deque[bytes] = deque()
         self._flight: bytes | None = None
-        self._in_job = self._probing = self._over = False
+        self._in_job = self._probing = self._placing = self._over = False
         self._sent_at = 0.0
         self._rest = self.report = b""
         self._out: list[bytes] = []
@@ -96,6 +99,15 @@ class AckProtocol(ABC):
         """Hear that the printer answers, and count from 0; `InStep` follows."""
         self.number = 0
         self.ask(now)
+
+    def confirm(self, now: float) -> None:
+        """Hear where the printer is, which it says in its turn; `InStep` follows.
+
+        An ok without a position before it answers an earlier line, and is passed over.
+        """
+        self._flight, self._in_job, self._probing = PLACE, False, True
+        self._placing, self._said = True, []
+        self._fly(now)
 
     def ask(self, now: float) -> None:
         """Hear that the printer answers; `InStep` follows. It can't say which line it took last."""
@@ -172,6 +184,7 @@ class AckProtocol(ABC):
             over = bool(self._lines)
             self._end(said.WasReset(), events) if over else events.append(said.Booted())
         elif sort is Sort.FAULT:
+            self.held = True  # its ok may be in the same read: no further line leaves
             events.append(said.Fault(words, self.lines_done + self._in_job))
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
@@ -185,6 +198,11 @@ class AckProtocol(ABC):
             return
         if text != b"ok":
             self._said.append(text)
+        if self._placing and not any(_POSITION.search(words) for words in self._said):
+            events.append(said.Notice("an ok that answers an earlier line"))
+            self.deadline = now + self.timing.silence_s
+            return
+        self._placing = False
         self._acknowledge(now, events)
 
     def _acknowledge(self, now: float, events: list[Event]) -> None:

@@ -11,7 +11,10 @@ to know which line was taken last. An ``ok`` to the line in flight says so. Anyt
    there and agree, else ask again;
 3. **settle**: again ``quiet_s`` of silence, which takes the trailing ok and any fragment's ok;
 4. go on from L: send the line in flight again if L is the one before it; count it as taken if L
-   is its own number. Any other L must be confirmed by a second answer.
+   is its own number. Any other L must be confirmed by a second answer;
+5. **token** (`printctl.link.marlin_tokens`): an ok of before may come at any later time. So behind
+   the line in question a text is sent that must come back, and only the ok behind its echo is
+   believed again. It decides when a line is *answered*; no time limit does.
 
 Two plain moves may be in flight (`printctl.link.pairing` says when, and why that is safe). In
 doubt L then is the line before them, the first or the second; what wasn't taken is sent again,
@@ -36,10 +39,14 @@ from printctl.link import protocol as said
 from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Goal, Phase, Timing
 from printctl.link.marlin_replies import Kind, Reply, classify
 from printctl.link.marlin_sender import MarlinSender
+from printctl.link.marlin_tokens import PATIENCE_S, TRIES
 from printctl.link.pairing import Pairing
 from printctl.link.protocol import Event
 
 _MEMORY: Final = 8
+_QUICK: Final = 10
+"""Questions after which they are asked less often."""
+_SLOWLY: Final = 5
 _REST_LIMIT: Final = 4096
 
 __all__ = ["QUESTION", "RENUMBER", "MarlinProtocol", "Timing"]
@@ -64,6 +71,7 @@ class MarlinProtocol(MarlinSender):
         super().__init__(timing, pairing)
         self._goal = Goal.GO_ON
         self._doubt = Doubt(0.0)
+        self._confirming = False
 
     # --- what the streamer calls -----------------------------------------------------------
 
@@ -75,6 +83,10 @@ class MarlinProtocol(MarlinSender):
     def ask(self, now: float) -> None:
         """Ask which line was taken last; `InStep` follows, or an error event."""
         self._begin(Goal.GO_ON if self._numbered else Goal.NUMBER, now)
+
+    def confirm(self, now: float) -> None:
+        """Have a token come back from behind all that was sent; `InStep` follows."""
+        self._confirming, self.deadline = True, now
 
     def feed(self, data: bytes, now: float) -> Sequence[Event]:
         """Take what the printer said."""
@@ -143,62 +155,100 @@ class MarlinProtocol(MarlinSender):
             self._hear_in_doubt(reply, now)
 
     def _fault(self, text: str) -> said.Fault:
+        self.held = True  # nothing more of the job leaves until somebody has looked at it
         in_job = self._flight is not None and not self._flight_control
         return said.Fault(text, self.lines_done + in_job)
 
     def _hear_in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         kind = reply.kind
+        if self._tokens.suspect and self._hear_token(reply, now, events):
+            return
         if kind is Kind.OK and reply.number in (-1, self.number + 1):
             if reply.text != b"ok":
                 self._said.append(reply.text)
             self._acknowledge(now, events)
         elif kind is Kind.BUSY:
-            self._busy(now, events)
+            self._tokens.busy(now)
+            self.deadline = now + self.timing.silence_s
         elif kind is Kind.REPORT or (reply.text.startswith(b"echo:") and kind is Kind.TEXT):
             self._said.append(reply.text)
             if b" W:" in reply.text or self._flight_control:
                 self.deadline = now + self.timing.silence_s
-        elif kind is Kind.TEXT and self._flight_control:
+        elif kind is Kind.TEXT and (self._awaiting or self._answers_text):
             self._said.append(reply.text)
             self.deadline = now + self.timing.silence_s
         else:
             self._doubt_flight(reply, now, events)
 
-    def _busy(self, now: float, events: list[Event]) -> None:
-        if math.isnan(self._busy_since):
-            self._busy_since = now
+    @property
+    def _answers_text(self) -> bool:
+        """Whether the line in flight is a control command, which may be answered by any text."""
+        return self._flight_control and not self._tokens.flying
+
+    def _hear_token(self, reply: Reply, now: float, events: list[Event]) -> bool:
+        """Take an echo, or an ok while a token is in flight; False for anything else."""
+        tokens = self._tokens
+        if tokens.hear(reply.text):
+            self.deadline = now + self.timing.answer_s
+            return True
+        if reply.kind is not Kind.OK or not tokens.flying:
+            return False
+        if tokens.echoed or reply.number == self.number + 1:
+            self._answered(now, events)
+            return True
+        tokens.heard += 1
+        tokens.move_on()
+        if reply.text != b"ok":
+            self._said.append(reply.text)
         self.deadline = now + self.timing.silence_s
-        self._taken_at = math.nan
-        if now - self._busy_since > self.timing.busy_limit_s:
-            self._end(said.Silent(now - self._busy_since), events)
+        return True
+
+    def _answered(self, now: float, events: list[Event]) -> None:
+        """The token's own ok has come: all before it is done, and what comes now is the next's."""
+        self._count_flight()
+        self._answer(events)
+        if self._tokens.settle():
+            events.append(said.Stray(self.number))
+            self.held = True
+        self._flight = None
+        if self._confirming:
+            self._confirming = False
+            self._arrive(events)
+        else:
+            self._send_next(now)
 
     def _doubt_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         if reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(said.Notice(f"doubtful reply {reply.words!r} to line {self.number + 1}"))
-        # A garbled ok is short; whatever else was garbled, the ok may still come. An idle printer
-        # says "wait"; it has nothing more to say to a line that it has taken.
-        short = reply.kind is Kind.JUNK and len(reply.text) <= 4
-        idle = reply.kind is Kind.WAIT and not math.isnan(self._taken_at)
-        self._begin(Goal.GO_ON, now, conclusive=idle)
-        self._doubt.short = short
+        self._begin(Goal.GO_ON, now)
         if reply.kind is Kind.ERROR and reply.number < 0:
             self._doubt.error = reply.words
         self._hear_in_doubt(reply, now)
 
     # --- doubt: drain, ask, settle ---------------------------------------------------------
 
-    def _begin(self, goal: Goal, now: float, conclusive: bool = False) -> None:
+    def _begin(self, goal: Goal, now: float) -> None:
         self._fast = False
+        self._tokens.doubt()
         self._alone_until = self.number + self.timing.calm_lines
         self._goal, self._phase = goal, Phase.DRAIN
         flights = (self._flight,) if self._second is None else (self._flight, self._second)
-        self._doubt = Doubt(now, self.number + 1, flights, conclusive, self.two_resends)
+        self._doubt = Doubt(now, self.number + 1, flights, self.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def _hear_in_doubt(self, reply: Reply, now: float) -> None:
-        self._doubt.hear(reply)
-        if reply.kind in (Kind.REPORT, Kind.TEXT):
+        oks = self._doubt.oks
+        if not self._tokens.hear(reply.text):
+            self._doubt.hear(reply)
+        if reply.kind in (Kind.REPORT, Kind.TEXT) or (
+            reply.kind is Kind.OK and reply.text != b"ok" and reply.number < 0
+        ):
             self._said.append(reply.text)
+        if reply.kind is Kind.BUSY:
+            self._doubt.since = now
+            self._tokens.busy(now)
+        elif reply.kind in (Kind.JUNK, Kind.UNKNOWN_COMMAND) or self._doubt.oks > oks:
+            self._tokens.move_on()
         if reply.kind in (Kind.REPORT, Kind.BUSY):
             return  # they come at any time and are no sign that a reply is under way
         if self._phase is Phase.ASK and self._doubt.answered:
@@ -209,12 +259,19 @@ class MarlinProtocol(MarlinSender):
             self.deadline = min(self.deadline, now + 4 * self.timing.quiet_s)
 
     def _ask_now(self, now: float, events: list[Event]) -> None:
-        if now - self._doubt.since > self.timing.doubt_limit_s:
-            self._end(said.Silent(now - self._doubt.since), events)
+        doubt, timing = self._doubt, self.timing
+        silent, early = now - doubt.since, not self._lines
+        limit = timing.doubt_limit_s if early else timing.silent_limit_s
+        if silent > limit:
+            self._end(said.Silent(silent), events)
             return
-        self._doubt.ask_again()
+        if silent > timing.doubt_limit_s and not doubt.alarmed:
+            doubt.alarmed = True
+            events.append(said.Waiting(silent, limit))
+        doubt.ask_again()
         self._out.append(self.question)
-        self._phase, self.deadline = Phase.ASK, now + self.timing.answer_s
+        wait = timing.answer_s * (1 if doubt.asked < _QUICK else _SLOWLY)
+        self._phase, self.deadline = Phase.ASK, now + wait
 
     def _unanswered(self, now: float, events: list[Event]) -> None:
         if self._goal is Goal.RENUMBER:
@@ -231,6 +288,7 @@ class MarlinProtocol(MarlinSender):
         else:
             self._numbered = self._goal is Goal.RENUMBER
             self.number = last
+            self._tokens.forget_oks()
             self._arrive(events)
 
     def _arrive(self, events: list[Event]) -> None:
@@ -239,18 +297,16 @@ class MarlinProtocol(MarlinSender):
         self._phase, self.deadline = Phase.READY, math.inf
 
     def _go_on_from(self, last: int, now: float, events: list[Event]) -> None:
+        taken = last - self.number
+        flying = (self._flight is not None) + (self._second is not None)
         if last == 0 and self.number > 0:
             self._end(said.WasReset(), events)
-        elif last == self.number and self._flight is None:
+        elif taken == 0 and not flying:
             self._arrive(events)
-        elif last == self.number:
+        elif taken == 0:
             self._send_again(now, events)
-        elif last == self.number + 2 and self._second is not None:
-            self._both_were_taken(now, events)
-        elif last == self.number + 1 and self._flight is not None:
-            if self._second is not None:  # it was refused, and what was complained of was that
-                self._second, self._doubt.error = None, ""
-            self._was_taken(now, events)
+        elif 0 < taken <= flying:
+            self._were_taken(taken == 2, now, events)
         elif last != self._doubt.confirmed:
             self._doubt.confirmed = last
             self._unanswered(now, events)
@@ -260,54 +316,73 @@ class MarlinProtocol(MarlinSender):
             self._end(said.OutOfStep(last, self.number), events)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
-        self._said, self._second = [], None
+        self._second = None
+        if not self._awaiting:
+            self._said = []
         noisy = self._errors.count(self.number)
         if noisy:
             events.append(noisy)
-        if not self._doubt.oks or self._flight_control:
+        tokens, doubt = self._tokens, self._doubt
+        tokens.heard += doubt.oks
+        if tokens.flying:
+            tokens.drop()
+            self._send_token(now, events)
+        elif self._flight_control or tokens.heard <= tokens.owed:
             self._fly(now)
-            return
-        events.append(said.Stray(self.number + 1))
-        self.held = True
-        self._send_next(now)
+        else:
+            events.append(said.Stray(self.number + 1))
+            self.held = True
+            tokens.forget_oks()
+            self._send_next(now)
 
-    def _both_were_taken(self, now: float, events: list[Event]) -> None:
-        """Count the first of two as done if an ok was heard; the other is then in flight alone."""
-        doubt = self._doubt
-        if doubt.oks or doubt.short or doubt.conclusive:
-            doubt.oks -= doubt.oks > 0
-            doubt.short = False
-            self._count_taken(events)
-            self._flight, self._flight_frame = self._second, self._second_frame
-            self._second = None
-        self._was_taken(now, events)
-
-    def _was_taken(self, now: float, events: list[Event]) -> None:
-        doubt = self._doubt
+    def _were_taken(self, both: bool, now: float, events: list[Event]) -> None:
+        """Count what was in flight as taken; whether its ok has come a token tells."""
+        doubt, tokens = self._doubt, self._tokens
+        tokens.heard, heard = tokens.heard + doubt.oks, tokens.heard + doubt.oks
+        if self._second is not None and not both:  # it was refused; the complaint was of it
+            doubt.error = ""
         if doubt.error:
             events.append(self._fault(doubt.error))
-        if doubt.quoted and doubt.quoted == self._flight:
+        if doubt.quoted and doubt.quoted == self._flight and not tokens.flying:
             text = f'unknown command "{doubt.quoted.decode("ascii", "replace")}"'
             events.append(self._fault(text))
-            self._acknowledge(now, events)
-        elif doubt.oks or doubt.short or doubt.conclusive:
-            if not doubt.oks:
-                events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
-            self._acknowledge(now, events)
-        else:
-            if math.isnan(self._taken_at):
-                self._taken_at = now
-            wait = self.timing.silence_s if self.keepalive else self.timing.deaf_s
-            self._phase, self.deadline = Phase.FLIGHT, self._taken_at + wait
+            tokens.heard += 1
+        if tokens.flying and not self._wants_another(now):
+            self._wait_on(now)
+            return
+        if not heard and not tokens.flying:
+            events.append(said.Notice(f"no ok to line {self.number + 1} was heard; it was taken"))
+        if both:
+            self._count_flight()
+            tokens.owed += 1
+            self._flight = self._second
+        self._second = None
+        self._owe(now, events)
+
+    def _wants_another(self, now: float) -> bool:
+        """Whether the token in flight, which was taken, is to be followed by another."""
+        tokens = self._tokens
+        tokens.rounds += 1
+        patient = self._doubt.by_silence and tokens.rounds < 2
+        return tokens.echoed or (not patient and tokens.may_send(now, self.keepalive))
+
+    def _wait_on(self, now: float) -> None:
+        """Wait for the echo, and ask ever less often whether the printer is still there."""
+        wait = min(self.timing.silence_s * 2.0**self._tokens.rounds, PATIENCE_S)
+        self._phase, self.deadline = Phase.FLIGHT, now + wait
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:
         """Send lines again that an ok which wasn't theirs had acknowledged."""
-        newest, asked = self.number, self._flight is None
-        self.held, self._second = True, None
-        if self._flight is not None and self._flight_control:
+        newest, asked, tokens = self.number, self._flight is None, self._tokens
+        self.held, self._second, self._awaiting = True, None, None
+        if self._flight is not None and self._flight_control and not tokens.flying:
             self._controls.appendleft(self._flight)
+        tokens.drop()
+        tokens.forget_oks()
         while self.number > last:
-            if self.number in self._control_numbers:
+            if self.number in tokens.numbers:
+                tokens.numbers.discard(self.number)
+            elif self.number in self._control_numbers:
                 self._controls.appendleft(self._control_numbers.pop(self.number))
             else:
                 self.lines_done -= 1
@@ -321,12 +396,18 @@ class MarlinProtocol(MarlinSender):
     # --- time ------------------------------------------------------------------------------
 
     def _silence(self, now: float, events: list[Event]) -> None:
-        if not math.isnan(self._taken_at):
-            events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
-            self._acknowledge(now, events)
+        self._begin(Goal.GO_ON, now)
+        self._doubt.by_silence = True
+        self._ask_now(now, events)
+
+    def _send_token(self, now: float, events: list[Event]) -> None:
+        if self._tokens.tries >= TRIES:
+            self._end(said.Silent(now - self._doubt.since), events)
         else:
-            self._begin(Goal.GO_ON, now, conclusive=self.keepalive)
-            self._ask_now(now, events)
+            super()._send_token(now, events)
+
+    def _send_first_token(self, now: float, events: list[Event]) -> None:
+        self._send_token(now, events)
 
     def _end(self, event: Event, events: list[Event]) -> None:
         self._phase, self._fast, self.deadline = Phase.OVER, False, math.inf
@@ -334,6 +415,7 @@ class MarlinProtocol(MarlinSender):
 
 
 _ON_TIME: Final[dict[Phase, Callable[[MarlinProtocol, float, list[Event]], None]]] = {
+    Phase.READY: MarlinProtocol._send_first_token,
     Phase.FLIGHT: MarlinProtocol._silence,
     Phase.DRAIN: MarlinProtocol._ask_now,
     Phase.ASK: MarlinProtocol._unanswered,

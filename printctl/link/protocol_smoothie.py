@@ -4,14 +4,17 @@ Facts (Smoothieware `GcodeDispatch.cpp`): lines are numbered and checked as in M
 of order (a repeat too) or fails its checksum is answered by ``rs N<next>`` alone: no error, no
 ok, nothing thrown away. So the question is asked twice in a row, and two answers must agree. The
 ``ok`` to a G1 comes before the move is planned; a halted firmware answers ``!!`` until M999; ^X
-halts it out of band. Unknown commands are answered by ok: nobody learns of them. A line whose
-``*`` is garbled away is taken unchecked: use USB, not a UART.
+halts it out of band. It has no command that says a text of one's own, so the answer to M115 stands
+for a token; of two on their way the first is taken for the second. Unknown commands are answered
+by ok: nobody learns of them. A line whose ``*`` is garbled away is taken unchecked: use USB, not a
+UART.
 """
 
 from __future__ import annotations
 
 from printctl.link.marlin_doubt import QUESTION
 from printctl.link.marlin_replies import Kind, Reply, classify
+from printctl.link.marlin_tokens import Tokens
 from printctl.link.protocol_marlin import MarlinProtocol
 
 
@@ -23,6 +26,19 @@ def _classify(text: bytes) -> Reply:
     return classify(text)
 
 
+class _Identity(Tokens):
+    """Tokens that are answered by who the firmware is."""
+
+    def make(self, number: int, now: float) -> bytes:
+        """Command of a new token, for line ``number``."""
+        super().make(number, now)
+        return b"M115"
+
+    def hear(self, text: bytes) -> bool:
+        """Whether a line from the printer is the answer to one."""
+        return b"FIRMWARE_NAME" in text and self.come_back()
+
+
 class SmoothieProtocol(MarlinProtocol):
     """See the module."""
 
@@ -30,4 +46,5 @@ class SmoothieProtocol(MarlinProtocol):
     question: bytes = QUESTION + QUESTION
     classify = staticmethod(_classify)
     two_resends: bool = True
+    make_tokens = _Identity
     guard = staticmethod(bytes)  # it reads no raw bytes but ^X

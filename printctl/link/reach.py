@@ -8,9 +8,12 @@ import time
 from pathlib import Path
 from typing import Final
 
-from printctl.link.errors import JournalError
+from firmware_profiles import Printer, ProfileError, load
+from printctl.link.errors import JournalError, LinkError
+from printctl.link.job import load_job
 from printctl.link.journal import History, read_journal
 from printctl.link.locking import lock
+from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 
@@ -33,22 +36,38 @@ def what_is_known(folder: Path) -> Status:
         history = read_journal(folder / JOURNAL)
     except JournalError:
         history = History()
+    counts = {"lines_done": history.done, "lines_total": history.total, **_places(record, history)}
     if history.end is not None:
-        counts = {"lines_done": history.done, "lines_total": history.total}
-        return Status.from_dict({**history.end, **counts})
-    return Status(
-        LinkState.FAILED,
-        lines_done=history.done,
-        lines_total=history.total,
-        message=(
-            f"the link process ended without a word while {history.state.value}; at least "
-            f"{history.done} of {history.total} lines were acknowledged; if the printer kept its "
-            "power, `resume` asks it for its last line and goes on"
-        ),
-        alarms=len(history.alarms),
-        position_known=False,
-        error="LinkError",
+        return Status.from_dict({**history.end, **counts, "alarms": len(history.alarms)})
+    return Status.from_dict(
+        {
+            **counts,
+            "state": LinkState.INTERRUPTED,
+            "message": (
+                f"the process that spoke to the printer ended without a word while "
+                f"{history.state.value}; at least {history.done} of {history.total} lines were "
+                "acknowledged"
+            ),
+            "alarms": len(history.alarms),
+            "position_known": False,
+            "error": "LinkError",
+        }
     )
+
+
+def _places(record: LinkRecord, history: History) -> dict[str, int]:
+    """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
+    try:
+        printer = load(Printer, record.profile)
+        job = load_job(Path(record.job), printer)
+    except (LinkError, ProfileError):
+        return {}
+    if job.sha256 != history.job.get("sha256"):
+        return {}
+    made = surely_moved(job.lines, history.done, moves_ahead(printer))
+    if history.end is not None and history.end.get("position_known"):
+        made = history.done  # it stood still
+    return {"file_line": job.file_line(history.done), "lines_executed": made}
 
 
 def stays_alive(folder: Path, held: str = LOCK) -> bool:

@@ -7,7 +7,6 @@ primes, and goes on with the job's own lines.
 
 from __future__ import annotations
 
-import re
 from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Final
@@ -24,15 +23,18 @@ from printctl.link.modal import Modal, modal_state, relieved_mm
 from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut
+from sim.reading import code_of, is_motion, read_sent
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
-_MOVE: Final = re.compile(rb"G0*[0123](?!\d|\.)")
-_Z: Final = re.compile(rb"Z([+-]?\d*\.?\d+)")
-_PLACED: Final = re.compile(rb"G92\b.*[XYZ]|SET_KINEMATIC_POSITION\b")
-_OF_HEAD: Final = re.compile(rb"(?:M\d+ T|M\d+ D|G10 P)\d+(?= )")
-"""What is told of one of several heads: M218 T1 X0 ..., G10 P1 X0 ..."""
-_NO_SETUP: Final = re.compile(rb"(?:G0*[0-4]|G10|G11|G2[89]|G92|M400|M105|M114|M73)(?!\d|\.)")
+_NO_SETUP: Final = frozenset(
+    (b"G0", b"G1", b"G2", b"G3", b"G4", b"G10", b"G11", b"G28", b"G29", b"G92")
+    + (b"M400", b"M105", b"M114", b"M73")
+)
+
+
+class NoCheckpoint(LinkError):  # noqa: N818
+    """The journal doesn't tell where to begin: a person must."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,10 @@ def plan_recovery(
 
     Raises
     ------
+    NoCheckpoint
+        When there is no checkpoint, and no line was given.
     LinkError
-        When there is no checkpoint, or the job doesn't say where the needle is there.
+        When the job doesn't say where the needle is there.
     """
     begin, why = _beginning(job, history, printer, from_line)
     at = modal_state(job.lines, begin)
@@ -113,7 +117,7 @@ def _beginning(
     for record in reversed(history.checkpoints):
         if record["done"] <= sure and record["done"] < len(job):
             return record["done"], f"checkpoint, {record['mark']}"
-    raise LinkError(
+    raise NoCheckpoint(
         f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
         "were surely made; look at the part and give --from-line"
     )
@@ -121,18 +125,28 @@ def _beginning(
 
 def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
     """Where the job tells the firmware that the tip stands, before its first move."""
-    places = [k for k, line in enumerate(job.lines[:begin]) if _PLACED.match(line)]
-    moves = (k for k, line in enumerate(job.lines) if _MOVE.match(line))
+    places = [k for k, line in enumerate(job.lines[:begin]) if _places(line)]
+    moves = (k for k, line in enumerate(job.lines) if is_motion(line))
     if not places:
         return None
     first = next(moves, begin)
-    words = dict(re.findall(rb"([XYZ])=?([+-]?\d*\.?\d+)", job.lines[places[0]]))
-    if len(places) > 1 or places[0] > first or set(words) != {b"X", b"Y", b"Z"}:
+    words = _places(job.lines[places[0]])
+    if len(places) > 1 or places[0] > first or set(words) != set("XYZ"):
         raise LinkError(
             f"line {job.file_lines[places[-1]]} moves the job's frame ({job.lines[places[-1]]!r}); "
             "the rest can't be placed by a machine"
         )
-    return float(words[b"X"]), float(words[b"Y"]), float(words[b"Z"])
+    return words["X"], words["Y"], words["Z"]
+
+
+def _places(line: bytes) -> dict[str, float]:
+    """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
+    code = code_of(line)
+    if code not in (b"G92", b"SET_KINEMATIC_POSITION"):
+        return {}
+    read = read_sent(line)
+    named = {axis: float(read.parameters[axis]) for axis in "XYZ" if axis in read.parameters}
+    return named or {a: value for a in "XYZ" if (value := read.number(a)) is not None}
 
 
 def _way_in(
@@ -151,7 +165,8 @@ def _way_in(
     head = head_at(job.lines, begin) if printer.heads else None
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
-    heights = [float(found[1]) for line in job.lines if (found := _Z.search(line))]
+    moves = (line for line in job.lines if b"Z" in line and is_motion(line))
+    heights = [height for line in moves if (height := read_sent(line).number("Z")) is not None]
     top = max([z, *heights])
     high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, start[2] if start else top)
     speed = printer.max_speed_mm_s
@@ -184,18 +199,26 @@ def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
     for line in job.lines[:begin]:
         if is_about_valve(line, printer) or is_about_heads(line, printer):
             continue
-        of_head = _OF_HEAD.match(line) if printer.heads else None
-        if of_head is not None:
-            last.pop(of_head[0], None)
-            last[of_head[0]] = line
-            continue
-        if _PLACED.match(line):
-            last[b"placed"] = re.sub(rb" *E[+-]?[\d.]+", b"", line)
-        elif not _NO_SETUP.match(line):
-            word = line.split(None, 1)[0]
+        of_head = _told_of_head(line) if printer.heads else b""
+        if of_head:
+            last.pop(of_head, None)
+            last[of_head] = line
+        elif _places(line):
+            words = line.split(b" ")
+            last[b"placed"] = b" ".join(word for word in words if word[:1] != b"E")
+        elif code_of(line) not in _NO_SETUP:
+            word = code_of(line)
             last.pop(word, None)  # the order in which they were last given
             last[word] = line
     return list(last.values())
+
+
+def _told_of_head(line: bytes) -> bytes:
+    """What is told of one of several heads: ``M218 T1``, ``G10 P1``; empty for any other line."""
+    code, *words = line.split(b" ")
+    letters = b"TD" if code[:1] == b"M" else b"P" if code == b"G10" else b""
+    told = len(words) > 1 and words[0][:1] in letters and words[0][1:].isdigit()
+    return b" ".join([code, words[0]]) if told else b""
 
 
 def _rest(job: Job, data: bytes, begin: int) -> bytes:

@@ -33,15 +33,14 @@ def resumable(folder: Path, sha256: str) -> History:
     history = read_journal(folder / JOURNAL)
     end = history.end
     if end is not None and (end["position_known"] or history.state is not LinkState.FAILED):
-        hint = "" if end["position_known"] else ", or see `printctl recover`"
         raise Refused(
             f"the print in {folder} has ended ({history.state.value}: {history.message}); it "
-            f"can't be gone on with, print it anew{hint}"
+            "can't be gone on with, print it anew"
         )
     if history.stopping:
         raise Refused(
             f"the print in {folder} was being ended ({history.message}): its heaters may be off "
-            "and its needle up; print it anew, or see `printctl recover`"
+            "and its needle up; print it anew"
         )
     if history.gaps:
         raise Refused(

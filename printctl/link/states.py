@@ -22,6 +22,10 @@ class LinkState(StrEnum):
     FAILED = "failed"
     KILLED = "killed"
     POSITION_UNKNOWN = "position_unknown"
+    INTERRUPTED = "interrupted"
+    """The process that spoke to the printer died: no end is in the journal. Never journalled."""
+    GIVEN_UP = "given_up"
+    """A person said that an interrupted print isn't to be gone on with."""
 
 
 ENDED: Final = frozenset(
@@ -31,6 +35,8 @@ ENDED: Final = frozenset(
         LinkState.FAILED,
         LinkState.KILLED,
         LinkState.POSITION_UNKNOWN,
+        LinkState.INTERRUPTED,
+        LinkState.GIVEN_UP,
     }
 )
 """States that nothing follows."""

@@ -81,8 +81,7 @@ class Streamer(Pausing):
             self._enter(LinkState.CHECKING, "asking the firmware what it is")
             self._check()
             self._agree_start()
-            self._agree(self.protocol.renumber)
-            self.protocol.load(self.job.lines, 0, 0)
+            self.protocol.load(self.job.lines, 0, self._agree(self.protocol.renumber))
         else:
             self._find_again(history)
         self.watch.begin(self.wiring.clock.now())
@@ -236,7 +235,7 @@ class Streamer(Pausing):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"{self.wiring.printer.firmware} can't tell which line it took last; at least "
-                f"{history.done} job lines were taken; `printctl recover` tells how to go on",
+                f"{history.done} job lines were taken; `printctl status` says what next",
                 known=False,
             )
         number = self._agree(self.protocol.ask)
@@ -246,8 +245,8 @@ class Streamer(Pausing):
             raise Over(
                 LinkState.POSITION_UNKNOWN,
                 f"the printer's last line is {number}, the journal knows of {history.done} job "
-                "lines: it was reset or used by another program since; `printctl recover` tells "
-                "how to go on",
+                "lines: it was reset or used by another program since; `printctl status` says "
+                "what next",
                 known=False,
             )
         self.protocol.load(self.job.lines, done, number)

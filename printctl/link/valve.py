@@ -7,17 +7,13 @@ if it has the same command and the words that both have in common (a fan, a pin)
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from functools import cache
-from typing import Final
 
 from firmware_profiles import Printer
+from sim.reading import read_sent
 
-Words = frozenset[tuple[str, str]]
-_CODE: Final = re.compile(r"([GMT])0*(\d+)(?![\d_])")
-_WORD: Final = re.compile(r"([A-Z])([+-]?\d*\.?\d*)")
-_NAMED: Final = re.compile(r"(\w+)=(\S+)")
+Words = frozenset[tuple[str, float | str | None]]
 
 
 def shut(printer: Printer) -> list[bytes]:
@@ -57,7 +53,7 @@ def is_open(lines: Sequence[bytes], done: int, printer: Printer) -> bool:
     opens = _profiles(head.opens)
     for line in reversed(lines[:done]):
         if is_about_valve(line, printer):
-            return _words(line.decode("ascii")) == opens
+            return _words(line) == opens
     return False
 
 
@@ -67,32 +63,22 @@ def is_about_valve(line: bytes, printer: Printer) -> bool:
     if head is None or line[:1].upper() != head.opens[:1].upper().encode("ascii"):
         return False
     opens, closes = _profiles(head.opens), _profiles(head.closes)
-    said = _words(line.decode("ascii"))
+    said = _words(line)
     return said[0] == opens[0] and opens[1] & closes[1] <= said[1]
 
 
-def _words(text: str) -> tuple[str, Words]:
-    """Name and words of a command, whichever way it is written."""
-    text = text.upper()
-    code = _CODE.match(text)
-    if code is None:
-        return text.split(None, 1)[0], frozenset(_NAMED.findall(text))
-    rest = _WORD.findall(text[code.end() :])
-    return code[1] + code[2], frozenset((letter, _number(value)) for letter, value in rest)
+def _words(text: bytes) -> tuple[str, Words]:
+    """Code and words of a command."""
+    read = read_sent(text)
+    return read.code, frozenset(
+        {*read.words.items(), *((key, value.upper()) for key, value in read.parameters.items())}
+    )
 
 
 @cache
 def _profiles(text: str) -> tuple[str, Words]:
     """A command of the profile."""
-    return _words(text)
-
-
-def _number(text: str) -> str:
-    """One writing for each number: 255, 255.0 and +255 are the same."""
-    try:
-        return f"{float(text):g}"
-    except ValueError:
-        return text
+    return _words(text.encode("ascii"))
 
 
 def _dwell(seconds: float) -> list[bytes]:

@@ -221,7 +221,7 @@ def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, D
 
 
 def _start(text: bytes, writing: Writing) -> Place:
-    return writing.start_mm or said_start(text) or (0.0, 0.0, 0.0)
+    return writing.start_mm or said_start(text, writing.printer) or (0.0, 0.0, 0.0)
 
 
 def _run(gcode: bytes, writing: Writing) -> DryRun:

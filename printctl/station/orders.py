@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +16,8 @@ from printctl.link.recovering import declared_start
 from printctl.link.retreat import Retreat
 from printctl.station.status import Place
 from printctl.station.wire import Socket
+from sim.reading import code_of
 
-_HOMES: Final = re.compile(rb"G0*28(?![\d.])")
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 _SILENT: Final = frozenset({"marlin", "prusa"})
@@ -58,7 +57,7 @@ def check_homing(job: Job, needle: str) -> None:
     ------
     Refused
     """
-    homing = next((k for k, line in enumerate(job.lines) if _HOMES.match(line)), None)
+    homing = next((k for k, line in enumerate(job.lines) if code_of(line) == b"G28"), None)
     if homing is not None and needle:
         raise Refused(
             f"{job.name}, line {job.file_lines[homing]}, homes the machine with the needle "

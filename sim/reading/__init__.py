@@ -1,10 +1,12 @@
 """Reading of G-code, one way for all: what leaves is rendered from what was understood.
 
 `read_line` reads one line as the printer's firmware family reads it, or refuses it with the reason.
-Pure Python, without compiled kernels, so that the printer link can import it at no cost.
+`read_sent` reads back what it rendered, without asking for a printer. Pure Python, without compiled
+kernels, so that the printer link can import it at no cost.
 """
 
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.read import read_line
+from sim.reading.sent import code_of, is_motion, read_sent
 
-__all__ = ["BLANK", "GcodeLine", "read_line"]
+__all__ = ["BLANK", "GcodeLine", "code_of", "is_motion", "read_line", "read_sent"]

@@ -10,6 +10,9 @@ from sim.reading.line import GcodeLine
 
 _NAME: Final = re.compile(rb"([A-Za-z][A-Za-z_][A-Za-z0-9_]*)(?:[ \t]+|$)")
 _PARAMETER: Final = re.compile(rb"([A-Za-z_][A-Za-z0-9_]*)=(\"[^\"]*\"|[^ \t\"'#=*]+)(?:[ \t]+|$)")
+_NUMBER: Final = re.compile(rb"-?\d{1,6}(?:\.\d{1,9})?")
+_PLACING: Final = (b"SET_KINEMATIC_POSITION", b"SET_GCODE_OFFSET")
+_PLACES: Final = ("X", "Y", "Z", "X_ADJUST", "Y_ADJUST", "Z_ADJUST")
 
 
 def named_line(command: bytes, text: bytes) -> GcodeLine | None:
@@ -35,6 +38,11 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
         key = word[1].decode().upper()
         if key in parameters:
             raise refusal("repeated_word", text, f"{key} stands twice; keep one")
+        if name in _PLACING and key in _PLACES and not _NUMBER.fullmatch(word[2]):
+            raise refusal(
+                "bad_number", text, f"{key}={word[2].decode()!r} isn't a decimal number of at most "
+                "6 and 9 digits; write one"
+            )  # fmt: skip
         parameters[key] = word[2].decode()
         parts.append(key.encode() + b"=" + word[2])
         at = word.end()

@@ -34,10 +34,10 @@ _MOVE: Final = "X Y Z E F"
 _ARC: Final = "X Y Z E F I J R"
 
 # M2-style ends, files and texts: the rest of the line isn't words.
-_TEXTS: Final = dict.fromkeys(
-    ("M0", "M1", "M16", "M23", "M28", "M30", "M32", "M36", "M75", "M98", "M117", "M118", "M928"),
-    TEXT,
+TEXT_CODES: Final = frozenset(
+    {"M0", "M1", "M16", "M23", "M28", "M30", "M32", "M36", "M75", "M98", "M117", "M118", "M928"}
 )
+_TEXTS: Final = dict.fromkeys(TEXT_CODES, TEXT)
 
 _COMMON: Final[dict[str, str]] = {
     **_TEXTS,

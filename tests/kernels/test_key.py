@@ -5,14 +5,16 @@ import importlib
 import random
 import sys
 from collections import namedtuple
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numba import typeof
 from numba.core.dispatcher import Dispatcher
+from numba.typed import Dict, List
 
 from kernels import jit
 from kernels.key import kernel_key, signature_text
@@ -103,6 +105,29 @@ def test_key_changes_for_the_kernels_that_take_the_change_in(
     assert {name for name in before if before[name] != after[name]} == changed
 
 
+class LawsA:
+    """Holds a class of one field order."""
+
+    class Law(NamedTuple):
+        """Slope first."""
+
+        slope: float
+        offset: float
+
+
+class LawsB:
+    """Holds a class of the other field order."""
+
+    class Law(NamedTuple):
+        """Offset first."""
+
+        offset: float
+        slope: float
+
+
+LawsB.Law.__qualname__ = LawsA.Law.__qualname__
+
+
 def test_argument_types_tell_field_order_and_enum_values() -> None:
     orders = [("slope", "offset"), ("offset", "slope")]
     laws = [namedtuple("Law", order) for order in orders]  # type: ignore[misc]
@@ -117,6 +142,85 @@ def test_argument_types_tell_field_order_and_enum_values() -> None:
 
 def _types(value: Any) -> str:
     return signature_text((typeof(value),), {})
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        pytest.param(lambda law: [law], id="list"),
+        pytest.param(lambda law: {law}, id="set"),
+        pytest.param(lambda law: ([law], 3), id="list in a tuple"),
+        pytest.param(lambda law: List([law]), id="typed list"),
+        pytest.param(lambda law: _typed_dict(law), id="typed dictionary"),
+    ],
+)
+def test_field_order_is_told_within_containers(around: Callable[[Any], Any]) -> None:
+    first, second = (LawsA.Law(1.0, 2.0), LawsB.Law(1.0, 2.0))
+    assert _types(around(first)) != _types(around(second))
+
+
+def _typed_dict(law: Any) -> Any:
+    made = Dict()
+    made[1] = law
+    return made
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        pytest.param(
+            np.array([(1.0, 2.0)], [("a", "f8"), ("b", "f8")])[0],
+            np.array([(1.0, 2.0)], [("b", "f8"), ("a", "f8")])[0],
+            id="names of a record",
+        ),
+        pytest.param(np.timedelta64(1, "s"), np.timedelta64(1, "ms"), id="unit of time"),
+        pytest.param(0.0, -0.0, id="sign of zero"),
+    ],
+)
+def test_scalars_of_other_meaning_have_other_keys(first: Any, second: Any) -> None:
+    keys = set()
+    for value in (first, second):
+
+        def reads_it() -> Any:
+            return value  # noqa: B023
+
+        keys.add(kernel_key(jit(reads_it), {}))  # type: ignore[arg-type]
+    assert len(keys) == 2
+
+
+def test_a_moved_try_has_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    keys = set()
+    for before, within in (
+        ("try:\n        x = a\n        ", ""),
+        ("pass\n    x = a\n    try:", ""),
+    ):
+        text = (
+            f"{COMMON}@jit\ndef f(a):\n    {before}{within}\n        y = a\n        return x + y\n"
+        )
+        text += "    except Exception:\n        return -1\n"
+        (tmp_path / "kernel_try.py").write_text(text)
+        sys.modules.pop("kernel_try", None)
+        importlib.invalidate_caches()
+        keys.add(kernel_key(importlib.import_module("kernel_try").f, {}))
+    assert len(keys) == 2
+
+
+def test_a_docstring_that_the_body_returns_counts() -> None:
+    @jit
+    def old() -> str:
+        "abcd"
+        return "abcd"
+
+    @jit
+    def new() -> str:
+        "abcde"
+        return "abcde"
+
+    for kernel in (old, new):
+        kernel.py_func.__qualname__ = "same"  # type: ignore[attr-defined]
+    assert kernel_key(old, {}) != kernel_key(new, {})  # type: ignore[arg-type]
 
 
 def test_what_no_key_can_hold_is_refused() -> None:

@@ -3,12 +3,54 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from kernels import cache_dir
 
+TWO = """
+import sys
+from kernels import jit
+@jit
+def g(n):
+    s = 0.0
+    for i in range(n):
+        s += 2.0
+        if s > 1e9:
+            s -= np.sin(s)
+    return s
+ga = g
+@jit
+def g(n):
+    s = 0.0
+    for i in range(n):
+        s += 7.0
+        if s > 1e9:
+            s -= np.sin(s)
+    return s
+gb = g
+@jit
+def fa(n):
+    return ga(n) + ga(n + 1)
+@jit
+def fb(n):
+    return gb(n) + gb(n + 1)
+"""
+RING = """
+from kernels import jit
+@jit
+def f(a):
+    if a < 1:
+        return 1.0
+    return g(a - 1) + 1
+@jit
+def g(a):
+    if a < 1:
+        return 2.0
+    return f(a - 1) + 2
+"""
 LAW = """
 from typing import NamedTuple
 class Law(NamedTuple):
@@ -32,6 +74,10 @@ print(product(law, 2.0), bool(product.stats.cache_hits))
 def _run(folder: Path, fields: str, values: str, doc: str = "") -> str:
     (folder / "law.py").write_text(LAW.format(fields=fields))
     (folder / "kernel.py").write_text(KERNEL.format(doc=doc))
+    return _python(folder, RUN.format(values=values))
+
+
+def _python(folder: Path, text: str) -> str:
     root = Path(__file__).parents[2]
     environment = {
         **os.environ,
@@ -39,7 +85,7 @@ def _run(folder: Path, fields: str, values: str, doc: str = "") -> str:
         "PYTHONPATH": f"{folder}{os.pathsep}{root}",
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    command = [sys.executable, "-c", RUN.format(values=values)]
+    command = [sys.executable, "-c", text]
     return subprocess.run(
         command, env=environment, capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -61,11 +107,24 @@ def test_a_docstring_compiles_nothing(tmp_path: Path) -> None:
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0", '"""New."""') == "6.0 True"
 
 
-@pytest.mark.parametrize("damage", [b"", b"nonsense", None])
-def test_a_damaged_file_is_compiled_anew(tmp_path: Path, damage: bytes | None) -> None:
+def _flipped(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda data: b"", id="empty"),
+        pytest.param(lambda data: b"nonsense", id="nonsense"),
+        pytest.param(lambda data: data[:-50], id="cut"),
+        pytest.param(_flipped, id="one bit"),
+    ],
+)
+def test_a_damaged_file_is_compiled_anew(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     _run(tmp_path, SLOPE_FIRST, "3.0, 100.0")
     for path in (tmp_path / "cache").rglob("*.nbc"):
-        path.write_bytes(path.read_bytes()[:-50] if damage is None else damage)
+        path.write_bytes(damage(path.read_bytes()))
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0") == "6.0 False"
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0") == "6.0 True"
 
@@ -75,6 +134,44 @@ def test_a_folder_that_cannot_be_made_costs_only_time(tmp_path: Path) -> None:
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0") == "6.0 False"
 
 
+def test_another_kernels_file_is_not_loaded(tmp_path: Path) -> None:
+    (tmp_path / "two.py").write_text(TWO.replace("import sys", "import numpy as np"))
+    _python(tmp_path, "import two; two.fa(3); two.fb(3)")
+    first, second = sorted((tmp_path / "cache").rglob("two.f*.nbc"))
+    second.write_bytes(first.read_bytes())
+    assert _python(tmp_path, "import two; print(two.fa(3), two.fb(3))") == "14.0 49.0"
+
+
+def test_kernels_of_one_name_from_two_processes_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "two.py").write_text(TWO.replace("import sys", "import numpy as np"))
+    assert _python(tmp_path, "import two; print(two.fa(3))") == "14.0"
+    assert _python(tmp_path, "import two; print(two.fb(3))") == "49.0"
+    assert _python(tmp_path, "import two; print(two.fa(3), two.fb(3))") == "14.0 49.0"
+
+
+def test_kernels_that_call_each_other_are_compiled_in_each_process(tmp_path: Path) -> None:
+    (tmp_path / "ring.py").write_text(RING)
+    for _ in range(2):
+        assert _python(tmp_path, "import ring; print(ring.f(4))") == "7.0"
+
+
 def test_cache_moves_with_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
     assert cache_dir().parent == tmp_path
+
+
+SCRIPT = """
+from typing import NamedTuple
+from kernels import jit
+class Point(NamedTuple):
+    x: float
+@jit
+def made(x):
+    return Point(x)
+print(type(made(2.0)) is Point)
+"""
+
+
+def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
+    for _ in range(2):
+        assert _python(tmp_path, SCRIPT) == "True"

@@ -75,6 +75,10 @@ def test_a_limit_that_is_broken_is_found(text, code, line, value, limit):
         ("M73 P1\nM73 P2\n", "unknown_command"),
         ("hello\n", "no_command"),
         ("G2 X20 Y20\n", "bad_arc"),
+        ("G2 X20 Y20 I30\n", "bad_arc"),
+        ("G2 X12 Y10 I5\n", "bad_arc"),
+        ("G2 X11 Y10 R0.2\n", "bad_arc"),
+        ("G2 I999999\n", "bad_arc"),
         ("M117 " + "Y10 " * 30 + "\n", "long_line"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import load
+from firmware_profiles import Printer, load
 from printctl.link.clock import VirtualClock
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
@@ -18,11 +18,12 @@ from tests.printctl.link import airy, layered
 from tests.printctl.link.layered import Script, played
 from tests.printctl.link.sim_transport import SimTransport
 
+PRINTER = load(Printer, "generic_marlin")
 FILE = b"; a job\nG90\n\nG1 X1 (there) F600 ; over there\nM400\nG1 X2\n  M113 S1\nG1 X1\n"
 
 
 def test_the_file_s_commands_are_found_in_their_order_and_all_else_is_the_host_s() -> None:
-    job = JobLines(FILE)
+    job = JobLines(FILE, PRINTER)
     said = [b"N1 G90*12", b"N2 M0114*1", b"N3 G1 X1  F600*55\n", b"N4 G1 Z20*1", b"G1 X2",
             b"N5 M0400*9", b"N6 G1 X2*7", b"N7 M0113 S1*7", b"N8 G1 X1", b"N9 G1 X1*3"]  # fmt: skip
     assert [job.take(line) for line in said] == [0, -1, 1, -1, -1, 2, 3, 4, 5, -1]
@@ -31,7 +32,7 @@ def test_the_file_s_commands_are_found_in_their_order_and_all_else_is_the_host_s
 
 
 def test_a_host_s_m400_in_place_of_the_file_s_shifts_nothing() -> None:
-    job = JobLines(FILE)
+    job = JobLines(FILE, PRINTER)
     said = [b"G90", b"G1 X1  F600", b"M400", b"M400", b"M114", b"G1 X2"]
     assert [job.take(line) for line in said] == [0, 1, 2, -1, -1, 3]
 
@@ -40,7 +41,7 @@ def test_a_host_s_m400_in_place_of_the_file_s_shifts_nothing() -> None:
 def test_pauses_and_checkpoints_leave_each_block_its_command(tmp_path, slow) -> None:
     data = layered.layered(3, 20)
     printer = MarlinPrinter(layered.PRINTER, layered.START)
-    printer.job = JobLines(data)
+    printer.job = JobLines(data, PRINTER)
     if slow:
         printer._take_plain_moves = lambda waiting: waiting  # type: ignore[method-assign]
     transport, script = SimTransport(printer, VirtualClock()), Script()
@@ -69,7 +70,7 @@ def test_pauses_and_checkpoints_leave_each_block_its_command(tmp_path, slow) -> 
 def test_ink_of_a_print_with_checkpoints_lies_by_the_lines_that_came(tmp_path) -> None:
     data = airy.airy(2, 12)
     printer = MarlinPrinter(airy.AIR, airy.START)
-    printer.job = JobLines(data)
+    printer.job = JobLines(data, PRINTER)
     script = Script(at_line={})
     status = played(data, tmp_path, SimTransport(printer, VirtualClock()), script, printer=airy.AIR)
     assert status.state is LinkState.DONE

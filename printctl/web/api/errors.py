@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
@@ -12,8 +14,10 @@ from design.errors import DesignError
 from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError
+from printctl.system_errors import explain
 from registration.errors import RegistrationError
 
+log = logging.getLogger("printctl.web")
 _CONFLICT = 409
 
 
@@ -23,6 +27,9 @@ def answer_errors(app: FastAPI) -> None:
         app.add_exception_handler(kind, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http)
+    for trouble in (OSError, MemoryError):
+        app.add_exception_handler(trouble, _system)
+    app.add_exception_handler(Exception, _own)
 
 
 async def _refused(request: Request, exc: Exception) -> JSONResponse:
@@ -35,7 +42,25 @@ async def _invalid(request: Request, exc: Exception) -> JSONResponse:
     return told(422, "BadRequestError", "; ".join(said) or "the request can't be read")
 
 
+async def _system(request: Request, exc: Exception) -> JSONResponse:
+    """Answer what the system refused: a full disk, rights, too many files, memory."""
+    log.error("%s %s: %r", request.method, request.url.path, exc)
+    assert isinstance(exc, OSError | MemoryError)
+    found = explain(exc)
+    return told(found.status, found.kind, found.message)
+
+
+async def _own(request: Request, exc: Exception) -> JSONResponse:
+    """Answer a fault of ours; the server writes its trace into the log."""
+    name = type(exc).__name__
+    return told(
+        500, "ServerError", f"the server met an error of its own ({name}); its log has the details"
+    )
+
+
 async def _http(request: Request, exc: Exception) -> JSONResponse:
+    if isinstance(exc.__cause__, OSError):  # an upload that couldn't be kept while it came
+        return await _system(request, exc.__cause__)
     status = getattr(exc, "status_code", 500)
     names = {404: "NotFoundError", 405: "MethodNotAllowed"}
     answer = told(status, names.get(status, "HTTPException"), str(getattr(exc, "detail", exc)))

@@ -11,6 +11,7 @@ STATES: Final = {
     "killed": "killed",
     "position_unknown": "position unknown",
     "interrupted": "interrupted",
+    "given_up": "given up",
     "running": "running",
 }
 SIGNS: Final = {"done": "✓", "running": "▶", "stopped": "■"}

@@ -12,8 +12,8 @@ from printctl.web.api.answers import API
 from printctl.web.controls import Principal
 from printctl.web.job.after import checklist
 from printctl.web.job.parts import (
+    Folds,
     button,
-    card,
     live,
     quiet_button,
     small,
@@ -26,9 +26,9 @@ from printctl.web.job.service import JobService
 from printctl.web.shell.uploading import upload
 
 
-async def add_after(service: JobService, who: Principal, job: str) -> None:
+async def add_after(service: JobService, who: Principal, job: str, folds: Folds) -> None:
     """Steps to tick, with what they need; notes and photos."""
-    with card("After the print"):
+    with folds.card("After the print"):
         problem = live().classes("job-problem")
 
         async def do(work: Callable[..., Any], *args: Any) -> Any:

@@ -10,19 +10,19 @@ from nicegui import ui
 
 from printctl.web.api.answers import API
 from printctl.web.job.camera.timelapse import Told
-from printctl.web.job.parts import card, live, size, small, tried
+from printctl.web.job.parts import Folds, live, size, small, tried
 from printctl.web.job.service import JobService
 
 _LOOK_AGAIN_S: Final = 1.0
 _LAPSE_AGAIN_S: Final = 3.0
 
 
-async def add_camera(service: JobService, job: str) -> None:
+async def add_camera(service: JobService, job: str, folds: Folds) -> None:
     """Shown where there is a camera, or a time-lapse from when there was one."""
     found, _ = await tried(_timelapse, service, job)
     if service.watching.camera is None and (found is None or not found.frames):
         return
-    with card("Camera"):
+    with folds.card("Camera"):
         if service.watching.camera is not None:
             _picture(service)
         _lapse(service, job, found)

@@ -9,15 +9,16 @@ from urllib.parse import quote
 
 from nicegui import events, run, ui
 
+from printctl.printing.print_words import span
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import card, live, size, small, span, tried, when
+from printctl.web.job.parts import Folds, live, size, small, tried, when
 from printctl.web.job.service import JobService
 from printctl.web.shell.uploading import upload
 
 
-async def add_jobs(service: JobService, chosen: str) -> None:
+async def add_jobs(service: JobService, chosen: str, folds: Folds) -> None:
     """A list, each a link to its own page, and a place to drop a file."""
-    with card("Jobs"):
+    with folds.card("Jobs"):
         said = live().classes("job-problem")
 
         async def take(event: events.UploadEventArguments) -> None:

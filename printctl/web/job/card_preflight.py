@@ -6,10 +6,11 @@ from typing import Any, Final
 
 from nicegui import ui
 
+from printctl.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.card_tip import add_tip
 from printctl.web.job.machine import Machine
-from printctl.web.job.parts import button, card, live, number, small, span, subheading, tried
+from printctl.web.job.parts import Folds, button, live, number, small, subheading, tried
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_up_form import Said, SetUpForm
@@ -18,10 +19,15 @@ _WORDS: Final = {"passed": "Passed", "failed": "Failed", "warning": "Warning"}
 
 
 def add_preflight(
-    service: JobService, who: Principal, job: str, first: JobSetUp, machine: Machine | None
+    service: JobService,
+    who: Principal,
+    job: str,
+    first: JobSetUp,
+    machine: Machine | None,
+    folds: Folds,
 ) -> Said:
     """The form of the set-up, a button, and a table of the checks; gives what the form says."""
-    with card("Set-up and preflight"):
+    with folds.card("Set-up and preflight"):
         if machine is None:
             small("No printer is connected; the job can be checked, but not started.")
         form = SetUpForm(service.shelf, first, service.declared(job))

@@ -1,4 +1,4 @@
-"""The card of the print: what it does, how far it is, and what may be done to it."""
+"""The card of the print: what an operator must see, and what may be done next."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Any
 
 from nicegui import run, ui
 
+from printctl.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.parts import button, card, live, quiet_button, small, tried
-from printctl.web.job.print_words import ENDED_STATES, lines, state_words, told_of
+from printctl.web.job.print_facts import FACTS, facts
+from printctl.web.job.print_unfinished import Unfinished
 from printctl.web.job.service import JobService
 from printctl.web.shell.dialogs import dialog_named
 
-_LINES = 5
-
 
 class PrintCard:
-    """State, bars and buttons of one job's print.
+    """State, facts and buttons of one job's print.
 
     Parameters
     ----------
@@ -28,19 +28,33 @@ class PrintCard:
 
     def __init__(self, service: JobService, who: Principal, job: str) -> None:
         self._service, self._who, self._job = service, who, job
-        with card("Print"):
+        with card("Print", "job-print"):
+            small(job.partition("~")[2]).classes("break-all")
             self._state = live().classes("text-xl font-semibold").mark("print state")
-            self._message = small()
-            self._bar = ui.linear_progress(0.0, show_value=False, size="18px").props(
-                'instant-feedback aria-label="Share of the print\'s time"'
+            self._bar = ui.linear_progress(0.0, show_value=False, size="12px").props(
+                'instant-feedback aria-label="Share of the print made"'
             )
-            self._lines = [ui.label().classes("tabular-nums") for _ in range(_LINES)]
+            self._message = small()
+            self._waits = live().classes("job-warn")
             self._cells = ui.label().props("role=status").classes("job-warn")
             self._problem = live().classes("job-problem")
             self._add_buttons()
+            self._unfinished = Unfinished(service, who, job, self._do)
             self._add_syringe()
+            self._add_facts()
         self._ask = _sure(lambda: self._do(service.hands.cancel, job))
         ui.timer(10.0, self._clock_of_cells)
+
+    def _add_facts(self) -> None:
+        """Time left, layer, ink, temperatures, tip and alarms, each where it is always found."""
+        self._facts: dict[str, ui.label] = {}
+        with ui.element("dl").classes("job-facts") as self._list:
+            for key, name in FACTS.items():
+                with ui.element("div").classes("job-fact"):
+                    with ui.element("dt").classes("job-quiet"):
+                        ui.label(name)
+                    with ui.element("dd"):
+                        self._facts[key] = ui.label().classes("tabular-nums").mark(f"fact {key}")
 
     def _add_buttons(self) -> None:
         hands, who, job = self._service.hands, self._who, self._job
@@ -48,16 +62,14 @@ class PrintCard:
         def pause(text: str, after: str, make: Callable[..., ui.button]) -> ui.button:
             return make(text, lambda: self._do(hands.pause, who, job, after))
 
-        with ui.row().classes("gap-2") as self._row:
-            self._pauses = [
-                pause("Pause now", "now", button),
-                pause("Pause after layer", "layer", quiet_button),
-            ]
-            self._vessel = pause("Pause after vessel", "vessel", quiet_button)
+        with ui.row().classes("gap-2 job-actions") as self._row:
+            self._pauses = [pause("Pause now", "now", button)]
             self._resume = button("Resume", lambda: self._do(hands.resume, who, job))
+            self._cancel = quiet_button("Cancel print", lambda: self._ask.open())
+            self._pauses.append(pause("Pause after layer", "layer", quiet_button))
+            self._vessel = pause("Pause after vessel", "vessel", quiet_button)
             self._reload = quiet_button("Change syringe", lambda: self._do(hands.reload, who, job))
             self._here = quiet_button("I am here", lambda: self._do(hands.alive, who, job))
-            self._cancel = quiet_button("Cancel print", lambda: self._ask.open())
 
     def _add_syringe(self) -> None:
         """What is asked after a change of syringe."""
@@ -77,37 +89,53 @@ class PrintCard:
                     lambda: self._do(hands.resume, who, job, unchanged=True),
                 )
 
-    def show(self, told: dict[str, Any] | None) -> None:
-        """Show what was heard of last; None where nothing was ever printed."""
-        self._bar.set_visibility(told is not None)
-        self._bar.set_value(round(float(told_of(told, "share") or 0.0), 3))
-        self._state.set_text(state_words(told))
-        self._message.set_text("" if told is None else str(told["message"]))
-        for label, text in zip(self._lines, lines(told), strict=True):
-            label.set_text(text)
-            label.set_visibility(bool(text))
+    def show(self, told: dict[str, Any] | None, station: dict[str, Any] | None = None) -> None:
+        """Show what was heard of last.
+
+        Parameters
+        ----------
+        told : dict or None
+            The print (`Heard.to_dict`); None where nothing was ever printed.
+        station : dict or None
+            The printer between prints, which tells temperatures.
+        """
+        for part in (self._bar, self._list, self._message):
+            part.set_visibility(told is not None)
+        self._state.set_text("Not printed yet" if told is None else told["words"]["state"])
+        self._waits.set_text(_waits(told))
+        self._waits.set_visibility(bool(_waits(told)))
+        if told is not None:
+            self._bar.set_value(round(float(told["share"]), 3))
+            self._message.set_text(_sentence(str(told["message"])))
+            for key, text in facts(told, station).items():
+                self._facts[key].set_text(text)
         self._offer(told)
+        self._unfinished.show(told)
 
     def _offer(self, told: dict[str, Any] | None) -> None:
         """Show the buttons of what can be done now."""
-        now = "" if told is None else str(told["state"])
-        wants = str(told["waits_for"]) if told else ""
-        held, changing = now == "paused", now == "paused" and wants.startswith("syringe")
-        goes_on = bool(now) and now not in ENDED_STATES
-        self._row.set_visibility(goes_on)
+        for part in (self._row, self._syringe):
+            part.set_visibility(False)
+        if told is None or told["ended"]:
+            return
+        can = {one["action"]: one for one in told["actions"]}
+        now, resume = str(told["state"]), can["resume"]
+        changing = resume["possible"] and resume["needs"] == "syringe"
+        self._row.set_visibility(True)
         for one in self._pauses:
-            one.set_visibility(now in ("printing", "connecting", "checking"))
-        self._vessel.set_visibility(now == "printing" and bool(told_of(told, "vessels")))
-        self._resume.set_visibility((held and not changing) or (now == "printing" and bool(wants)))
-        self._resume.set_text("Resume" if held else "Don't pause after all")
+            one.set_visibility(can["pause"]["possible"])
+        self._vessel.set_visibility(now == "printing" and bool(told["words"]["vessel"]))
+        self._resume.set_visibility(resume["possible"] and not changing)
+        self._resume.set_text("Resume" if now == "paused" else "Don't pause after all")
         self._syringe.set_visibility(changing)
         self._reload.set_visibility(now in ("printing", "paused") and not changing)
-        self._here.set_visibility(told is not None and told["deadman_left_s"] is not None)
-        self._cancel.set_visibility(goes_on and now != "stopping")
+        self._here.set_visibility(told["deadman_left_s"] is not None)
+        self._cancel.set_visibility(can["stop"]["possible"])
 
-    async def _do(self, work: Callable[..., Any], *args: Any, **values: Any) -> None:
-        _, said = await tried(work, *args, **values)
+    async def _do(self, work: Callable[..., Any], *args: Any, **values: Any) -> Any:
+        found, said = await tried(work, *args, **values)
         self._problem.set_text(said)
+        return found
 
     async def _clock_of_cells(self) -> None:
         found, _ = await tried(self._service.viability, self._job)
@@ -122,6 +150,21 @@ async def heard(service: JobService, job: str) -> dict[str, Any] | None:
     """The job's print as it was heard of last."""
     found = await run.io_bound(service.heard, job)
     return None if found is None else found.to_dict()
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _waits(told: dict[str, Any] | None) -> str:
+    """What a print waits for, and within what time somebody must confirm."""
+    if told is None:
+        return ""
+    wants = f"Waits for: {told['waits_for']}." if told["waits_for"] else ""
+    left = told["deadman_left_s"]
+    if left is not None:
+        wants = f"{wants} Somebody must confirm within {span(left)}."
+    return wants.strip()
 
 
 def _sure(work: Callable[[], Any]) -> ui.dialog:

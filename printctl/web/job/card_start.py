@@ -10,7 +10,7 @@ from nicegui import ui
 
 from printctl.web.controls import Principal
 from printctl.web.job.after import checklist
-from printctl.web.job.parts import button, card, live, quiet_button, small, subheading, tried, when
+from printctl.web.job.parts import Folds, button, live, quiet_button, small, subheading, tried, when
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up_form import Said
@@ -32,10 +32,15 @@ _NUMBERS: Final = (
 
 
 def add_start(
-    service: JobService, who: Principal, job: str, record: PrintRecord, said: Said
+    service: JobService,
+    who: Principal,
+    job: str,
+    record: PrintRecord,
+    said: Said,
+    folds: Folds,
 ) -> Callable[[bool], None]:
     """The form, the points and the button; told whether a print goes on."""
-    with card("Before the start"):
+    with folds.card("Before the start"):
         saved = live().classes("text-sm job-quiet")
 
         async def save(**values: Any) -> None:

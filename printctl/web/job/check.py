@@ -1,7 +1,7 @@
 """Looks at a job for the server, in a process of its own: ``python -m printctl.web.job.check``.
 
 A line of JSON comes in (`Question`), one goes out: what `looked_at` gives, or ``{"error": ...}``.
-The job's table (`printctl.web.job.table`) is written beside the answer's file.
+The job's table (`printctl.printing.job_table`) is written beside the answer's file.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from printctl.preflight import (
     volumes,
 )
 from printctl.printing import with_reloads_of
+from printctl.printing.job_table import JobTable
 from printctl.web.job.question import Question
-from printctl.web.job.table import JobTable
 from printctl.web.job.tabulating import make_table
 from printctl.web.polite import step_back
 from registration.report.gcode import GcodeJob

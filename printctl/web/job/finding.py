@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from printctl.link.errors import NoLink
+from printctl.link.errors import LinkError, NoLink
 from printctl.link.reach import alive
-from printctl.link.record import RECORD, load_record
+from printctl.link.record import JOURNAL, RECORD, load_record
+from printctl.station.record import RECORD as STATION_RECORD
 from printctl.web.workspace import Workspace
 
 LOOK_AGAIN_S: Final = 1.0
@@ -32,10 +34,18 @@ class Finder:
     workspace : Workspace
     found : function
         Given job and folder of a print that goes on, each time that it is seen.
+    ended : function
+        Given job and folder of the newest print where none goes on, each time that it has changed.
     """
 
-    def __init__(self, workspace: Workspace, found: Callable[[str, Path], None]) -> None:
-        self._workspace, self._found = workspace, found
+    def __init__(
+        self,
+        workspace: Workspace,
+        found: Callable[[str, Path], None],
+        ended: Callable[[str, Path], None],
+    ) -> None:
+        self._workspace, self._found, self._ended_print = workspace, found, ended
+        self._newest: tuple[object, ...] = ()
         self._dead: dict[Path, int] = {}
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look, name="prints", daemon=True)
@@ -51,9 +61,22 @@ class Finder:
 
     def look(self) -> None:
         """Look once."""
-        for job, folder in prints_of(self._workspace):
-            if self._goes_on(folder):
-                self._found(job, folder)
+        prints = list(prints_of(self._workspace))
+        live = [(job, folder) for job, folder in prints if self._goes_on(folder)]
+        for job, folder in live:
+            self._found(job, folder)
+        if prints and not live:
+            self._look_at_newest(max(prints, key=lambda one: _changed(one[1] / RECORD)))
+
+    def _look_at_newest(self, newest: tuple[str, Path]) -> None:
+        """Hand on the newest print where anything has changed that its truth rests on."""
+        job, folder = newest
+        station = self._workspace.station / STATION_RECORD
+        now = (folder, *map(_changed, (folder / RECORD, folder / JOURNAL, station)))
+        if now != self._newest:
+            self._newest = now
+            with contextlib.suppress(LinkError, OSError):  # it begins, or goes away, meanwhile
+                self._ended_print(job, folder)
 
     def _goes_on(self, folder: Path) -> bool:
         """Whether a link process lives there; one known to be dead isn't asked for its lock again.
@@ -77,3 +100,11 @@ class Finder:
         while not self._ended.is_set():
             self.look()
             self._ended.wait(LOOK_AGAIN_S)
+
+
+def _changed(path: Path) -> int:
+    """When a file was changed last, ns; 0 for one that isn't there."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0

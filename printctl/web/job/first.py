@@ -17,13 +17,13 @@ _LARGEST_BYTES: Final = 100_000_000
 
 
 def first_job(service: JobService, asked: str = "") -> str:
-    """The job that is asked for, else that of the print that goes on, else the newest."""
+    """The job that is asked for, else of the print that goes on or broke off, else the newest."""
     if asked:
         try:
             return service.job(asked).id
         except WebError:
             pass
-    current = service.current()
+    current = service.current() or service.unfinished()
     if current is not None:
         return current.job
     return next((one.id for one in service.jobs()), "")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -12,16 +10,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_profiles import Syringe, load
-from printctl.link.care import Care
 from printctl.link.client import PrintClient, attach
 from printctl.link.errors import LinkError
 from printctl.link.record import JOURNAL
-from printctl.link.states import LinkState, Status
-from printctl.web.job.journalled import Journalled, journalled
-from printctl.web.job.progress import Filling, Progress, predicted_s, progress
-from printctl.web.job.remaining import Remaining
-from printctl.web.job.table import JobTable
+from printctl.link.states import Status
+from printctl.printing.job_table import JobTable
+from printctl.printing.journalled import Journalled, journalled
+from printctl.printing.print_state import (
+    PrintTruth,
+    filling_of,
+    keep_table,
+    remaining_of,
+    truth_of,
+)
+from printctl.printing.progress import Filling, Progress
+from printctl.printing.remaining import Remaining
 
 log = logging.getLogger(__name__)
 APART_S: Final = 0.25
@@ -31,33 +34,40 @@ Tell = Callable[["Heard"], None]
 
 @dataclass(frozen=True)
 class Heard:
-    """A print as it was heard of last.
+    """A job's print as it was heard of last.
 
     Attributes
     ----------
     job : str
-    folder : Path
-    status : Status
-    journal : Journalled
-    progress : Progress or None
-        None while the job's table isn't there.
+    truth : PrintTruth
     """
 
     job: str
-    folder: Path
-    status: Status
-    journal: Journalled
-    progress: Progress | None = None
+    truth: PrintTruth
+
+    @property
+    def folder(self) -> Path:
+        """Where the print's journal is."""
+        return self.truth.folder
+
+    @property
+    def status(self) -> Status:
+        """State, lines, message."""
+        return self.truth.status
+
+    @property
+    def journal(self) -> Journalled:
+        """What the journal tells."""
+        return self.truth.journal
+
+    @property
+    def progress(self) -> Progress | None:
+        """How far it is; None while the job's table isn't there."""
+        return self.truth.progress
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object; what `printctl.web.events` is told."""
-        return {
-            "job": self.job,
-            "folder": str(self.folder),
-            **self.status.to_dict(),
-            "started": self.journal.started,
-            "progress": None if self.progress is None else self.progress.to_dict(),
-        }
+        return {"job": self.job, **self.truth.to_dict()}
 
 
 class PrintFollower:
@@ -136,62 +146,41 @@ class PrintFollower:
             return
         if table is None:
             return
+        journal = journalled(self.folder / JOURNAL)
+        keep_table(self.folder, journal.sha256, table)
         with self._lock:
-            self._remaining = Remaining(float(table.time_s[-1]))
+            self._remaining = remaining_of(table, journal)
             self._table = table
             if self._last is not None:
-                self._refill(self._last)
+                self._filling = filling_of(self.folder, journal)
                 self._publish(self._last)
 
     def _hear(self, status: Status) -> None:
         with self._lock:
             before, self._last = self._last, status
             new = before is None or _words(before) != _words(status)
-            if before is None or before.state is not status.state:
+            if before is None or _written_down(before) != _written_down(status):
                 self._journal = journalled(self.folder / JOURNAL)
-                self._refill(status)
+                self._filling = filling_of(self.folder, self._journal)
             if new or time.monotonic() - self._told >= APART_S:
                 self._publish(status)
 
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
-        now = time.time()
-        heard = Heard(self.job, self.folder, status, self._journal, self._progress(status, now))
+        found = self._table, self._remaining, self._filling
+        heard = Heard(self.job, truth_of(self.folder, status, self._journal, *found))
         try:
             self._tell(heard)
         except Exception:  # a full disk: the print is followed all the same
             log.exception("what the print of %s does can't be told", self.job)
         self.heard = heard
 
-    def _progress(self, status: Status, now: float) -> Progress | None:
-        table, remaining = self._table, self._remaining
-        if table is None or remaining is None or len(table) != status.lines_total:
-            return None
-        executed = executed_of(status)
-        active = self._journal.active_until(now)
-        at = predicted_s(table, executed)
-        if status.state is LinkState.PRINTING:
-            remaining.saw(at, active)
-        return progress(table, executed, active, now, remaining.estimate(at), self._filling)
-
-    def _refill(self, status: Status) -> None:
-        """Which syringe is in use; nobody knows it of several heads."""
-        if self._client is None or self._table is None:
-            return
-        care = Care.from_dict(self._client.record.care)
-        if care.head_capacity_mm or not care.syringe or not care.capacity_mm:
-            return
-        with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't told
-            bore = load(Syringe, care.syringe).inner_mm
-            at, used = self._journal.filled or (0, 0.0)
-            self._filling = Filling(at, care.capacity_mm - used, math.pi / 4 * bore**2)
-
-
-def executed_of(status: Status) -> int:
-    """Commands whose motion has been made."""
-    return status.lines_executed
-
 
 def _words(status: Status) -> tuple[object, ...]:
     """What a person must be told at once."""
     return status.state, status.message, status.waits_for, status.alarms, status.position_known
+
+
+def _written_down(status: Status) -> tuple[object, ...]:
+    """What changes with a record of the journal that is told of here."""
+    return status.state, status.alarms

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from printctl.cli.resume import changed_head, new_syringe
-from printctl.link.care import Care
 from printctl.link.client import PrintClient, attach
 from printctl.link.marks import MarkKind
+from printctl.link.recovering import Recovery
 from printctl.link.states import LinkState, Status
+from printctl.printing.continuing import continue_print, new_syringe_of, restart
+from printctl.printing.giving_up import give_up
+from printctl.printing.recovery import planned, write_rest
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
+from printctl.web.workspace import checked_name
 
 After = Literal["now", "layer", "vessel"]
 _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
@@ -21,7 +24,7 @@ _GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
 
 
 class PrintHands:
-    """Pause, resume, change of syringe, confirm alive, cancel.
+    """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up.
 
     Parameters
     ----------
@@ -69,17 +72,60 @@ class PrintHands:
         told = plunger_mm is not None or bool(syringe)
         if unchanged and told:
             raise ConflictError("the syringe is either unchanged or a new one; say one of both")
-        with self._print(job) as client:
+        folder = self._core.workspace.print_folder(job)
+        with attach(folder) as client:
             status = client.status
             if status.state in _GOING and not status.waits_for:
                 return status
-            change = None
-            if told:
-                care, head = Care.from_dict(client.record.care), changed_head(status)
-                profile = client.record.profile
-                change = new_syringe(care, profile, syringe or None, plunger_mm or 0.0, head)
-            client.resume(change, unchanged)
+            if not status.ended:
+                change = new_syringe_of(client, syringe or None, plunger_mm) if told else None
+                client.resume(change, unchanged)
+                return client.status
+        return continue_print(
+            folder, syringe=syringe or None, plunger_mm=plunger_mm, unchanged=unchanged
+        )
+
+    def go_on(self, who: Principal, job: str) -> Status:
+        """Go on with a print that was broken off: the printer is asked for its last line first.
+
+        A print that was broken off while it was paused is paused again. Asking twice does no harm.
+
+        Raises
+        ------
+        NotInControlError, LinkError
+        """
+        self._core.controls.require(who)
+        folder = self._core.workspace.print_folder(job)
+        with attach(folder) as client:
+            if not client.status.ended:
+                return client.status
+        with restart(folder) as client:
             return client.status
+
+    def recovery(self, job: str, from_line: int | None = None) -> Recovery:
+        """Plan the rest of a print that can't be gone on with; nothing is written or sent."""
+        return planned(self._core.workspace.print_folder(job), from_line)
+
+    def recover(self, who: Principal, job: str, from_line: int | None = None) -> dict[str, Any]:
+        """Write the rest of a print as a job of the workspace; give its name and what to do first.
+
+        Nothing is sent to the printer.
+        """
+        self._core.controls.require(who)
+        workspace = self._core.workspace
+        name = f"{job.partition('~')[2].removesuffix('.gcode')}.rest.gcode"
+        file = workspace.root / "jobs" / checked_name(name)
+        written = write_rest(workspace.print_folder(job), self.recovery(job, from_line), file)
+        return {"job": f"file~{name}", "steps": written["steps"]}
+
+    def give_up(self, who: Principal, job: str) -> Status:
+        """Write down that a print which was broken off isn't gone on with."""
+        self._core.controls.require(who)
+        folder = self._core.workspace.print_folder(job)
+        with attach(folder) as client:
+            if client.status.state is LinkState.GIVEN_UP:
+                return client.status
+        return give_up(folder, who.name or who.id)
 
     def reload(self, who: Principal, job: str, head: int | None = None) -> Status:
         """Make room to change the syringe: at the next reload point, or here when it is paused."""

@@ -132,6 +132,29 @@ class ResumeGiven(Given):
     unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
 
 
+class RecoverGiven(Given):
+    """Where the rest of a print begins."""
+
+    from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
+        default=None, description="Line of the job's file; the last checkpoint if left out."
+    )
+
+
+class RecoveryTold(Told):
+    """How to go on after the position was lost."""
+
+    lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
+    steps: list[str] = Field(description="What a person does first, in order.")
+    start_mm: tuple[float, float, float] | None
+
+
+class RestTold(Told):
+    """The rest of a print, as a job of its own."""
+
+    job: str
+    steps: list[str]
+
+
 class ReloadGiven(Given):
     """Of several heads, whose syringe."""
 
@@ -153,12 +176,25 @@ class StatusTold(Told):
     deadman_left_s: float | None
 
 
+class ActionTold(Told):
+    """What may be done to a print now."""
+
+    action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
+    possible: bool
+    reason: str = Field(description="Why not; empty where it is possible.")
+    needs: Literal["", "syringe", "from_line"] = Field(description="What must be given with it.")
+
+
 class PrintTold(StatusTold):
     """A print, and how far it has come."""
 
     job: str
     folder: str
     started: float = Field(description="s since 1970.")
+    share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
+    words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
+    time_left_s: float | None = Field(description="null for a print that is over.")
+    actions: list[ActionTold] = Field(description="Each action, and whether it is possible now.")
     progress: dict[str, Any] | None = Field(
         description="By time, layer, vessel and ink; null until the job's table is made."
     )

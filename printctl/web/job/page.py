@@ -16,8 +16,8 @@ from printctl.web.job.card_preflight import add_preflight
 from printctl.web.job.card_print import PrintCard, heard
 from printctl.web.job.card_start import add_start
 from printctl.web.job.first import first_job, make_scene
-from printctl.web.job.parts import card, small, tried
-from printctl.web.job.print_words import ENDED_STATES
+from printctl.web.job.parts import Folds, card, small, tried
+from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.live.element import LiveView, live_view, preload
 from printctl.web.shell.frame import frame
@@ -43,11 +43,13 @@ def register(service: JobService) -> None:
             ui.add_css(style)
             if chosen:
                 ui.add_head_html(preload(chosen))
-            with ui.element("div").classes("job-cards"):
-                with ui.element("div").classes("job-column"):
-                    await add_jobs(service, chosen)
+            folds = Folds()
+            with ui.element("div").classes("job-cards") as cards:
+                with ui.element("div").classes("job-column job-at-jobs"):
+                    await add_jobs(service, chosen, folds)
                 if chosen:
-                    await _cards(service, chosen)
+                    cards.classes("job-chosen")
+                    await _cards(service, chosen, folds, cards)
 
 
 def _live_view(service: JobService, job: str) -> LiveView:
@@ -71,7 +73,7 @@ def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
     return tell
 
 
-async def _cards(service: JobService, job: str) -> None:
+async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element) -> None:
     who = this_browser()
     first, problem = await tried(service.set_up, job)
     if first is None:
@@ -79,20 +81,27 @@ async def _cards(service: JobService, job: str) -> None:
             small(problem)
         return
     machine, _ = await tried(service.machine)
-    record, _ = await tried(service.record, job)
-    with ui.element("div").classes("job-column"):
-        ui.label(job.partition("~")[2]).classes("text-lg font-semibold break-all")
+    record, unwritten = await tried(service.record, job)
+    with ui.element("div").classes("job-column job-at-print"):
         show_print = PrintCard(service, who, job).show
+    with ui.element("div").classes("job-column job-at-view"):
         tell_view = _teller(_live_view(service, job))
-        await add_camera(service, job)
-        said = add_preflight(service, who, job, first, machine)
-    with ui.element("div").classes("job-column"):
-        show_start = add_start(service, who, job, record, said)
-        await add_after(service, who, job)
+        await add_camera(service, job, folds)
+    with ui.element("div").classes("job-column job-at-setup"):
+        said = add_preflight(service, who, job, first, machine, folds)
+    with ui.element("div").classes("job-column job-at-side"):
+        if unwritten:
+            small(unwritten).classes("job-problem")
+        show_start = add_start(service, who, job, record or PrintRecord(), said, folds)
+        await add_after(service, who, job, folds)
 
     def show(told: dict[str, Any] | None) -> None:
-        show_print(told)
-        show_start(told is not None and told["state"] not in ENDED_STATES)
+        going_on = told is not None and not told["ended"]
+        first = going_on or _broke_off(told)
+        cards.classes(**{"add" if first else "remove": "job-running"})
+        folds.set(first)
+        show_print(told, service.core.events.latest.get("station"))
+        show_start(going_on)
 
     def refresh() -> None:
         told = service.core.events.latest.get("print")
@@ -105,3 +114,9 @@ async def _cards(service: JobService, job: str) -> None:
     if first_told is not None:
         tell_view(first_told)
     ui.timer(REFRESH_S, refresh)
+
+
+def _broke_off(told: dict[str, Any] | None) -> bool:
+    """Whether somebody must say what next."""
+    actions = () if told is None else told["actions"]
+    return any(one["action"] == "give_up" and one["possible"] for one in actions)

@@ -15,11 +15,40 @@ from printctl.cli.failures import message_and_code
 
 
 @contextmanager
-def card(title: str) -> Iterator[None]:
+def card(title: str, classes: str = "gap-3") -> Iterator[None]:
     """A card with a title, a region of its own for those who hear the page."""
-    with ui.card().classes("w-full p-4 gap-3").props(f'role=region aria-label="{escape(title)}"'):
+    made = ui.card().classes(f"w-full p-4 {classes}")
+    with made.props(f'role=region aria-label="{escape(title)}"'):
         ui.html(escape(title), tag="h2", sanitize=False)
         yield
+
+
+class Folds:
+    """Cards that fold away while a print goes on, so that its facts stand on the first screen."""
+
+    def __init__(self) -> None:
+        self._all: list[ui.element] = []
+        self._folded = False
+
+    @contextmanager
+    def card(self, title: str) -> Iterator[None]:
+        """A card whose title opens and closes it."""
+        region = ui.card().classes("w-full p-4 job-fold")
+        region.props(f'role=region aria-label="{escape(title)}"')
+        with region, ui.element("details").props("open") as details:
+            self._all.append(details)
+            with ui.element("summary"):
+                ui.html(escape(title), tag="h2", sanitize=False)
+            with ui.element("div").classes("job-folded"):
+                yield
+
+    def set(self, folded: bool) -> None:
+        """Close or open all of them when a print begins or ends; a user may do so in between."""
+        if folded is self._folded:
+            return
+        self._folded = folded
+        for one in self._all:
+            one.props(remove="open") if folded else one.props("open")
 
 
 def subheading(title: str) -> None:
@@ -57,22 +86,6 @@ async def tried(work: Callable[..., Any], *args: Any, **values: Any) -> tuple[An
         if known is None and not isinstance(exc, ProfileError):
             raise
         return None, known[0] if known else str(exc)
-
-
-def span(seconds: float | None) -> str:
-    """A time as it is shown: ``1 h 04 min``, ``3 min 20 s``."""
-    if seconds is None:
-        return "–"
-    whole = round(max(seconds, 0.0))
-    hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
-
-
-def clock(at: float) -> str:
-    """A wall-clock time as it is shown, of the server's place."""
-    return time.strftime("%H:%M", time.localtime(at))
 
 
 def when(at: float) -> str:

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.errors import SafetyError
+from printctl.printing.job_table import JobTable
 from printctl.set_up import Check
 from printctl.web.errors import BadRequestError
 from printctl.web.hashes import file_hash
 from printctl.web.job.question import Question
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.job.table import JobTable
 from printctl.web.worker import worked
 
-_VERSION: Final = 1
+_VERSION: Final = 2
 _LONGEST_S: Final = 900.0
 
 

@@ -5,24 +5,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from printctl.link.errors import LinkError, NoLink
-from printctl.link.reach import alive, what_is_known
+from printctl.link.reach import alive
 from printctl.link.record import JOURNAL, load_record
+from printctl.printing.job_table import JobTable
+from printctl.printing.journalled import journalled
+from printctl.printing.print_actions import PrintAction
+from printctl.printing.print_state import keep_table, kept_table, read_print
 from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import Heard, PrintFollower
-from printctl.web.job.journalled import journalled
 from printctl.web.job.preflight import Preflights, load_table
-from printctl.web.job.progress import predicted_s, progress
 from printctl.web.job.record import Records
-from printctl.web.job.remaining import Remaining
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_ups import SetUps
-from printctl.web.job.table import JobTable
 from printctl.web.workspace import Workspace
 
 _FIRST_WORD_S: Final = 10.0
@@ -54,8 +53,9 @@ class Prints:
         self._workspace, self._preflights, self._set_ups = workspace, preflights, set_ups
         self._records, self._tell = records, tell
         self._followers: dict[str, PrintFollower] = {}
-        self._lock = threading.Lock()
-        self._finder = Finder(workspace, self.follow)
+        self._lock, self._noting = threading.Lock(), threading.Lock()
+        self._finder = Finder(workspace, self.follow, self._review)
+        self._reviewed: Heard | None = None
 
     def begin(self) -> None:
         """Look for prints that go on."""
@@ -82,7 +82,7 @@ class Prints:
         folder = self._workspace.print_folder(job)
         with self._lock:
             follower = self._followers.get(job)
-        if follower is not None and follower.heard is not None:
+        if follower is not None and follower.heard is not None and not follower.over:
             return follower.heard
         try:
             going_on = not load_record(folder).status and alive(folder)
@@ -116,22 +116,43 @@ class Prints:
         live = [one for one in heard if not one.status.ended]
         return max(live, key=lambda one: one.journal.started, default=None)
 
+    def unfinished(self) -> Heard | None:
+        """The newest print of the workspace, if it was broken off and nobody has said what next."""
+        with self._lock:
+            known = [one.heard for one in self._followers.values()]
+        if self.current() is not None:
+            return None
+        heard = [one for one in (*known, self._reviewed) if one is not None]
+        newest = max(heard, key=lambda one: one.journal.started, default=None)
+        found = None if newest is None else self.heard(newest.job)
+        return found if found is not None and _open(found) else None
+
+    def _review(self, job: str, folder: Path) -> None:
+        """Look again at the newest print, which nobody follows, and tell what has changed of it."""
+        before = self._reviewed
+        heard = Heard(job, read_print(folder))
+        if before is not None and before == heard:
+            return
+        self._reviewed = heard
+        if _open(heard) or job in self._followers or (before is not None and before.job == job):
+            self._tell(heard)
+
     def _ended(self, job: str, folder: Path) -> Heard:
         """A print that is over, from what it left; it is told to nobody."""
-        status, journal = what_is_known(folder), journalled(folder / JOURNAL)
-        heard = Heard(job, folder, status, journal)
+        self._keep_known_table(job, folder)
+        heard = Heard(job, read_print(folder))
         self._note_end(heard)
+        return heard
+
+    def _keep_known_table(self, job: str, folder: Path) -> None:
+        """Leave the table that a check made beside the journal, if it is of what was printed."""
+        sha256 = journalled(folder / JOURNAL).sha256
         file, said = self._workspace.job_file(job), self._set_ups.printed(folder)
-        if said is None or journal.sha256 != file_hash(file):
-            return heard
+        if said is None or sha256 != file_hash(file) or kept_table(folder, sha256) is not None:
+            return
         known = self._preflights.known(file, said)
-        if known is None:
-            return heard
-        table = load_table(known.table)
-        at = predicted_s(table, status.lines_executed)
-        left = Remaining(float(table.time_s[-1])).estimate(at)
-        done = progress(table, status.lines_executed, journal.active_s, time.time(), left)
-        return replace(heard, progress=done)
+        if known is not None:
+            keep_table(folder, sha256, load_table(known.table))
 
     def _hear(self, heard: Heard) -> None:
         if heard.status.ended:
@@ -139,11 +160,13 @@ class Prints:
         self._tell(heard)
 
     def _note_end(self, heard: Heard) -> None:
-        for record in self._records.of_job(heard.job)[-1:]:
-            found = self._records.load(record)
-            if found.get("started") and "ended" not in found:
-                state = heard.status.state.value
-                self._records.mark(record, "printctl", ended=time.time(), state=state)
+        state = heard.status.state.value
+        with self._noting:  # whoever comes second finds it all written
+            for record in self._records.of_job(heard.job)[-1:]:
+                found = self._records.load(record)
+                if found.get("started") and found.get("state") != state:
+                    ended = found.get("ended", time.time())
+                    self._records.mark(record, "printctl", ended=ended, state=state)
 
     def _table(self, job: str, folder: Path) -> JobTable | None:
         """The table of the file that is printed; None when that file has changed since."""
@@ -162,3 +185,8 @@ class Prints:
         syringe = str(link.care.get("syringe", ""))
         values = self._set_ups.of(job).model_dump() | {"printer": link.profile}
         return JobSetUp.model_validate(values | ({"syringe": syringe} if syringe else {}))
+
+
+def _open(heard: Heard) -> bool:
+    """Whether a print was broken off, and neither gone on with nor given up."""
+    return heard.status.ended and heard.truth.may(PrintAction.GIVE_UP).possible

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, File, Path, Request, UploadFile
+from fastapi import APIRouter, Depends, File, Path, Query, Request, UploadFile
 from fastapi.responses import FileResponse
 
 from printctl.link.states import Status
@@ -23,6 +23,7 @@ from printctl.web.job.service import JobService
 from printctl.web.live.routes import router as live_router
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
+FromLine = Annotated[int | None, Query(ge=1, le=2**31, description="Of the job's file.")]
 REFUSED: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such job or print."},
     409: {"description": "Not as things stand; the message says why."},
@@ -46,6 +47,7 @@ def router(service: JobService) -> APIRouter:
     routes = APIRouter(prefix=API, responses=REFUSED)
     _jobs(routes, service)
     _prints(routes, service)
+    _broken_off(routes, service)
     _after(routes, service)
     add_routes(routes, service.watching, service.heard)
     whole = APIRouter()
@@ -139,6 +141,30 @@ def _prints(routes: APIRouter, service: JobService) -> None:
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
     def cancel(job: Job) -> m.StatusTold:
         return status_told(service.hands.cancel(job))
+
+
+def _broken_off(routes: APIRouter, service: JobService) -> None:
+    """After the print's process, its port or the power was lost."""
+    tags: Final = ["prints"]
+
+    @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
+    def go_on(job: Job, who: Who) -> m.StatusTold:
+        return status_told(service.hands.go_on(who, job))
+
+    @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
+    def recovery(job: Job, from_line: FromLine = None) -> m.RecoveryTold:
+        plan = service.hands.recovery(job, from_line)
+        return m.RecoveryTold(
+            lines_left_out=plan.begin, steps=list(plan.steps), start_mm=plan.start
+        )
+
+    @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
+    def recover(job: Job, given: m.RecoverGiven, who: Who) -> m.RestTold:
+        return m.RestTold.model_validate(service.hands.recover(who, job, given.from_line))
+
+    @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
+    def give_up(job: Job, who: Who) -> m.StatusTold:
+        return status_told(service.hands.give_up(who, job))
 
 
 def _after(routes: APIRouter, service: JobService) -> None:

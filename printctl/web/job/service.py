@@ -227,6 +227,10 @@ class JobService:
         """The print that goes on; of several the one begun last."""
         return self._prints.current()
 
+    def unfinished(self) -> Heard | None:
+        """The newest print, if it was broken off and nobody has said what next."""
+        return self._prints.unfinished()
+
     def viability(self, job: str) -> Viability:
         """The clock of the cells."""
         said = self._set_ups.of(job)

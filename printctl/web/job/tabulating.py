@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.link.job import Job
-from printctl.web.job.table import NONE, FloatArray, IntArray, JobTable
+from printctl.printing.job_table import NONE, FloatArray, IntArray, JobTable
 from registration.report.gcode import Act, GcodeJob
 from sim.dryrun import DryRun
 
@@ -41,6 +41,7 @@ def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | No
         vessel=vessel,
         layers_done=_done(line, view, None if view is None else view.layer),
         vessels_done=_done(line, view, None if view is None else view.vessel),
+        tip_mm=_tip(run, line, last),
         layer_count=layers,
         vessel_count=vessels,
         passes=view is not None and view.layers.passes,
@@ -73,11 +74,21 @@ def _ink(run: DryRun, volume_ul: FloatArray, last: int) -> FloatArray:
 
 def _plunger(run: DryRun, line: IntArray, last: int) -> FloatArray:
     """Where the plunger stands after each line, mm; lines that aren't its keep it."""
-    at = np.zeros(last + 1, np.int64)
-    rows = np.arange(1, len(run.program.line) + 1)
-    np.maximum.at(at, run.program.line, rows)
     plunger = np.concatenate([[0.0], run.program.plunger])
-    return np.asarray(plunger[np.maximum.accumulate(at)][line])
+    return np.asarray(plunger[_rows(run, last)][line])
+
+
+def _tip(run: DryRun, line: IntArray, last: int) -> FloatArray:
+    """Where the tip stands after each line, mm."""
+    tips = np.concatenate([run.program.start[None, :3], run.program.target[:, :3]])
+    return np.asarray(tips[_rows(run, last)][line])
+
+
+def _rows(run: DryRun, last: int) -> IntArray:
+    """Rows of the program up to each line of the file, that line included."""
+    at = np.zeros(last + 1, np.int64)
+    np.maximum.at(at, run.program.line, np.arange(1, len(run.program.line) + 1))
+    return np.maximum.accumulate(at)
 
 
 def _none(line: IntArray) -> tuple[IntArray, int]:

@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from design.files import write_text
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
+from printctl.web.scan.growth import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.readers import ScanOverrides
@@ -127,6 +128,7 @@ class ScanStore:
         self._refuse(name)
         if arrived.stat().st_size == 0:
             raise BadRequestError(f"{name} is empty; export the scan again")
+        refuse_growth(arrived, self._most_bytes)
         if not is_stack(arrived):
             arrived.replace(self.folder / name)
             return f"file~{name}"

@@ -14,7 +14,10 @@ from typing import Final
 import numpy as np
 import tifffile
 
+from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError
+from printctl.web.scan.growth import scan_limits
+from printctl.web.security.archives import check_growth
 
 MOST_FILES: Final = 20_000
 MOST_DEPTH: Final = 6
@@ -62,6 +65,8 @@ def unpack_stack(path: Path, folder: Path, most_bytes: int) -> Path:
         with zipfile.ZipFile(path) as archive:
             _unpack(archive, folder, most_bytes)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as exc:
+        if is_known(exc):
+            raise
         raise BadRequestError(f"the archive can't be unpacked: {exc}") from exc
     top = folder
     while len(inside := sorted(top.iterdir())) == 1 and inside[0].is_dir():
@@ -80,6 +85,8 @@ def _unpack(archive: zipfile.ZipFile, folder: Path, most_bytes: int) -> None:
         raise BadRequestError(
             f"the archive unpacks to {total / 1e6:.0f} MB; at most {most_bytes / 1e6:.0f} MB"
         )
+    limits = scan_limits(most_bytes)
+    check_growth(total, sum(one.compress_size for one in members), limits)
     left = most_bytes
     for member in members:
         left = _write(archive, member, folder / _place(member), left)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from printctl.system_errors import is_known
 from printctl.web.errors import BadRequestError, ConflictError
 
 _PIECE: Final = 1 << 20
-_RATIO_FROM: Final = 10_000_000
 _LONGEST_NAME: Final = 200
 _FORBIDDEN: Final = frozenset('\\:*?"<>|')
 
@@ -34,12 +34,15 @@ class ArchiveLimits:
     bytes : int
         Of all files together.
     ratio : float
-        Bytes out for a byte in, counted from 10 MB on.
+        Bytes out for a byte in.
+    ratio_from : int
+        Bytes out from which the ratio counts.
     """
 
     files: int = 10_000
     bytes: int = 8_000_000_000
     ratio: float = 200.0
+    ratio_from: int = 10_000_000
 
 
 def extract_archive(archive: Path, folder: Path, limits: ArchiveLimits | None = None) -> list[Path]:
@@ -67,6 +70,8 @@ def extract_archive(archive: Path, folder: Path, limits: ArchiveLimits | None = 
             names = _extract(opened, part, limits, archive.stat().st_size)
         part.rename(folder)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, OSError) as exc:
+        if is_known(exc):
+            raise
         raise BadRequestError(f"{archive.name} can't be unpacked: {exc}") from exc
     finally:
         shutil.rmtree(part, ignore_errors=True)
@@ -90,7 +95,7 @@ def _extract(
         with opened.open(entry) as source, (folder / name).open("xb") as file:
             while piece := source.read(_PIECE):
                 total += len(piece)
-                _check_size(total, packed, limits)
+                check_growth(total, packed, limits)
                 file.write(piece)
         names.append(name)
     return names
@@ -119,10 +124,19 @@ def inside(entry: zipfile.ZipInfo) -> PurePosixPath:
     return path
 
 
-def _check_size(total: int, packed: int, limits: ArchiveLimits) -> None:
+def check_growth(total: int, packed: int, limits: ArchiveLimits) -> None:
+    """Refuse an archive that has given ``total`` bytes out of ``packed``, if that is too much.
+
+    Raises
+    ------
+    BadRequestError
+    """
     if total > limits.bytes:
-        raise BadRequestError(f"the archive unpacks to more than {limits.bytes / 1e6:g} MB")
-    if total > _RATIO_FROM and total > limits.ratio * packed:
+        raise BadRequestError(
+            f"the archive unpacks to more than {total / 1e6:.0f} MB; at most "
+            f"{limits.bytes / 1e6:g} MB are taken"
+        )
+    if total > limits.ratio_from and total > limits.ratio * packed:
         raise BadRequestError(
             f"the archive unpacks to more than {limits.ratio:g} times its size; pack it anew "
             "without emptiness, or send the files alone"

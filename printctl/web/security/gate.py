@@ -31,6 +31,9 @@ class Gate:
     stop_port : int
         Of the stop door; 0 when there is none.
     throttle : Throttle
+        Of passwords.
+    token_throttle : Throttle
+        Of tokens; it slows wrong ones down, never the right one.
     """
 
     sessions: Sessions
@@ -41,6 +44,7 @@ class Gate:
     open: bool = True
     stop_port: int = 0
     throttle: Throttle = field(default_factory=Throttle)
+    token_throttle: Throttle = field(default_factory=Throttle)
 
     def is_token(self, shown: str) -> bool:
         """Whether a script's token is right, in constant time."""

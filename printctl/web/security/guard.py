@@ -148,11 +148,9 @@ class Guard:
             raise RefusedError(refusal(403, f"{said} this server's own page; scripts send a token"))
 
     def _by_token(self, asking: Asking, shown: str) -> Let:
-        self._check_throttle(asking)
         if not self.gate.is_token(shown):
-            self.gate.throttle.failed(asking.address)
             log.warning("wrong token from %s", asking.address)
-            raise RefusedError(refusal(401, "wrong token; it stands in .printctl/serve.json"))
+            raise self._wrong_token(asking, "wrong token; it stands in .printctl/serve.json")
         return Let(Principal("script", f"a script at {asking.address or 'this machine'}"))
 
     def _by_session(self, asking: Asking, session: Session) -> Let:
@@ -162,10 +160,8 @@ class Guard:
 
     def _by_link(self, asking: Asking) -> None:
         """Exchange the token in a link for a session, and the address for one without it."""
-        self._check_throttle(asking)
         if not self.gate.is_token(asking.query["token"][0]):
-            self.gate.throttle.failed(asking.address)
-            raise RefusedError(refusal(401, "the link's token is wrong: it is of another start"))
+            raise self._wrong_token(asking, "the link's token is wrong: it is of another start")
         rest = {name: values for name, values in asking.query.items() if name != "token"}
         query = f"?{urlencode(rest, doseq=True)}" if rest else ""
         answer = RedirectResponse(quote(asking.path) + query, 303)
@@ -191,10 +187,13 @@ class Guard:
             return Let(_browser(asking, session) if session else None, session, cookie)
         raise RefusedError(RedirectResponse(f"/login?{urlencode({'next': asking.path})}", 303))
 
-    def _check_throttle(self, asking: Asking) -> None:
-        wait = self.gate.throttle.wait_s(asking.address)
+    def _wrong_token(self, asking: Asking, message: str) -> RefusedError:
+        """Refuse a wrong token, and tell who tries many to wait; the right one never waits."""
+        wait = self.gate.token_throttle.wait_s(asking.address)
         if wait:
-            raise RefusedError(too_often(wait))
+            return RefusedError(too_often(wait))
+        self.gate.token_throttle.failed(asking.address)
+        return RefusedError(refusal(401, message))
 
     # --- what goes out ---------------------------------------------------------------------
 

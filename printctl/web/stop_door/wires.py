@@ -23,7 +23,9 @@ RECORDS: Final = (
     "runs/*/print/link.json",
     "jobs/*.print/link.json",
 )
-OVER: Final = frozenset({"killed", "halted", "failed", "stopped", "done", "position_unknown"})
+OVER: Final = frozenset(
+    {"killed", "halted", "failed", "stopped", "done", "position_unknown", "given_up"}
+)
 """States after which nothing more comes of a stop."""
 _LOOK_S: Final = 0.5
 _SEND_S: Final = 1.0

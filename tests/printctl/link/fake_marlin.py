@@ -33,6 +33,7 @@ class FakeMarlin:
         self.last = 0
         self.executed: list[str] = []
         self.numbered: list[str] = []
+        self.tokens: list[str] = []
         self.halted = False
         self.mute = False
         self.firmware = "Marlin 2.1.2"
@@ -75,10 +76,12 @@ class FakeMarlin:
             return self._refuse("checksum mismatch")
         self.last = n
         command = re.sub(r"^M0+(?=\d)", "M", body[number.end() :].strip())  # a number is a number
-        if not renumber:
+        if command.startswith("M118 E1 "):
+            self.tokens.append(command)
+        elif not renumber:
             self.numbered.append(command)
-            if self.reset_at == n:
-                return self.reset()
+        if not renumber and self.reset_at == n:
+            return self.reset()
         return self._do(command)
 
     def _refuse(self, why: str) -> bytes:
@@ -98,6 +101,8 @@ class FakeMarlin:
         return self._reply(word, command).encode("latin-1")
 
     def _reply(self, word: str, command: str) -> str:
+        if word == "M118":
+            return f"echo:{command.removeprefix('M118 E1 ')}\nok\n"
         if word == "M105":
             return "ok T:21.00 /0.00 B:21.00 /0.00 @:0 B@:0\n"
         if word == "M115":

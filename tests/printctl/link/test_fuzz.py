@@ -116,7 +116,7 @@ def frames(family: str) -> set[bytes]:
     return {frame(n + 1, line).rstrip() for n, line in enumerate(JOB)}
 
 
-_QUESTIONS = re.compile(rb"N99999999 M105\*23$|N\d+ (M400|M114|M105)\*\d{5}$|M105$")
+_QUESTIONS = re.compile(rb"N99999999 M105\*23$|N\d+ (M400|M114|M105)\*\d{5}$|M105$|STATUS$")
 
 
 @pytest.mark.parametrize("family", FAKES)

@@ -192,8 +192,8 @@ def test_killed_link_process_leaves_a_journal_that_the_next_command_goes_on_from
                 break
         os.kill(client.record.pid, signal.SIGKILL)
         outcome = client.wait(10)
-        assert outcome.state is LinkState.FAILED
-        assert "resume" in outcome.message
+        assert outcome.state is LinkState.INTERRUPTED
+        assert "without a word" in outcome.message
         at_least = read_journal(tmp_path / "run" / "journal.log").done
         assert 50 < at_least <= served.printer.last
         served.gate.set()

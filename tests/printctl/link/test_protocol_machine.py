@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import strategies as st
-from hypothesis.stateful import rule
+from hypothesis.stateful import invariant, rule
 
 from printctl.link.marlin_doubt import Timing
 from printctl.link.pairing import Pairing
 from printctl.link.protocol_marlin import MarlinProtocol
 from tests.printctl.link.fake_marlin import FakeMarlin, slips_through
+from tests.printctl.link.queueing_marlin import QueueingMarlin
 from tests.printctl.link.wire_machine import MANUAL, WireMachine, as_test
 
 
@@ -52,3 +53,78 @@ class PairsWire(MarlinWire):
 
 TestOneInFlight = as_test(MarlinWire)
 TestTwoInFlight = as_test(PairsWire, 80)
+
+
+class LateWire(MarlinWire):
+    """Any ok may be late by any time, while questions are answered at once."""
+
+    most = 1
+
+    def make_printer(self, seed: int) -> QueueingMarlin:
+        return QueueingMarlin(np.random.default_rng(seed))
+
+    def printer_works(self, count: int) -> None:
+        self.up += self.printer.work(count)
+
+    def run_clean(self, done) -> None:
+        for _ in range(3000):
+            if self.over or done():
+                return
+            self.flow()
+            self.printer_reads()
+            self.printer_works(1)
+            if self.up:
+                self.host_reads(len(self.up))
+            else:
+                self.pass_time(0.05)
+
+    @rule(times=st.integers(1, 20))
+    def all_is_well(self, times: int) -> None:
+        for _ in range(times):
+            self.printer_reads()
+            self.printer_works(4)
+            self.host_reads(1000)
+
+    @rule(count=st.integers(1, 4))
+    def some_lines_are_carried_out(self, count: int) -> None:
+        self.printer_works(count)
+
+    @rule(seconds=st.sampled_from([0.06, 1.1, 2.6, 11.0]))
+    def nothing_comes_through(self, seconds: float) -> None:
+        self.pass_time(seconds)
+
+    @invariant()
+    def no_ok_is_another_lines(self) -> None:
+        """With oks believed, all but the lines in flight are carried out."""
+        if self.noisy or not hasattr(self, "protocol") or self.protocol._tokens.suspect:
+            return
+        assert len(self.printer.queue) <= self.most
+
+    def teardown(self) -> None:
+        super().teardown()
+        if hasattr(self, "protocol") and not self.over:
+            self.protocol.confirm(self.now)
+            self.in_step = 0
+            self.run_clean(lambda: self.in_step > 0)
+            assert self.over or not self.printer.queue
+
+
+class LateAlone(LateWire):
+    noisy = False
+
+
+class LatePairs(LateWire):
+    noisy = False
+    most = 2
+
+    def make_protocol(self) -> MarlinProtocol:
+        return MarlinProtocol(Timing(calm_lines=0), Pairing(128))
+
+
+class LateNoise(LateWire):
+    """And noise on top."""
+
+
+TestLateOks = as_test(LateAlone, 80)
+TestLateOksOfPairs = as_test(LatePairs, 80)
+TestLateOksAndNoise = as_test(LateNoise, 80)

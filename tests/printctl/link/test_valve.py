@@ -19,6 +19,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
 from sim.marlin import MarlinPrinter
+from sim.reading import read_line
 from tests.printctl.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
 from tests.printctl.link.fake_marlin import FakeTransport
 from tests.printctl.link.jobs import parse_job
@@ -69,7 +70,7 @@ def sent(printer: Airy) -> list[str]:
     ],
 )
 def test_lines_about_the_valve_are_told_from_others(line, about):
-    assert is_about_valve(line, AIR) == about
+    assert is_about_valve(read_line(line, AIR).text, AIR) == about
     assert not is_about_valve(line, PRINTER)
 
 

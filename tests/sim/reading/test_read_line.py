@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
 from sim.firmware_codes import is_known_line
-from sim.reading import read_line
+from sim.reading import read_line, read_sent
 from sim.reading.faults import SORTS
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import read_words
@@ -145,6 +145,12 @@ def test_klippers_names_keep_their_parameters():
         read_line(b"SET_PIN PIN=valve VALUE=1", MARLIN)
 
 
+@pytest.mark.parametrize("value", ["nan", "1e3", "", "12345678901234567890", "1.2.3"])
+def test_a_place_in_a_named_command_is_a_number(value):
+    with pytest.raises(LineError, match="isn't"):
+        read_line(f"SET_KINEMATIC_POSITION X={value}".encode(), KLIPPER)
+
+
 def test_a_crc_of_five_digits_is_checked_for_reprapfirmware():
     from binascii import crc_hqx
 
@@ -196,6 +202,7 @@ def test_what_is_sent_reads_as_what_was_meant(text, family):
     except LineError:
         return
     assert read_line(line.text, printer) == line
+    assert b'"' in line.text or read_sent(line.text) == line
     assert re.fullmatch(rb"[ -~]*", line.text)
 
 

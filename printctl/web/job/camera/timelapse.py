@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_bytes
+from printctl.printing.progress import Progress
 from printctl.records.films import film_file, frames_folder
 from printctl.web.job.camera.camera import Camera
 from printctl.web.job.following import Heard
-from printctl.web.job.progress import Progress
 
 log = logging.getLogger(__name__)
 MOST_FRAMES: Final = 2000

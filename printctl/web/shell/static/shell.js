@@ -43,10 +43,8 @@
     const state = (message.state ?? "").replaceAll("_", " ");
     if (!state) return put("pc-print", "Print: none");
     const words = [`Print: ${state}`];
-    const progress = message.progress ?? {};
-    const share = progress.fraction ?? message.lines_done / message.lines_total;
-    if (Number.isFinite(share)) words.push(`${Math.floor(100 * share)} %`);
-    if (Number.isFinite(progress.remaining_s)) words.push(left(progress.remaining_s));
+    if (Number.isFinite(message.share)) words.push(`${(100 * message.share).toFixed(1)} %`);
+    if (Number.isFinite(message.time_left_s)) words.push(left(message.time_left_s));
     put("pc-print", words.join(", "));
   }
 

@@ -10,10 +10,10 @@ import pytest
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.gcode_view import Pushing, read_job
 from printctl.preflight import Loaded, volumes
-from printctl.web.job.journalled import read_so_far
-from printctl.web.job.progress import Filling, progress
-from printctl.web.job.remaining import Estimate, Remaining
-from printctl.web.job.table import JobTable
+from printctl.printing.job_table import JobTable
+from printctl.printing.journalled import read_so_far
+from printctl.printing.progress import Filling, progress
+from printctl.printing.remaining import Estimate, Remaining
 from printctl.web.job.tabulating import make_table
 from sim.dryrun import dry_run
 from tests.printctl.link.jobs import parse_job

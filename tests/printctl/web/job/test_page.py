@@ -69,7 +69,7 @@ def test_a_job_is_uploaded_checked_printed_held_and_cancelled_by_clicks(
     says(page, "generic_marlin on simulated will move now")
     page.click("button:has-text('Yes, start it')")
     says(page, "Printing ·")
-    says(page, "Layer 2 of 12 is being written")
+    page.wait_for_selector("text=/^2 of 12, /", timeout=60_000)
     page.click("button:has-text('Pause after layer')")
     says(page, "Paused ·")
     page.screenshot(path=str(workspace.parent / "paused.png"), full_page=True)

@@ -209,7 +209,9 @@ def test_guessing_from_many_addresses_is_slowed_overall(tmp_path: Path) -> None:
     assert late.post("/login", data={"password": "right"}, headers=OURS).status_code == 429
 
 
-def test_guessing_tokens_is_slowed_and_open_sessions_go_on(here: Served) -> None:
+def test_guessing_tokens_is_slowed_and_the_right_one_never_waits(
+    here: Served,
+) -> None:
     inside = visited(here)
     for _ in range(5):
         wrong = here.client().post("/api/v1/stop", headers={"Authorization": "Bearer no"})
@@ -217,6 +219,9 @@ def test_guessing_tokens_is_slowed_and_open_sessions_go_on(here: Served) -> None
     wrong = here.client().post("/api/v1/stop", headers={"Authorization": "Bearer no"})
     assert wrong.status_code == 429
     assert int(wrong.headers["retry-after"]) > 0
+    right = {"Authorization": f"Bearer {here.gate.token}"}
+    assert here.client().post("/api/v1/stop", headers=right).status_code == 200
+    assert here.client().get(f"/printer?token={here.gate.token}").status_code == 303
     assert inside.post("/api/v1/stop", headers=OURS).status_code == 200
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import time
 import urllib.error
 import urllib.request
@@ -110,6 +111,83 @@ def test_who_may_not_stop_is_refused(served: tuple[Process, Path]) -> None:
 def test_a_session_that_just_ended_may_still_stop(served: tuple[Process, Path]) -> None:
     server, workspace = served
     assert ask(server.stop, **by_cookie(server, workspace, LIFETIME_S + 60))[0] == 200
+
+
+def test_a_crowd_of_idle_connections_and_wrong_tokens_keeps_no_stop_out(
+    served: tuple[Process, Path],
+) -> None:
+    server, workspace = served
+    door = urlsplit(server.stop)
+    alive = server.stop.replace("/stop", "/alive")
+    crowd = []
+    try:
+        for n in range(400):  # of many addresses and of one; 200 once shut the door
+            origin = f"127.0.{1 + n % 3}.{1 + n // 3 % 250}" if n % 2 else "127.0.0.1"
+            crowd.append(socket.create_connection((door.hostname, door.port), 10, (origin, 0)))
+        for _ in range(20):
+            assert ask(alive, "GET", Authorization="Bearer no")[0] == 401
+        with under_way(workspace, "crowded") as print_:
+            assert soon(lambda: connected(server) == 1)
+            server.halt()
+            try:
+                assert ask(server.stop, **by_cookie(server, workspace))[0] == 200
+            finally:
+                server.go_on()
+            assert ended_by_kill(print_)
+        assert soon(lambda: all(is_closed(one) for one in crowd))  # none has shown a session
+    finally:
+        for one in crowd:
+            one.close()
+
+
+def is_closed(one: socket.socket) -> bool:
+    one.settimeout(0)
+    try:
+        return one.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"hello\r\n\r\n", b"400"),
+        (b"POST /stop HTTP/1.1\r\nContent-Length: -1\r\n\r\n", b"400"),
+        (b"POST /stop HTTP/1.1\r\nContent-Length: 99999\r\n\r\n", b"413"),
+        (b"POST /stop HTTP/1.1\r\nHost\r\n\r\n", b"400"),
+        (b"GET / HTTP/1.1\r\n" + b"a: " + b"b" * 20_000 + b"\r\n\r\n", b"413"),
+    ],
+)
+def test_what_isnt_a_request_is_refused_and_the_connection_closed(
+    served: tuple[Process, Path], sent: bytes, status: bytes
+) -> None:
+    door = urlsplit(served[0].stop)
+    with socket.create_connection((door.hostname, door.port), 10) as one:
+        one.sendall(sent)
+        said = b""
+        while data := one.recv(4096):
+            said += data
+    assert said.split(b" ")[1] == status
+
+
+def test_one_connection_carries_many_requests(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    door = urlsplit(server.stop)
+    asked = (
+        f"GET /alive HTTP/1.1\r\nHost: {door.netloc}\r\n"
+        f"Authorization: Bearer {server.token}\r\n\r\n"
+    ).encode()
+    with socket.create_connection((door.hostname, door.port), 10) as one:
+        one.sendall(asked + asked[:20])
+        time.sleep(0.05)
+        one.sendall(asked[20:])
+        said = b""
+        while said.count(b'"ready": true') < 2:
+            data = one.recv(4096)
+            assert data
+            said += data
 
 
 def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:

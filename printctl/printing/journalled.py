@@ -29,6 +29,9 @@ class Journalled:
         Since when it has been printing without a pause; None while it isn't.
     filled : (int, float) or None
         Commands before the last change of syringe, and the travel used up of the one put in, mm.
+    paces : tuple of (int, float)
+        Commands taken and time without pauses, s, at each checkpoint.
+    last_alarm : str
     """
 
     sha256: str = ""
@@ -36,6 +39,8 @@ class Journalled:
     active_s: float = 0.0
     since: float | None = None
     filled: tuple[int, float] | None = None
+    paces: tuple[tuple[int, float], ...] = ()
+    last_alarm: str = ""
 
     def active_until(self, now: float) -> float:
         """Time without pauses until ``now``, s."""
@@ -52,17 +57,22 @@ def journalled(path: Path) -> Journalled:
 
 def read_so_far(records: Iterable[dict[str, Any]]) -> Journalled:
     """Read the last print of a journal's records."""
-    found = Journalled()
+    found, paces = Journalled(), list[tuple[int, float]]()
     for record in records:
         sort, at = record.get("t"), float(record.get("at", 0.0))
         if sort == "job":
-            found = _begun(found, record)
+            found, before = _begun(found, record), found
+            paces = paces if before.sha256 == found.sha256 else []
         elif sort in ("state", "end"):
             found = _changed(found, record.get("state") == _AT_WORK and sort == "state", at)
         elif sort == "syringe":
             filled = int(record.get("done", 0)), float(record.get("plunger_mm", 0.0))
             found = _with(found, filled=filled)
-    return found
+        elif sort == "alarm":
+            found = _with(found, last_alarm=str(record.get("text", "")))
+        elif sort == "checkpoint" and found.since is not None:
+            paces.append((int(record.get("done", 0)), found.active_until(at)))
+    return _with(found, paces=tuple(paces))
 
 
 def _begun(before: Journalled, record: dict[str, Any]) -> Journalled:

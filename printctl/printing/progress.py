@@ -6,8 +6,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from printctl.web.job.remaining import Estimate
-from printctl.web.job.table import JobTable
+from printctl.printing.job_table import JobTable
+from printctl.printing.remaining import Estimate
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ class Progress:
     ink_ul, ink_total_ul : float, µL
     ink_left_ul : float or None, µL
         In the syringe, but for its dead volume; None where nobody knows.
+    tip_mm : (x, y, z), mm
+        Where the tip stands, by the job.
     """
 
     commands: int
@@ -79,6 +81,7 @@ class Progress:
     ink_ul: float
     ink_total_ul: float
     ink_left_ul: float | None
+    tip_mm: tuple[float, float, float]
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""
@@ -137,7 +140,13 @@ def progress(
         ink_ul=float(table.ink_ul[k]),
         ink_total_ul=float(table.ink_ul[-1]),
         ink_left_ul=ink_left_ul(table, k, filling),
+        tip_mm=_tip(table, k),
     )
+
+
+def _tip(table: JobTable, executed: int) -> tuple[float, float, float]:
+    x, y, z = table.tip_mm[executed].tolist()
+    return x, y, z
 
 
 def ink_left_ul(table: JobTable, executed: int, filling: Filling | None) -> float | None:

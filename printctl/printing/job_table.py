@@ -38,6 +38,8 @@ class JobTable:
         Which is being written, from 0; -1 for none. Of a job without levels a layer is a pass.
     layers_done, vessels_done : (n + 1,) int64
         How many have nothing left to be written.
+    tip_mm : (n + 1, 3) float64, mm
+        Where the tip stands, as the firmware counts.
     layer_count, vessel_count : () int64
     passes : () bool
         Whether layers are passes.
@@ -51,6 +53,7 @@ class JobTable:
     vessel: IntArray
     layers_done: IntArray
     vessels_done: IntArray
+    tip_mm: FloatArray
     layer_count: int = 0
     vessel_count: int = 0
     passes: bool = False

@@ -1,0 +1,130 @@
+"""Go on with a print: after a pause, a change of syringe, or the death of its link process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from firmware_profiles import Printer, Syringe, load
+from printctl.errors import PrintctlError, UsageError
+from printctl.link.care import Care, NewSyringe
+from printctl.link.client import PrintClient, attach, resume_print
+from printctl.link.record import load_record
+from printctl.link.states import LinkState, Status
+from printctl.printing.print_actions import refuse_forgotten
+from printctl.printing.syringes import usable_mm
+
+_GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
+
+
+def continue_print(
+    folder: Path,
+    *,
+    port: str | None = None,
+    syringe: str | None = None,
+    plunger_mm: float | None = None,
+    unchanged: bool = False,
+) -> Status:
+    """Go on with the print in ``folder``; return its status.
+
+    Parameters
+    ----------
+    folder : Path
+    port : str, optional
+        When the printer's port has another name now.
+    syringe : str, optional
+        Profile of the syringe that was put in, where it is another.
+    plunger_mm : float, mm, optional
+        Travel that its plunger has used up; 0 for a full one.
+    unchanged : bool
+        The syringe wasn't changed after all.
+
+    Raises
+    ------
+    UsageError
+        When what was told contradicts itself.
+    PrintctlError
+        When the print isn't paused.
+    LinkError
+        When the printer can't be reached, or the print can't be gone on with.
+    """
+    told = syringe is not None or plunger_mm is not None
+    if unchanged and told:
+        raise UsageError("the syringe is either unchanged or a new one; say one of both")
+    with attach(folder) as found:
+        status = found.status
+    if status.state in _GOING_ON and not status.waits_for and not (told or unchanged):
+        raise PrintctlError(
+            f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
+        )
+    with restart(folder, port) if status.ended else attach(folder) as client:
+        if status.ended and client.status.state is not LinkState.PAUSED:
+            return client.status
+        change = new_syringe_of(client, syringe, plunger_mm) if told else None
+        client.resume(change, unchanged)
+        return client.status
+
+
+def restart(folder: Path, port: str | None = None) -> PrintClient:
+    """Go on with a print whose link process died or lost its port; ask its last line first.
+
+    Raises
+    ------
+    LinkError
+        See `printctl.link.client.resume_print`; `Refused` where the printer has certainly
+        forgotten its place.
+    """
+    record = load_record(folder)
+    refuse_forgotten(folder, port or record.port, load(Printer, record.profile))
+    return resume_print(folder, port)
+
+
+def new_syringe_of(
+    client: PrintClient, syringe: str | None, plunger_mm: float | None
+) -> NewSyringe:
+    """Return what was put in, for the syringe that a paused print waits for."""
+    care, head = Care.from_dict(client.record.care), changed_head(client.status)
+    return new_syringe(care, client.record.profile, syringe, plunger_mm or 0.0, head)
+
+
+def changed_head(status: Status) -> int | None:
+    """Of several heads, whose syringe the print waits for."""
+    what, _, number = status.waits_for.partition(" ")
+    return int(number) if what == "syringe" and number else None
+
+
+def new_syringe(
+    care: Care, printer: str, name: str | None, plunger_mm: float, head: int | None = None
+) -> NewSyringe:
+    """What was put in; the job's plunger travel holds for one bore only.
+
+    Parameters
+    ----------
+    care : Care
+        Names the syringe in use so far.
+    printer : str
+        Profile: how far its drive goes.
+    name : str or None
+        Profile of the new one; None for one like the last.
+    plunger_mm : float, mm
+    head : int, optional
+        Of several, whose.
+
+    Raises
+    ------
+    UsageError
+        When its bore isn't the last one's.
+    """
+    if name is None:
+        return NewSyringe(plunger_mm)
+    new = load(Syringe, name)
+    before, _ = care.of_head(head)
+    if before:
+        old = load(Syringe, before)
+        if new.inner_mm != old.inner_mm:
+            raise UsageError(
+                f"{new.name} has a bore of {new.inner_mm:g} mm, {old.name} of {old.inner_mm:g} mm: "
+                "the job's plunger travel would give another volume; put in one of the same bore"
+            )
+    machine = load(Printer, printer)
+    return NewSyringe(plunger_mm, name, usable_mm(new, machine.of_head(head or 0)))

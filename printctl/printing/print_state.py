@@ -1,0 +1,183 @@
+"""What is true of a print: the one value that page, API, command line and history tell."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from firmware_profiles import Syringe, load
+from printctl.link.care import Care
+from printctl.link.client import attach
+from printctl.link.record import JOURNAL, LinkRecord, load_record
+from printctl.link.states import LinkState, Status
+from printctl.printing.job_table import JobTable
+from printctl.printing.journalled import Journalled, journalled
+from printctl.printing.print_actions import Possible, PrintAction, possible_actions
+from printctl.printing.print_words import print_words, state_words
+from printctl.printing.progress import Filling, Progress, predicted_s, progress
+from printctl.printing.remaining import Remaining
+
+TABLE = "progress.{}.npz"
+"""A print's table, with the beginning of its job's hash."""
+
+
+@dataclass(frozen=True)
+class PrintTruth:
+    """A print as it stands.
+
+    Attributes
+    ----------
+    folder : Path
+    status : Status
+        State, lines and message: of the link process while it lives, else what it left.
+    journal : Journalled
+    progress : Progress or None
+        By time, layer and ink; None until the job's table was made (the page does, and
+        `printctl print`'s checks don't).
+    actions : tuple of Possible
+        Every action, possible or not.
+    """
+
+    folder: Path
+    status: Status
+    journal: Journalled = field(default_factory=Journalled)
+    progress: Progress | None = None
+    actions: tuple[Possible, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """How much of the print is made, 0 to 1: of its time where that is known, else of lines."""
+        if self.progress is not None:
+            return self.progress.share
+        return self.status.lines_executed / max(self.status.lines_total, 1)
+
+    @property
+    def time_left_s(self) -> float | None:
+        """Time left, s; None for a print that is over, or whose time isn't known."""
+        if self.status.ended or self.progress is None:
+            return None
+        return self.progress.remaining_s
+
+    @property
+    def words(self) -> dict[str, str]:
+        """State with its share, time, layer, vessel and ink as a person is told them."""
+        share = f" · {100 * self.share:.1f} %"
+        state = f"{state_words(self.status.state).capitalize()}{share}"
+        return {"state": state, **print_words(self.status, self.progress)}
+
+    def may(self, action: PrintAction) -> Possible:
+        """Whether an action can be done now."""
+        return next(one for one in self.actions if one.action is action)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object: the same for page, API and command line."""
+        return {
+            **self.status.to_dict(),
+            "folder": str(self.folder),
+            "started": self.journal.started,
+            "ended": self.status.ended,
+            "last_alarm": self.journal.last_alarm,
+            "share": self.share,
+            "words": self.words,
+            "time_left_s": self.time_left_s,
+            "progress": None if self.progress is None else self.progress.to_dict(),
+            "actions": [one.to_dict() for one in self.actions],
+        }
+
+
+def read_print(folder: Path) -> PrintTruth:
+    """Tell what is true of the print in ``folder``; ask its link process if that lives.
+
+    Raises
+    ------
+    NoLink
+        When no print was ever started there, or its link process doesn't answer.
+    """
+    with attach(folder) as client:
+        status = client.status
+    journal = journalled(folder / JOURNAL)
+    table = kept_table(folder, journal.sha256)
+    if table is None or len(table) != status.lines_total:
+        return truth_of(folder, status, journal)
+    remaining = remaining_of(table, journal)
+    return truth_of(folder, status, journal, table, remaining, filling_of(folder, journal))
+
+
+def truth_of(
+    folder: Path,
+    status: Status,
+    journal: Journalled,
+    table: JobTable | None = None,
+    remaining: Remaining | None = None,
+    filling: Filling | None = None,
+) -> PrintTruth:
+    """Put a print's truth together from what was read of it."""
+    actions = possible_actions(folder, status)
+    if status.state is LinkState.INTERRUPTED:
+        status = replace(status, message=f"{status.message}; {_next_step(actions)}")
+    if table is None or remaining is None or len(table) != status.lines_total:
+        return PrintTruth(folder, status, journal, None, actions)
+    now = time.time()
+    active = journal.active_until(now) if not status.ended else journal.active_s
+    done = status.lines_executed
+    at = predicted_s(table, done)
+    if status.state is LinkState.PRINTING:
+        remaining.saw(at, active)
+    made = progress(table, done, active, now, remaining.estimate(at), filling)
+    return PrintTruth(folder, status, journal, made, actions)
+
+
+def _next_step(actions: tuple[Possible, ...]) -> str:
+    """Say what can be done after an interruption; promise nothing that would be refused."""
+    found = {one.action: one for one in actions}
+    if found[PrintAction.GO_ON].possible:
+        return (
+            "if the printer kept its power, Go on (`printctl resume`) asks it for its last line "
+            "and goes on from there"
+        )
+    recover = found[PrintAction.RECOVER]
+    ways = f"it can't be gone on with: {found[PrintAction.GO_ON].reason}"
+    if recover.possible and "recover" not in ways.lower():
+        ways += "; Recover (`printctl recover`) plans the rest as a job of its own"
+    return ways
+
+
+def remaining_of(table: JobTable, journal: Journalled) -> Remaining:
+    """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
+    found = Remaining(float(table.time_s[-1]))
+    for done, active_s in journal.paces:
+        found.saw(predicted_s(table, done), active_s)
+    return found
+
+
+def filling_of(folder: Path, journal: Journalled) -> Filling | None:
+    """Return the syringe in use; None where nobody knows it, as of several heads."""
+    record: LinkRecord = load_record(folder)
+    care = Care.from_dict(record.care)
+    if care.head_capacity_mm or not care.syringe or not care.capacity_mm:
+        return None
+    with contextlib.suppress(Exception):  # a profile that is gone: the ink left isn't told
+        bore = load(Syringe, care.syringe).inner_mm
+        at, used = journal.filled or (0, 0.0)
+        return Filling(at, care.capacity_mm - used, math.pi / 4 * bore**2)
+    return None
+
+
+def kept_table(folder: Path, sha256: str) -> JobTable | None:
+    """Return the table of the file that is printed in ``folder``, if somebody made it."""
+    try:
+        return JobTable.load(folder / TABLE.format(sha256[:16]))
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def keep_table(folder: Path, sha256: str, table: JobTable) -> None:
+    """Leave a print's table beside its journal, for whoever tells of it; a full disk may refuse."""
+    path = folder / TABLE.format(sha256[:16])
+    if sha256 and not path.exists():
+        with contextlib.suppress(OSError):
+            table.save(path)

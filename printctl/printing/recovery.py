@@ -1,0 +1,83 @@
+"""Plan the rest of a print whose printer has lost its position, and write it as a job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from design.files import write_bytes
+from firmware_profiles import Printer, load
+from printctl.errors import PrintctlError
+from printctl.link.errors import LinkError
+from printctl.link.job import load_job
+from printctl.link.journal import read_journal
+from printctl.link.reach import stays_alive
+from printctl.link.record import JOURNAL, load_record
+from printctl.link.recovering import NoCheckpoint, Recovery, plan_recovery
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
+
+
+def planned(folder: Path, from_line: int | None = None) -> Recovery:
+    """Plan how to go on with the print in ``folder``; nothing is written or sent.
+
+    Parameters
+    ----------
+    folder : Path
+    from_line : int, optional
+        Line of the job's file to begin with, in place of the last checkpoint.
+
+    Raises
+    ------
+    NoCheckpoint
+        When a person must say where to begin.
+    PrintctlError
+        When there is nothing to recover, or it can't be.
+    LinkError
+        When the print or its job can't be read.
+    """
+    record = load_record(folder)
+    if stays_alive(folder):
+        raise PrintctlError(f"the print in {folder} is going on; there is nothing to recover")
+    history = read_journal(folder / JOURNAL)
+    printer = load(Printer, record.profile)
+    path = Path(record.job)
+    job = load_job(path, printer)
+    if history.job.get("sha256") != job.sha256:
+        raise PrintctlError(
+            f"{record.job} has changed since it was printed in {folder}; put the file back that "
+            "was printed (its hash is in the journal)"
+        )
+    if history.end is not None and history.end.get("state") == LinkState.DONE:
+        raise PrintctlError(f"the print in {folder} was done; there is nothing to recover")
+    retreat = Retreat(**record.retreat)
+    try:
+        return plan_recovery(job, path.read_bytes(), history, printer, retreat, from_line)
+    except NoCheckpoint:
+        raise
+    except LinkError as exc:  # nothing was sent, so it isn't the printer that failed
+        raise PrintctlError(str(exc)) from exc
+
+
+def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[str, Any]:
+    """Write the rest of a print's job; return where, what to do first, and how to print it.
+
+    Parameters
+    ----------
+    folder : Path
+        The print's.
+    plan : Recovery
+    file : Path, optional
+        ``NAME.rest.gcode`` beside the job by default.
+    """
+    record = load_record(folder)
+    place = file or Path(record.job).with_suffix(".rest.gcode")
+    write_bytes(place, plan.gcode)
+    start = ",".join(f"{value:g}" for value in plan.start) if plan.start else ""
+    command = f"printctl print {place} --printer {record.profile} --port {record.port}"
+    return {
+        "file": str(place),
+        "steps": list(plan.steps),
+        "lines_left_out": plan.begin,
+        "command": command + (f" --start {start}" if start else ""),
+    }

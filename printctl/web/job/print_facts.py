@@ -1,0 +1,90 @@
+"""The facts of a print that stand on the first screen, in words."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from printctl.printing.print_words import clock, span
+from printctl.station.status import OPEN
+
+FACTS: Final = {
+    "time": "Time left",
+    "layer": "Layer",
+    "ink": "Ink",
+    "heat": "Temperatures",
+    "tip": "Tip",
+    "alarms": "Alarms",
+}
+"""Key and name of each, in the order shown."""
+_UNKNOWN: Final = "not known"
+
+
+def facts(told: dict[str, Any], station: dict[str, Any] | None) -> dict[str, str]:
+    """Return each fact in words.
+
+    Parameters
+    ----------
+    told : dict
+        The print, as `PrintTruth.to_dict` gives it.
+    station : dict or None
+        The printer, as its station tells it.
+    """
+    done = told["progress"]
+    return {
+        "time": _time(told, done),
+        "layer": _layer(told, done),
+        "ink": _ink(done),
+        "heat": _heat(station),
+        "tip": _tip(told, done),
+        "alarms": _alarms(told),
+    }
+
+
+def _time(told: dict[str, Any], done: dict[str, Any] | None) -> str:
+    left = told["time_left_s"]
+    if left is None:
+        return "not printing" if told["ended"] else _UNKNOWN
+    error = done["remaining_error_s"] if done else None
+    about = "" if error is None else f" ± {span(error)}"
+    return f"{span(left)}{about}" + (f", until {clock(done['ends_at'])}" if done else "")
+
+
+def _layer(told: dict[str, Any], done: dict[str, Any] | None) -> str:
+    if done is None:
+        return f"{told['lines_executed']} of {told['lines_total']} commands made"
+    passes = " (passes)" if done["passes"] else ""
+    text = f"{done['layer']} of {done['layers']}, {done['layers_done']} whole{passes}"
+    if done["vessels"]:
+        text += f"; vessel {done['vessel']} of {done['vessels']}"
+    return text
+
+
+def _ink(done: dict[str, Any] | None) -> str:
+    if done is None:
+        return _UNKNOWN
+    left = done["ink_left_ul"]
+    text = f"{done['ink_ul']:.1f} of {done['ink_total_ul']:.1f} µL written"
+    return text if left is None else f"{text}, {left:.0f} µL left"
+
+
+def _heat(station: dict[str, Any] | None) -> str:
+    live = station is not None and station["state"] in OPEN
+    found = station["temperatures"] if station is not None and live else ()
+    return ", ".join(map(_one, found)) or _UNKNOWN
+
+
+def _one(heater: dict[str, Any]) -> str:
+    target = heater["target_c"]
+    return f"{heater['name']} {heater['now_c']:.1f}" + (f" → {target:g} °C" if target else " °C")
+
+
+def _tip(told: dict[str, Any], done: dict[str, Any] | None) -> str:
+    if done is None or not told["position_known"]:
+        return _UNKNOWN
+    return " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", done["tip_mm"], strict=True))
+
+
+def _alarms(told: dict[str, Any]) -> str:
+    count, again = told["alarms"], told["line_errors"]
+    text = f"{count}: {told['last_alarm']}".removesuffix(": ") if count else "none"
+    return f"{text}; {again} lines sent again" if again else text

@@ -1,0 +1,75 @@
+"""Refuse scans that unpack to far more than was sent: zip, gzip, NIfTI and NRRD with gzip inside.
+
+What a gzip stream gives is counted as it comes out; of a zip its own sizes count, which Python's
+reader never exceeds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import zipfile
+import zlib
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from printctl.web.security.archives import ArchiveLimits, check_growth
+
+_PIECE: Final = 1 << 16
+_OUT: Final = 1 << 20
+_RATIO_FROM: Final = 200_000_000
+"""A mask of few voxels packs a thousandfold, and may be so large."""
+_GZIP: Final = b"\x1f\x8b"
+_NRRD: Final = b"NRRD"
+_LONGEST_HEAD: Final = 1 << 20
+
+
+def scan_limits(most_bytes: int) -> ArchiveLimits:
+    """What may come out of a scan, of at most so many bytes."""
+    return ArchiveLimits(bytes=most_bytes, ratio_from=_RATIO_FROM)
+
+
+def refuse_growth(path: Path, most_bytes: int) -> None:
+    """Refuse a file that unpacks to more than may be, or grows too much in doing so.
+
+    Raises
+    ------
+    BadRequestError
+    """
+    limits, packed = scan_limits(most_bytes), path.stat().st_size
+    if zipfile.is_zipfile(path):
+        with contextlib.suppress(zipfile.BadZipFile, NotImplementedError):  # the reader's to tell
+            with zipfile.ZipFile(path) as archive:
+                total = sum(one.file_size for one in archive.infolist())
+            check_growth(total, packed, limits)
+        return
+    with path.open("rb") as handle:
+        if _at_gzip(handle):
+            _count(handle, packed, limits)
+
+
+def _at_gzip(handle: BinaryIO) -> bool:
+    """Go to where a gzip stream begins in the file, if one does."""
+    head = handle.read(_LONGEST_HEAD)
+    start = 0 if head.startswith(_GZIP) else -1
+    if head.startswith(_NRRD):
+        ends = [end for mark in (b"\n\n", b"\r\n\r\n") if (end := head.find(mark) + len(mark)) >= 4]
+        start = next((end for end in sorted(ends) if head[end : end + 2] == _GZIP), -1)
+    if start >= 0:
+        handle.seek(start)
+    return start >= 0
+
+
+def _count(handle: BinaryIO, packed: int, limits: ArchiveLimits) -> None:
+    """Count what comes out; several streams may follow each other. Broken ones are the reader's."""
+    total, stream = 0, zlib.decompressobj(31)
+    data = handle.read(_PIECE)
+    try:
+        while data:
+            total += len(stream.decompress(data, _OUT))
+            check_growth(total, packed, limits)
+            data = stream.unconsumed_tail
+            if stream.eof:
+                data, stream = stream.unused_data, zlib.decompressobj(31)
+            data = data or handle.read(_PIECE)
+    except zlib.error:
+        return
