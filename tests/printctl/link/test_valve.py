@@ -31,12 +31,16 @@ JOB = parse_job(DATA, "test.gcode")
 OPENING, CLOSING = OPENS.encode(), CLOSES.encode()
 
 
+NAMED = AIR.model_copy(update={"extra_commands": ("G999",)})
+"""Its profile names a command that the board doesn't know, so that a job may have it."""
+
+
 def printed(tmp_path, script, data=DATA, **options):
-    job = parse_job(data, "test.gcode")
+    job = parse_job(data, "test.gcode", NAMED)
     printer = Airy(job=job, script=script)
     transport = FakeTransport(printer, VirtualClock())
     retreat = Retreat(prime_mm=0.5)
-    status = played(data, tmp_path, transport, script, printer=AIR, retreat=retreat, **options)
+    status = played(data, tmp_path, transport, script, printer=NAMED, retreat=retreat, **options)
     return status, printer
 
 
