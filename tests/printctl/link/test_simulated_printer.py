@@ -43,16 +43,16 @@ def gcode(moves: int) -> bytes:
 
 
 def printed(
-    data: bytes, folder: Path, transport: SimTransport, *wishes: str
+    data: bytes, folder: Path, transport: SimTransport, *wishes: str, printer: Printer = PRINTER
 ) -> tuple[Status, Streamer]:
     wiring = Wiring(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
         journal=Journal(folder / "journal.log"),
-        printer=PRINTER,
+        printer=printer,
     )
-    streamer = Streamer(wiring, parse_job(data, "test.gcode"))
+    streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
     for wish in wishes:
         getattr(streamer, wish)()
     return streamer.run(), streamer
@@ -116,7 +116,8 @@ def test_cold_extrusion_is_a_fault_although_the_printer_says_ok(tmp_path):
 
 def test_unknown_command_is_a_fault_although_the_printer_says_ok(tmp_path):
     data = HEADER + b"M9998\n" + gcode(10)[len(HEADER) :]
-    status, _ = printed(data, tmp_path, wire())
+    named = PRINTER.model_copy(update={"extra_commands": ("M9998",)})
+    status, _ = printed(data, tmp_path, wire(), printer=named)
     assert status.state is LinkState.FAILED
     assert "M9998" in status.message
 
@@ -299,7 +300,7 @@ def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
 def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     rng = np.random.default_rng(seed)
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    handshake = 14  # writes before the first job line
+    handshake = 16  # writes before the first job line
     last = handshake + int(rng.integers(1, 60))
     with pytest.raises(HostDiedError):
         printed(data, tmp_path, doomed(printer, clock, last, rng.random()))
