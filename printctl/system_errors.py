@@ -16,7 +16,7 @@ class SystemTrouble:
     kind : str
         Name for programs, such as ``DiskFullError``.
     status : int
-        HTTP status: 507 for a full disk, else 503.
+        HTTP status: 507 for a full disk or a file beyond the limit, else 503.
     message : str
     """
 
@@ -25,7 +25,7 @@ class SystemTrouble:
     message: str
 
 
-_FULL: Final = frozenset({errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG})
+_FULL: Final = frozenset({errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)})
 _RIGHTS: Final = frozenset({errno.EACCES, errno.EPERM, errno.EROFS})
 _FILES: Final = frozenset({errno.EMFILE, errno.ENFILE})
 
@@ -45,6 +45,13 @@ def explain(exc: OSError | MemoryError) -> SystemTrouble:
             507,
             f"the disk is full{place}; free some space and do the same again: files that were "
             "there before are untouched",
+        )
+    if exc.errno == errno.EFBIG:
+        return SystemTrouble(
+            "FileTooLargeError",
+            507,
+            f"the file grew too large for this disk or user{place}; write to another disk, or "
+            "raise the limit (ulimit -f): files that were there before are untouched",
         )
     if exc.errno in _RIGHTS:
         return SystemTrouble(
@@ -68,5 +75,5 @@ def explain(exc: OSError | MemoryError) -> SystemTrouble:
 def is_known(exc: BaseException) -> bool:
     """Whether it is the system that refused, and not a file that is broken."""
     return isinstance(exc, MemoryError) or (
-        isinstance(exc, OSError) and exc.errno in _FULL | _RIGHTS | _FILES
+        isinstance(exc, OSError) and exc.errno in _FULL | _RIGHTS | _FILES | {errno.EFBIG}
     )

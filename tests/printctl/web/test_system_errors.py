@@ -28,6 +28,7 @@ def upload(here: Served, data: bytes = GCODE) -> tuple[int, dict]:
     [
         (errno.ENOSPC, 507, "DiskFullError", "free some space"),
         (errno.EDQUOT, 507, "DiskFullError", "free some space"),
+        (errno.EFBIG, 507, "FileTooLargeError", "ulimit -f"),
         (errno.EACCES, 503, "NoRightsError", "choose another folder"),
         (errno.EROFS, 503, "NoRightsError", "choose another folder"),
         (errno.EMFILE, 503, "TooManyFilesError", "close other pages"),

@@ -96,6 +96,7 @@ def test_a_line_is_sent_as_it_was_understood(text, sent):
         (b"X5", "no_command"),
         (b"%", "no_command"),
         (b"hello", "no_command"),
+        (b"// a comment of Aerotech alone", "no_command"),
         (b"@pause", "no_command"),
         (b"N5 X5", "no_command"),
         (b"N12 G1 X1*3", "bad_checksum"),
