@@ -85,7 +85,7 @@ _ASKED: Final[Rules] = {
     },
     **{
         code: asks()
-        for code in ["M113", "M115", "M119", "M149", "M155", "M211", "M220", "M31", "M111", "M122"]
+        for code in ["M113", "M115", "M119", "M155", "M211", "M220", "M31", "M111", "M122"]
     },
     "M105": asks("T"),
     "M114": asks("DER"),

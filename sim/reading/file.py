@@ -15,6 +15,12 @@ from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import is_name, read_line, read_words
 
 _REMEMBERED: Final = 10_000
+_MARKS: Final = {
+    b"\xef\xbb\xbf": "an invisible mark (UTF-8 BOM)",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
+"""What some editors write before a text."""
 LineReader = Callable[[bytes, Printer], GcodeLine]
 
 
@@ -102,7 +108,13 @@ def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | Line
 
 
 def check_text(gcode: bytes) -> None:
-    """Raise `GcodeError` for a binary file."""
+    """Raise `GcodeError` for a binary file, and for text that no printer reads."""
+    for mark, name in _MARKS.items():
+        if gcode.startswith(mark):
+            raise GcodeError(
+                f"the G-code begins with {name}, which no printer reads; save it as plain text "
+                "(UTF-8 without BOM) in the editor"
+            )
     at = gcode.find(b"\0")
     if at >= 0:
         raise GcodeError(

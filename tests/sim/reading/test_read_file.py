@@ -78,6 +78,12 @@ def test_a_binary_file_is_named():
         read_file(b"G1 \0", MARLIN)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_an_editors_invisible_mark_is_named(encoding):
+    with pytest.raises(GcodeError, match="save it as plain text"):
+        read_file("G1 X5\n".encode(encoding), MARLIN)
+
+
 def test_an_aerotechs_file_keeps_its_lines_and_outputs():
     file = read_file(b"$DO[0].X=1\nG1 X5 F2\nDWELL 0.5\nG1 X--5\nG75\n", AIR)
     assert file.lines == [b"M105", b"G1 X5 F2", b"G4 S0.5", b"M105", b"M105"]
