@@ -21,6 +21,7 @@ MOST: Final = 2
 """Tokens that wait for their echo: with the line before them, fewer than a command queue holds."""
 PATIENCE_S: Final = 20.0
 """Longest wait for an echo until the printer is asked again."""
+MOST_DOUBLINGS: Final = 8
 TRIES: Final = 60
 """So many tokens that don't come back, though they are taken: the firmware has no such command."""
 IDLE_S: Final = 20.0
@@ -100,6 +101,10 @@ class Tokens:
     def busy(self, now: float) -> None:
         """The printer is working on a line."""
         self._active_at = now
+
+    def waited(self, now: float) -> float:
+        """Seconds since the newest token left or the printer was last busy."""
+        return now - self._active_at
 
     def may_send(self, now: float, keepalive: bool) -> bool:
         """Whether one more may be sent while those before it haven't come back.

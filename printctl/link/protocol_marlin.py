@@ -39,7 +39,7 @@ from printctl.link import protocol as said
 from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Goal, Phase, Timing
 from printctl.link.marlin_replies import Kind, Reply, classify
 from printctl.link.marlin_sender import MarlinSender
-from printctl.link.marlin_tokens import PATIENCE_S, TRIES
+from printctl.link.marlin_tokens import MOST_DOUBLINGS, PATIENCE_S, TRIES
 from printctl.link.pairing import Pairing
 from printctl.link.protocol import Event
 
@@ -348,7 +348,7 @@ class MarlinProtocol(MarlinSender):
             events.append(self._fault(text))
             tokens.heard += 1
         if tokens.flying and not self._wants_another(now):
-            self._wait_on(now)
+            self._wait_on(now, events)
             return
         if not heard and not tokens.flying:
             events.append(said.Notice(f"no ok to line {self.number + 1} was heard; it was taken"))
@@ -366,9 +366,17 @@ class MarlinProtocol(MarlinSender):
         patient = self._doubt.by_silence and tokens.rounds < 2
         return tokens.echoed or (not patient and tokens.may_send(now, self.keepalive))
 
-    def _wait_on(self, now: float) -> None:
-        """Wait for the echo, and ask ever less often whether the printer is still there."""
-        wait = min(self.timing.silence_s * 2.0**self._tokens.rounds, PATIENCE_S)
+    def _wait_on(self, now: float, events: list[Event]) -> None:
+        """Wait for the echo, and ask ever less often whether the printer is still there.
+
+        One that doesn't say when it is busy may have lost the echo: it has a limit.
+        """
+        waited = self._tokens.waited(now)
+        if not self.keepalive and waited > self.timing.busy_limit_s:
+            self._end(said.Silent(waited), events)
+            return
+        doublings = min(self._tokens.rounds, MOST_DOUBLINGS)
+        wait = min(self.timing.silence_s * 2.0**doublings, PATIENCE_S)
         self._phase, self.deadline = Phase.FLIGHT, now + wait
 
     def _go_back(self, last: int, now: float, events: list[Event]) -> None:

@@ -20,6 +20,11 @@ def parse_job(data: bytes, name: str, printer: Printer | None = None) -> Job:
     return job.parse_job(data, name, printer or (KLIPPER if named else MARLIN))
 
 
+def with_codes(printer: Printer, *codes: str) -> Printer:
+    """A printer whose profile names codes as its machine's own."""
+    return printer.model_copy(update={"extra_commands": codes})
+
+
 def load_job(path: Path, printer: Printer = MARLIN) -> Job:
     """`printctl.link.job.load_job`."""
     return (

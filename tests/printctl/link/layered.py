@@ -109,7 +109,7 @@ def played(
         retreat=retreat or Retreat(),
         on_status=script.status,
     )
-    script.streamer = Streamer(wiring, parse_job(data, "test.gcode"), care)
+    script.streamer = Streamer(wiring, parse_job(data, "test.gcode", printer), care)
     return script.streamer.run(history)
 
 

@@ -17,7 +17,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
-from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.jobs import parse_job, with_codes
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
@@ -25,7 +25,8 @@ JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
 
 def facts(firmware: str) -> Printer:
     changes = {"firmware": firmware, "resets_on_connect": False}
-    return load(Printer, "generic_marlin").model_copy(update=changes)
+    own = with_codes(load(Printer, "generic_marlin"), "G999", "M42")
+    return own.model_copy(update=changes)
 
 
 def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
@@ -38,7 +39,7 @@ def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
         journal=Journal(folder / "journal.log"),
         printer=printer,
     )
-    return Streamer(wiring, parse_job(b"\n".join(job), "test.gcode"))
+    return Streamer(wiring, parse_job(b"\n".join(job), "test.gcode", printer))
 
 
 def after_handshake(executed: list[str]) -> list[str]:

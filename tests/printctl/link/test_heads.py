@@ -273,7 +273,7 @@ def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
 
 
 def test_reloads_are_planned_for_each_head_where_its_own_syringe_ends():
-    job = parse_job(job_of((0, 1, 0, 1, 0, 1, 0, 1), ul=10.0), "test.gcode")
+    job = parse_job(job_of((0, 1, 0, 1, 0, 1, 0, 1), ul=10.0), "test.gcode", QUICK)
     travel = [plunger_travel(job.lines, head) for head in (0, 1)]
     passes = [max(one) / 4 for one in travel]
     at, heads = plan_head_reloads(job, (2.2 * passes[0], 3.2 * passes[1]))

@@ -40,7 +40,6 @@ def test_last_setting_before_a_line_is_found_by_its_whole_word():
     assert last_of(lines, 2, (b"M85",)) == b"M85 S600"
     assert last_of(lines, 5, (b"M85", b"SET_IDLE_TIMEOUT")) == b"SET_IDLE_TIMEOUT TIMEOUT=9"
     assert last_of(lines, 0, (b"M85",)) is None
-    assert last_of([b"M85\tS5"], 1, (b"M85",)) == b"M85\tS5"
 
 
 def test_smoothiewares_position_is_read_as_the_others_are():
