@@ -14,8 +14,21 @@ from typing import IO
 from printctl.link.errors import PortInUse, PortMissing
 
 
-def lock(handle: IO[bytes]) -> None:
-    """Lock a file until it is closed; OSError when another process holds it."""
+def lock(handle: IO[bytes], shared: bool = False) -> None:
+    """Lock a file until it is closed.
+
+    Parameters
+    ----------
+    handle : file
+    shared : bool
+        Let others have a shared lock meanwhile, as several do who only look whether anybody holds
+        it. Windows has none through this door: there two who look can meet.
+
+    Raises
+    ------
+    OSError
+        When another process holds it.
+    """
     if os.name == "nt":
         import msvcrt  # only there
 
@@ -23,7 +36,8 @@ def lock(handle: IO[bytes]) -> None:
     else:
         import fcntl  # only there
 
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        fcntl.flock(handle, kind | fcntl.LOCK_NB)
 
 
 def hold_address(host: str, port: int, name: str) -> ExitStack:

@@ -84,7 +84,7 @@ def alive(folder: Path, held: str = LOCK) -> bool:
     """Whether a link process holds the folder's lock, which is the file ``held``."""
     try:
         with (folder / held).open("a+b") as handle:
-            lock(handle)
+            lock(handle, shared=True)
     except FileNotFoundError:  # no folder, so nobody works in it
         return False
     except OSError:
