@@ -33,6 +33,8 @@ KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
 EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
 """States in which the printer hasn't got the job's first line."""
+OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
+"""States in which the link sends commands of its own alone."""
 
 
 class Channel(Logbook):
@@ -259,6 +261,8 @@ class Channel(Logbook):
 
     def _on_fault(self, event: said.Fault) -> None:
         where = f"line {self.job.file_line(event.line)} of {self.job.name}"
+        if self._state in OWN_MOVES:
+            where = f"to a command of the link's own, behind {where}"
         text = f"the printer says {event.text!r} ({where})"
         self._fault = self._fault or text
         self._alarm(text)

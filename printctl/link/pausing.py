@@ -299,6 +299,8 @@ class Pausing(Changing):
         self._heaters_off()
         self._command(b"M400")
         self._undo_settings()
+        if self._fault:
+            message += f"; the way out wasn't made as meant: {self._fault}"
         raise Over(state, message)
 
     def _really(self) -> Modal:

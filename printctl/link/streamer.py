@@ -100,7 +100,9 @@ class Streamer(Pausing):
             return False
         confirmed = self._finish()
         self._end_on_fault()  # of the last moves
-        self._obey()  # a stop while the last moves were made
+        self._obey()  # a stop while the last moves were made: the way out needs the job's settings
+        if confirmed:
+            self._undo_settings()
         return confirmed
 
     def _stream(self) -> None:
@@ -283,6 +285,5 @@ class Streamer(Pausing):
         if self._unverified or self._noisy() or self.protocol.lines_done < self._noisy_until:
             self._unverified = False
             self._verify(self._trail.at(self.protocol.lines_done))
-        self._undo_settings()
         number = self.protocol.number
         return self._agree(self.protocol.ask) == number

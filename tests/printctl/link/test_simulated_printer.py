@@ -16,6 +16,7 @@ from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal, read_journal
 from printctl.link.protocol_marlin import MarlinProtocol
+from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import SOONEST_LINES, Streamer
 from printctl.link.transport_simulated import HostDiedError
@@ -229,6 +230,41 @@ def test_kill_halts_a_printer_with_full_queues(tmp_path, parser):
     assert status.state is LinkState.KILLED
     assert "has halted" in status.message
     assert ("motors may have run on" in status.message) != parser
+
+
+class StoppedAtTheEnd(SimTransport):
+    """A user who stops the print while the last moves are made."""
+
+    def __init__(self, printer: MarlinPrinter) -> None:
+        super().__init__(printer, VirtualClock())
+        self.lines: list[bytes] = []
+        self.streamer: Streamer | None = None
+
+    def write(self, data: bytes) -> None:
+        self.lines.append(data)
+        if b"M0400" in data and self.streamer is not None:
+            self.streamer.stop()
+            self.streamer = None
+        super().write(data)
+
+
+def test_a_stop_during_the_last_moves_relieves_the_plunger_before_settings_are_put_back(tmp_path):
+    transport = StoppedAtTheEnd(MarlinPrinter(PRINTER, START))
+    wiring = Wiring(
+        transport=transport,
+        protocol=MarlinProtocol(),
+        clock=transport.clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=PRINTER,
+        retreat=Retreat(relief_mm=0.5),
+    )
+    streamer = transport.streamer = Streamer(wiring, parse_job(gcode(30), "test.gcode"))
+    status = streamer.run()
+    assert (status.state, status.alarms) == (LinkState.STOPPED, 0), status
+    assert "way out" not in status.message
+    relief = next(k for k, line in enumerate(transport.lines) if b"G1 E-" in line)
+    forbidden = next(k for k, line in enumerate(transport.lines) if b"M302 P0" in line)
+    assert relief < forbidden
 
 
 def test_advanced_ok_is_understood(tmp_path):
