@@ -322,7 +322,7 @@ def test_status_is_that_of_now(tmp_path, profile):
     with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         assert served.held.wait(10)
-        assert client.status.lines_done == 98  # a token is the 99th line
+        assert 95 <= client.status.lines_done <= 98  # of 99 lines one is a token, or a few
         client.pause()
         served.gate.set()
         until(client, LinkState.PAUSED)
