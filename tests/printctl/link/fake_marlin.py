@@ -214,9 +214,11 @@ class PtyPrinter:
         self._thread.start()
 
     def _serve(self) -> None:
+        # Not select: beside thousands of open connections a descriptor may be beyond its 1024.
+        readable = select.poll()
+        readable.register(self._master, select.POLLIN)
         while not self._over.is_set():
-            ready, _, _ = select.select([self._master], [], [], 0.02)
-            if not ready:
+            if not readable.poll(20):
                 continue
             try:
                 data = os.read(self._master, 4096)
