@@ -1,4 +1,4 @@
-"""Where a file's first lines take the tip to stand, and where the user says that it stands."""
+"""Start position of a job: from the file's first lines or from `--start`."""
 
 from __future__ import annotations
 

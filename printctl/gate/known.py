@@ -1,4 +1,4 @@
-"""What the gate is told of the moment: the door, the printer's state, and the limits in force."""
+"""Facts that a verdict rests on: the door, the printer's state, the limits in force."""
 
 from __future__ import annotations
 

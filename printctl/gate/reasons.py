@@ -1,4 +1,4 @@
-"""Why a code passes no door, and what does it properly."""
+"""Reasons for refusing a code, with the command that does it properly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the gate answers of a line: allowed, with what is sent, or refused, with the reason."""
+"""The gate's verdict on a line: allowed with its text, or refused with the reason."""
 
 from __future__ import annotations
 
