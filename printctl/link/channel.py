@@ -19,7 +19,7 @@ from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.gating import Manual, is_of_the_line, judge_typed, let_through
-from printctl.link.halting import halting_of
+from printctl.link.halting import Halting, halting_of
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook, Over, Wiring
 from printctl.link.states import LinkState
@@ -60,12 +60,18 @@ class Channel(Logbook):
         self._heard = 0
         self._kill_left = self._kill_host_s = 0.0
         self._kill_sent = False
-        self.halting = halting_of(wiring.printer, self.protocol.kill_bytes)
         self._killed = threading.Event()
         self._halted = threading.Event()
         self._ended = threading.Event()
 
     # --- for any thread --------------------------------------------------------------------
+
+    @property
+    def halting(self) -> Halting:
+        """How the firmware is halted: by what it says of itself (M115), else by its profile."""
+        printer = self.wiring.printer
+        parser = self.firmware.capabilities.get("EMERGENCY_PARSER", printer.emergency_parser)
+        return halting_of(printer, self.protocol.kill_bytes, parser)
 
     def stop(self) -> None:
         """Ask for a controlled stop."""
@@ -111,11 +117,12 @@ class Channel(Logbook):
             return
         asked = self._kill_left = self.wiring.clock.now()
         self._killed.set()
-        halts = ((self.halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
-        for attempt, (data, wait_s) in enumerate(self.halting.first + halts):
+        halting = self.halting
+        halts = ((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
+        for attempt, (data, wait_s) in enumerate(halting.first + halts):
             with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
                 self.wiring.transport.write_urgent(data)
-                self._kill_sent |= data == self.halting.last
+                self._kill_sent |= data == halting.last
             if attempt == 0:
                 self._kill_left = self.wiring.clock.now()
                 self._kill_host_s = self._kill_left - asked

@@ -61,7 +61,7 @@ class Halting:
         )
 
 
-def halting_of(printer: Printer, kill: bytes) -> Halting:
+def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting:
     """The way for a printer.
 
     Parameters
@@ -69,10 +69,12 @@ def halting_of(printer: Printer, kill: bytes) -> Halting:
     printer : Printer
     kill : bytes
         What halts its firmware.
+    emergency_parser : bool
+        Whether it looks at M410 and M112 at once: what it says of itself, else its profile.
     """
     if printer.firmware not in _MARLINS:
         return Halting((), kill)
-    if not printer.emergency_parser:
+    if not emergency_parser:
         return Halting((), kill, runs_on_s=RUN_ON_S)
     first = ((QUICKSTOP, 0.5), (QUICKSTOP, 1.3))
     return Halting(first, kill, "M410 and M112", stops_at_once=True, runs_on_s=RUN_ON_S)

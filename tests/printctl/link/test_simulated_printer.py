@@ -198,9 +198,11 @@ def test_firmware_that_stops_itself_is_quoted(tmp_path):
 
 
 @pytest.mark.parametrize("parser", [True, False])
-def test_kill_halts_a_printer_with_full_queues(tmp_path, parser):
-    facts = PRINTER.model_copy(update={"emergency_parser": parser, "advanced_ok": not parser})
-    printer = MarlinPrinter(facts, START)
+@pytest.mark.parametrize("profiled", [False, True])
+def test_kill_halts_a_printer_with_full_queues(tmp_path, parser, profiled):
+    board = PRINTER.model_copy(update={"emergency_parser": parser, "advanced_ok": not parser})
+    facts = board.model_copy(update={"emergency_parser": profiled})  # the board's own word counts
+    printer = MarlinPrinter(board, START)
     left = threading.Event()
 
     class Urgent(SimTransport):
