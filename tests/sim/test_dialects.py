@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16 as crc_of_the_link
 from printctl.link.families import FAMILIES
@@ -12,6 +11,7 @@ from printctl.link.journal import Journal
 from printctl.link.protocol_acks import Sort
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
 from sim.dialect_duet import DuetPrinter, crc16
 from sim.dialects import simulated_printer
 from sim.errors import ServeError

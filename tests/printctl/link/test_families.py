@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16
 from printctl.link.families import FAMILIES
@@ -15,6 +14,7 @@ from printctl.link.marlin_replies import Kind, classify, unknown_command
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
 from tests.printctl.link.jobs import parse_job, with_codes

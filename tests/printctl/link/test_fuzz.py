@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.crc16 import crc16
 from printctl.link.families import FAMILIES, protocol_for
@@ -24,6 +23,7 @@ from printctl.link.pairing import Pairing
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.link.jobs import parse_job

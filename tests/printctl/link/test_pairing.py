@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
@@ -18,6 +17,7 @@ from printctl.link.protocol_klipper import KlipperProtocol
 from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
