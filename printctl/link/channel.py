@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from printctl.link import protocol as said
+from firmware_profiles.families import link_protocol as said
 from printctl.link.kill import Kill
 from printctl.link.logbook import Logbook
 from printctl.link.wiring import Wiring

@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
-from printctl.link.modal import Modal, disagreement, parse_position
+from printctl.link.modal import Modal, disagreement
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from printctl.link import protocol as said
+from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import Channel, Heard
 from printctl.link.errors import HandshakeError
 from printctl.link.kill import Kill

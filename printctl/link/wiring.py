@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from firmware_profiles import Printer
+from firmware_profiles.families.link_protocol import LinkProtocol
 from printctl.gate import Bounds, Known
 from printctl.link.clock import Clock
 from printctl.link.journal import Journal
-from printctl.link.protocol import LinkProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import Status
 from printctl.link.transport import Transport

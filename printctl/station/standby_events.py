@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from printctl.link import protocol as said
+from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import EventHandler
 from printctl.link.logbook import Logbook
 from printctl.link.states import LinkState, PrintEnded

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
 from printctl.link.errors import LinkError
-from printctl.link.modal import parse_position
 from printctl.link.position_check import RETRIES
 from printctl.station.status import Place
 
