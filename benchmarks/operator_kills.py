@@ -2,10 +2,10 @@
 
 ``python -m benchmarks.operator_kills --kills 100`` makes up to four kills (kill -9) in each print,
 in a seeded order at seeded moments: start, printing, pausing, paused, resuming, going on. Two
-seconds after each, REST and command line are held against the journal, which `journal_verdict` reads; an
-interrupted print is gone on with by the call that the page's two clicks make (every fifth one by
-the clicks themselves, in Chromium). At the end of each print the simulated printer's step counters
-tell whether every move of the file ran once. The last output is a JSON object.
+seconds after each, REST and command line are held against the journal, which `journal_verdict`
+reads; an interrupted print is gone on with by the call that the page's two clicks make (every fifth
+one by the clicks themselves, in Chromium). At the end of each print the simulated printer's step
+counters tell whether every move of the file ran once. The last output is a JSON object.
 """
 
 from __future__ import annotations
