@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
+from firmware_profiles.families import link_protocol as said
 from printctl.gate import Known, Phase, Refusal
-from printctl.link import protocol as said
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.gating import Manual, is_of_the_line, judge_typed, let_through

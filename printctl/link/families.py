@@ -1,66 +1,14 @@
-"""Firmware families: which state machine speaks to each, and what may be asked of it.
-
-``verified`` families were tried against the transcripts of a real firmware; the others are built
-after its public source or documentation, which each protocol's module names.
-"""
+"""Firmware families on the link: which state machine speaks to a printer, or that none does."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
-
-from firmware_profiles import Printer
+from firmware_profiles import Printer, families
+from firmware_profiles.families import Family, LinkSetup
+from firmware_profiles.families.link_protocol import LinkProtocol
+from firmware_profiles.families.link_timing import Timing
 from printctl.link.care import Care
 from printctl.link.errors import Refused
-from printctl.link.marlin_doubt import Timing
-from printctl.link.pairing import Pairing
-from printctl.link.protocol import LinkProtocol
-from printctl.link.protocol_klipper import KlipperProtocol
-from printctl.link.protocol_marlin import MarlinProtocol
-from printctl.link.protocol_rrf import RrfProtocol
-from printctl.link.protocol_smoothie import SmoothieProtocol
-
-
-@dataclass(frozen=True)
-class Family:
-    """A firmware family.
-
-    Attributes
-    ----------
-    says : str
-        What its FIRMWARE_NAME (M115) contains, in small letters.
-    make : callable
-        Makes its state machine.
-    verified : bool
-        Whether a real one's transcripts were replayed against it.
-    keepalive : bool
-        Whether it can be told to say that it is busy (M113).
-    tells_steps : bool
-        Whether M92 tells the steps per mm.
-    remembers : bool
-        Whether it can be asked which line it took last, so that a print can be gone on with
-        after the host died.
-    """
-
-    says: str
-    make: Callable[[Timing], LinkProtocol]
-    verified: bool = False
-    keepalive: bool = True
-    tells_steps: bool = True
-    remembers: bool = True
-
-
-FAMILIES: Final[dict[str, Family]] = {
-    "marlin": Family("marlin", MarlinProtocol, verified=True),
-    "prusa": Family("prusa", MarlinProtocol),
-    "smoothieware": Family("smoothie", SmoothieProtocol, keepalive=False, tells_steps=False),
-    "reprapfirmware": Family("reprapfirmware", RrfProtocol, keepalive=False, remembers=False),
-    "klipper": Family(
-        "klipper", KlipperProtocol, keepalive=False, tells_steps=False, remembers=False
-    ),
-}
-"""By the profile's ``firmware``; an Aerotech controller isn't among them, see `refuse_unsent`."""
+from printctl.link.modal import places
 
 
 def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> None:
@@ -112,9 +60,9 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
         noise_window=care.noise_window,
         noise_limit=care.noise_limit,
     )
-    if printer.lines_in_flight == 2:  # the profile allows it for Marlin and its fork alone
-        return MarlinProtocol(timing, Pairing(printer.receive_buffer_bytes))
-    return family_of(printer).make(timing)
+    make = family_of(printer).make_protocol
+    assert make is not None  # or it would have been refused
+    return make(LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places))
 
 
 def family_of(printer: Printer) -> Family:
@@ -126,4 +74,4 @@ def family_of(printer: Printer) -> Family:
         For a printer that takes no lines.
     """
     refuse_unsent(printer)
-    return FAMILIES[printer.firmware]
+    return families.family_of(printer)

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_profiles import Printer
+from firmware_profiles.families.marlin.doubt import QUESTION
 from printctl.link.clock import Clock, RealClock
 from printctl.link.errors import HandshakeError, PortError, PortMissing
-from printctl.link.marlin_doubt import QUESTION
 from printctl.link.ports import PortInfo, list_ports
 from printctl.link.transport import open_port
 from printctl.link.transport_serial import SerialTransport

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families.link_protocol import LinkProtocol
 from printctl.gate import Bounds, Known
 from printctl.link.clock import Clock
 from printctl.link.errors import JournalError
 from printctl.link.job import Job
 from printctl.link.journal import Journal
 from printctl.link.made import Made
-from printctl.link.protocol import LinkProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.transport import Transport

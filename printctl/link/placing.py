@@ -12,11 +12,12 @@ import contextlib
 from dataclasses import replace
 from typing import Final
 
+from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import EARLY, Channel, Over, Wiring
 from printctl.link.errors import PortLost
 from printctl.link.heads import choose, confirms, head_at, keep_raised
 from printctl.link.job import Job
-from printctl.link.modal import Modal, ModalTrail, disagreement, parse_position
+from printctl.link.modal import Modal, ModalTrail, disagreement
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.valve import reopen, shut, shut_and_wait

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from printctl.link import protocol as said
+from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import Over, Wiring
 from printctl.link.checking import Checking
 from printctl.link.job import Job

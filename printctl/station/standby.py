@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Final
 
 from design.toolpath.gcode.dialect import DIALECTS
+from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Wiring
 from printctl.link.errors import LinkError
-from printctl.link.modal import parse_position
 from printctl.link.placing import RETRIES
 from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
+from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.clock import VirtualClock
-from printctl.link.guarding import guarded
-from printctl.link.marlin_doubt import QUESTION, RENUMBER
 from printctl.link.states import LinkState
 from sim.marlin_wire import Wire
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag

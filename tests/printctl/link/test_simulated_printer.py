@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal, read_journal
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import SOONEST_LINES, Streamer

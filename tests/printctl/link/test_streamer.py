@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link import channel
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import JournalError, PortLost
 from printctl.link.job import Job
 from printctl.link.journal import Journal, read_journal
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import modes
-from printctl.link.guarding import guarded
 from printctl.link.journal import History, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal

@@ -10,15 +10,16 @@ import pytest
 import yaml
 
 from firmware_profiles import Axes, Printer, Span, load
+from firmware_profiles.families import find_family
 from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortInUse
-from printctl.link.families import FAMILIES
 from printctl.link.journal import Journal
 from printctl.link.transport import open_port
 from printctl.probing import Settings, ask_settings, compare, corrected, read_settings
 from printctl.probing.ask import ask_wired
 from sim.dialects import simulated_printer
+from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 from tests.sim_process import printer_process
 from tests.system.cli import printctl
@@ -42,7 +43,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
     )
     wiring = Wiring(
         transport=transport,
-        protocol=FAMILIES[firmware].make(None),
+        protocol=made_protocol(firmware),
         clock=transport.clock,
         journal=Journal(folder / "journal.log"),
         printer=profile,
@@ -61,7 +62,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
 def test_just_what_differs_is_found(firmware: str, differs: set[str], tmp_path: Path) -> None:
     settings, profile = asked(firmware, tmp_path)
     rows = compare(settings, profile)
-    assert FAMILIES[firmware].says in settings.firmware.lower()
+    assert find_family(firmware).says in settings.firmware.lower()
     assert {row.key for row in rows if not row.same} == differs
     found = {row.key: row.printer for row in rows}
     if firmware != "klipper":

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.link.marlin_replies import unknown_command
+from firmware_profiles.families.marlin.replies import unknown_command
 
 COMMAND: Final = b"M118 E1 "
 MOST: Final = 2

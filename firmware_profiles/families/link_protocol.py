@@ -8,7 +8,7 @@ reads no clock, so that fifty noisy prints run in seconds and every case is test
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -203,6 +203,9 @@ Event: TypeAlias = (
     | OutOfStep
     | Silent
 )
+
+Places: TypeAlias = Callable[[Sequence[bytes], int], Mapping[str, float]]
+"""Coordinates last commanded in so many job lines: X, Y, Z and E, mm; without those never named."""
 
 
 class LinkProtocol(Protocol):

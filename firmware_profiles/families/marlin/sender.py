@@ -6,18 +6,19 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from printctl.link import protocol as said
-from printctl.link.guarding import guarded
-from printctl.link.line_errors import LineErrors
-from printctl.link.marlin_doubt import Phase, Timing
-from printctl.link.marlin_replies import frame
-from printctl.link.marlin_tokens import Tokens
-from printctl.link.pairing import Pairing
-from printctl.link.protocol import Event
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.line_errors import LineErrors
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.doubt import Phase
+from firmware_profiles.families.marlin.guarding import guarded
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.marlin.tokens import Tokens
 
 
 class MarlinSender:
-    """The sending half of `printctl.link.protocol_marlin.MarlinProtocol`.
+    """The sending half of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------

@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from printctl.link import protocol as said
-from printctl.link.marlin_doubt import Timing
-from printctl.link.protocol import Event
-from printctl.link.protocol_acks import AckProtocol, Sort
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
 
 _REASON_S: Final = 0.5
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from printctl.link.protocol import Noisy
+from firmware_profiles.families.link_protocol import Noisy
 
 
 @dataclass

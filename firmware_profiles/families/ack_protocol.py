@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Final
 
-from printctl.link import protocol as said
-from printctl.link.line_errors import LineErrors
-from printctl.link.marlin_doubt import Timing
-from printctl.link.protocol import Event
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.line_errors import LineErrors
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
 
 PROBE: Final = b"M105"
 """Asked only to hear an answer: temperatures, which every family tells at any time."""
@@ -38,7 +38,7 @@ class Sort(Enum):
 
 
 class AckProtocol(ABC):
-    """State machine of one printer; see `printctl.link.protocol.LinkProtocol`.
+    """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
     A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `_on_silence`.
 

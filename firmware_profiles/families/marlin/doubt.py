@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from printctl.link.marlin_replies import ORDER_ERROR, Kind, Reply, frame, unknown_command
+from firmware_profiles.families.marlin.replies import (
+    ORDER_ERROR,
+    Kind,
+    Reply,
+    frame,
+    unknown_command,
+)
 
 QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
 """Starts with a line end, to end what noise may have left open. Any tail of it that survives a
@@ -32,46 +38,6 @@ class Goal(Enum):
     GO_ON = auto()
     NUMBER = auto()
     RENUMBER = auto()
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Time limits and the limit on line errors.
-
-    Attributes
-    ----------
-    silence_s : float
-        Without any sign of life while a line is in flight, until the printer is asked. It decides
-        nothing but how soon a lost ok is noticed.
-    deaf_s : float
-        Interval of notices on a firmware that says nothing while it is busy and can't be asked.
-    quiet_s : float
-        Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
-    answer_s : float
-        For the answer to a question.
-    doubt_limit_s : float
-        Without a usable answer until a printer that isn't found yet counts as silent, and until
-        an alarm is given of one in mid-print.
-    silent_limit_s : float
-        Without a usable answer until a printer in mid-print counts as silent.
-    busy_limit_s : float
-        For one line of a firmware that can't be asked.
-    noise_window, noise_limit : int
-        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
-    calm_lines : int
-        After a doubt so many lines leave one by one, where two may be in flight.
-    """
-
-    silence_s: float = 2.5
-    deaf_s: float = 60.0
-    quiet_s: float = 0.05
-    answer_s: float = 1.0
-    doubt_limit_s: float = 6.0
-    silent_limit_s: float = 60.0
-    busy_limit_s: float = 1800.0
-    noise_window: int = 500
-    noise_limit: int = 30
-    calm_lines: int = 200
 
 
 @dataclass

@@ -12,10 +12,10 @@ a UART.
 
 from __future__ import annotations
 
-from printctl.link.marlin_doubt import QUESTION
-from printctl.link.marlin_replies import Kind, Reply, classify
-from printctl.link.marlin_tokens import Tokens
-from printctl.link.protocol_marlin import MarlinProtocol
+from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.marlin.replies import Kind, Reply, classify
+from firmware_profiles.families.marlin.tokens import Tokens
 
 
 def _classify(text: bytes) -> Reply:

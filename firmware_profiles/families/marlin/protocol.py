@@ -12,11 +12,11 @@ to know which line was taken last. An ``ok`` to the line in flight says so. Anyt
 3. **settle**: again ``quiet_s`` of silence, which takes the trailing ok and any fragment's ok;
 4. go on from L: send the line in flight again if L is the one before it; count it as taken if L
    is its own number. Any other L must be confirmed by a second answer;
-5. **token** (`printctl.link.marlin_tokens`): an ok of before may come at any later time. So behind
+5. **token** (`tokens.py`): an ok of before may come at any later time. So behind
    the line in question a text is sent that must come back, and only the ok behind its echo is
    believed again. It decides when a line is *answered*; no time limit does.
 
-Two plain moves may be in flight (`printctl.link.pairing` says when, and why that is safe). In
+Two plain moves may be in flight (`pairing.py` says when, and why that is safe). In
 doubt L then is the line before them, the first or the second; what wasn't taken is sent again,
 alone.
 
@@ -35,13 +35,14 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
-from printctl.link import protocol as said
-from printctl.link.marlin_doubt import QUESTION, RENUMBER, Doubt, Goal, Phase, Timing
-from printctl.link.marlin_replies import Kind, Reply, classify
-from printctl.link.marlin_sender import MarlinSender
-from printctl.link.marlin_tokens import MOST_DOUBLINGS, PATIENCE_S, TRIES
-from printctl.link.pairing import Pairing
-from printctl.link.protocol import Event
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER, Doubt, Goal, Phase
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.replies import Kind, Reply, classify
+from firmware_profiles.families.marlin.sender import MarlinSender
+from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S, TRIES
 
 _MEMORY: Final = 8
 _QUICK: Final = 10
@@ -53,7 +54,7 @@ __all__ = ["QUESTION", "RENUMBER", "MarlinProtocol", "Timing"]
 
 
 class MarlinProtocol(MarlinSender):
-    """State machine for one printer; see the module, and `printctl.link.protocol` for the seam.
+    """State machine for one printer; see the module, and `link_protocol.py` for the seam.
 
     Parameters
     ----------

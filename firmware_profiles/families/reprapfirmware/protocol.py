@@ -22,12 +22,12 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from printctl.link import protocol as said
-from printctl.link.crc16 import crc16
-from printctl.link.marlin_doubt import Timing
-from printctl.link.modal import Modal, modal_state, parse_position
-from printctl.link.protocol import Event
-from printctl.link.protocol_acks import AckProtocol, Sort
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.link_protocol import Event, Places
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.position_reply import parse_position
+from firmware_profiles.families.reprapfirmware.crc16 import crc16
 
 QUESTION: Final = (b"M400", b"M114")
 _SURE: Final = 3
@@ -55,11 +55,14 @@ class RrfProtocol(AckProtocol):
 
     Parameters
     ----------
+    places : callable
+        Where the job's text says needle and plunger are after so many lines.
     timing : Timing
     """
 
-    def __init__(self, timing: Timing | None = None) -> None:
+    def __init__(self, places: Places, timing: Timing | None = None) -> None:
         super().__init__(timing)
+        self._places = places
         self._asking = False
         self._position: dict[str, float] = {}
         self._elsewhere: dict[str, float] = {}
@@ -140,11 +143,9 @@ class RrfProtocol(AckProtocol):
             self._end(said.WasReset(), events)
 
     def _there(self, position: dict[str, float], done: int) -> bool:
-        at: Modal = modal_state(self._lines, done)
-        wanted = {axis: getattr(at, axis.lower()) for axis in "XYZE"}
         return all(
-            value is None or axis not in position or abs(position[axis] - value) <= WITHIN_MM
-            for axis, value in wanted.items()
+            axis not in position or abs(position[axis] - value) <= WITHIN_MM
+            for axis, value in self._places(self._lines, done).items()
         )
 
     def _send_again(self, now: float, events: list[Event]) -> None:
