@@ -13,6 +13,7 @@ from printctl.link.care import Care, NewSyringe
 from printctl.link.changing import CHANGE, Changing
 from printctl.link.channel import Over, Wiring
 from printctl.link.errors import LinkError, Refused
+from printctl.link.families import family_of
 from printctl.link.gating import PausedTip, settings_changed_by
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
@@ -24,7 +25,6 @@ from printctl.link.watch import Due
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
 _TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
-_HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
 """Firmwares that cut the motors' power some time after the last move, unless M84 S0 forbids it."""
 _NOTHING_TOLD: Final[tuple[NewSyringe | None, bool]] = None, False
 
@@ -250,7 +250,7 @@ class Pausing(Changing):
 
     def _hold_motors(self) -> None:
         """Keep the firmware from cutting the motors' power while the needle waits."""
-        if self.wiring.printer.firmware in _HELD_BY_M84:
+        if family_of(self.wiring.printer).m84_sets_timeout:
             self._command(b"M84 S0")
 
     def _let_motors_go(self) -> None:
@@ -259,7 +259,8 @@ class Pausing(Changing):
         No firmware tells which was in force: a job that gave none leaves them powered.
         """
         given = last_of(self.job.lines, self.protocol.lines_done, (b"M84", b"M18"))
-        if given is not None and b"S" in given and self.wiring.printer.firmware in _HELD_BY_M84:
+        timed = family_of(self.wiring.printer).m84_sets_timeout
+        if timed and given is not None and b"S" in given:
             self._command(given)
 
     def _sign_of_life(self) -> None:

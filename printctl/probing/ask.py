@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from printctl.link.channel import Over, Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import LinkError
@@ -20,7 +21,7 @@ from printctl.link.job import Job
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport import open_port
-from printctl.probing.settings import QUESTIONS, Settings, read_settings
+from printctl.probing.settings import Settings, read_settings
 
 _TRIES = 3
 
@@ -53,8 +54,8 @@ class Asker(Streamer):
 def ask_wired(wiring: Wiring) -> Settings:
     """Ask over a wire that is open already."""
     nothing = Job([], [], "", "questions")
-    family = wiring.printer.firmware
-    return read_settings(family, dict(Asker(wiring, nothing).answers(QUESTIONS[family])))
+    family = family_of(wiring.printer)
+    return read_settings(family, dict(Asker(wiring, nothing).answers(family.probe.questions)))
 
 
 def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:

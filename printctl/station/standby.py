@@ -9,10 +9,11 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from design.toolpath.gcode.dialect import DIALECTS
+from design.toolpath.gcode.dialect import dialect_of
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Wiring
 from printctl.link.errors import LinkError
+from printctl.link.families import family_of
 from printctl.link.placing import RETRIES
 from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState
@@ -28,7 +29,6 @@ PIECE_S: Final = 0.15
 """A move is sent in pieces of so long, so that it can be ended between two of them."""
 AHEAD_S: Final = 0.5
 """So much of it the printer is given ahead; it is what still runs after `halt_motion`."""
-_HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
 _WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
 
@@ -56,7 +56,7 @@ class Standby(Listening):
     def __init__(self, wiring: Wiring, pace: float, changed: Callable[[], None]) -> None:
         super().__init__(wiring)
         self._pace, self._changed = pace, changed
-        self._dialect = DIALECTS[wiring.printer.firmware]
+        self._dialect = dialect_of(wiring.printer)
         self._poll_due = self._sign_due = 0.0
         self.position: Place | None = None
         self.plunger: float | None = None
@@ -84,7 +84,7 @@ class Standby(Listening):
         self._agree(self.protocol.renumber)
         self.protocol.load([], 0, 0)
         self._state, self._begun = LinkState.PAUSED, True
-        if self.wiring.printer.firmware in _HELD_BY_M84:
+        if family_of(self.wiring.printer).m84_sets_timeout:
             self._command(b"M84 S0")  # else the motors lose their power, and the place its meaning
         self._sign_of_life()
         self._poll()
