@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer, families
-from firmware_profiles.families import Family, LinkSetup
+from firmware_profiles.families import LinkSetup
+from firmware_profiles.families.link_facts import LinkFacts
 from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.link_timing import Timing
 from printctl.link.care import Care
@@ -25,15 +26,19 @@ def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = ""
     Raises
     ------
     Refused
-        For an Aerotech controller.
+        For a controller that runs a program file by itself.
     """
     if not printer.streamed:
-        raise Refused(
-            f"{printer.name} can't be driven from here: an Aerotech controller runs a program file "
-            f"by itself and takes no lines from a host. Load {job} in the controller's own "
-            "software and run it there; pause, stop and the record of the print are that "
-            "software's, too" + (f". {then}" if then else "")
-        )
+        raise _unsent(printer, job, then)
+
+
+def _unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> Refused:
+    return Refused(
+        f"{printer.name} can't be driven from here: its controller runs a program file "
+        f"by itself and takes no lines from a host. Load {job} in the controller's own "
+        "software and run it there; pause, stop and the record of the print are that "
+        "software's, too" + (f". {then}" if then else "")
+    )
 
 
 def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:
@@ -52,7 +57,6 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
     Refused
         For a printer that takes no lines.
     """
-    refuse_unsent(printer)
     care = care or Care()
     timing = Timing(
         quiet_s=quiet_s,
@@ -60,18 +64,19 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
         noise_window=care.noise_window,
         noise_limit=care.noise_limit,
     )
-    make = family_of(printer).make_protocol
-    assert make is not None  # or it would have been refused
-    return make(LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places))
+    setup = LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places)
+    return family_of(printer).make_protocol(setup)
 
 
-def family_of(printer: Printer) -> Family:
-    """The family that a profile names.
+def family_of(printer: Printer) -> LinkFacts:
+    """Return what the link knows of the family that a profile names.
 
     Raises
     ------
     Refused
         For a printer that takes no lines.
     """
-    refuse_unsent(printer)
-    return families.family_of(printer)
+    link = families.family_of(printer).link
+    if link is None:
+        raise _unsent(printer)
+    return link

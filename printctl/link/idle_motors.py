@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from printctl.link.channel import Channel
+from printctl.link.families import family_of
 from printctl.link.modal import last_of
 
 _TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
-_HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
-"""Firmwares that cut the motors' power some time after the last move, unless M84 S0 forbids it."""
 
 
 class IdleMotors:
@@ -26,7 +25,7 @@ class IdleMotors:
 
     def hold(self) -> None:
         """Keep the firmware from cutting the motors' power while the needle waits."""
-        if self._printer.firmware in _HELD_BY_M84:
+        if family_of(self._printer).m84_sets_timeout:
             self._channel.command(b"M84 S0")
 
     def release(self) -> None:
@@ -35,7 +34,8 @@ class IdleMotors:
         No firmware tells which was in force: a job that gave none leaves them powered.
         """
         given = self._last_of((b"M84", b"M18"))
-        if given is not None and b"S" in given and self._printer.firmware in _HELD_BY_M84:
+        timed = family_of(self._printer).m84_sets_timeout
+        if timed and given is not None and b"S" in given:
             self._channel.command(given)
 
     def sign_of_life(self) -> None:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from printctl.link.care import NewSyringe
-from printctl.link.door import Door, Guest, forget, listen
+from printctl.link.door import Door, forget, listen
+from printctl.link.door_places import Guest
 from printctl.link.errors import Refused
 from printctl.link.marks import MarkKind
 from printctl.link.states import Status

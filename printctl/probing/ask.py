@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from printctl.link.channel import Channel
 from printctl.link.clock import RealClock
 from printctl.link.connecting import connect
@@ -26,7 +27,7 @@ from printctl.link.requests import RequestQueue
 from printctl.link.states import PrintEnded
 from printctl.link.transport import open_port
 from printctl.link.wiring import Wiring
-from printctl.probing.settings import QUESTIONS, Settings, read_settings
+from printctl.probing.settings import Settings, read_settings
 
 _TRIES = 3
 
@@ -58,8 +59,8 @@ def _answer(channel: Channel, question: bytes) -> tuple[bytes, ...]:
 
 def ask_wired(wiring: Wiring) -> Settings:
     """Ask over a wire that is open already."""
-    family = wiring.printer.firmware
-    return read_settings(family, _answers(wiring, QUESTIONS[family]))
+    family = family_of(wiring.printer)
+    return read_settings(family, _answers(wiring, family.probe.questions))
 
 
 def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:

@@ -9,9 +9,10 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
-from design.toolpath.gcode.dialect import DIALECTS
+from design.toolpath.gcode.dialect import dialect_of
 from printctl.link.channel import Channel, Heard
 from printctl.link.connecting import connect
+from printctl.link.families import family_of
 from printctl.link.firmware import Firmware
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.gauges import Gauge, Gauges
@@ -34,7 +35,6 @@ POLL_S: Final = 1.0
 """Interval of temperatures."""
 SIGN_S: Final = 20.0
 """Interval at which the firmware's own switch-off time begins anew."""
-_HELD_BY_M84: Final = frozenset({"marlin", "prusa"})
 _UNRECORDED: Final = frozenset({"reading"})
 """Once a second for days."""
 
@@ -58,7 +58,7 @@ class Standby:
 
     def __init__(self, wiring: Wiring, pace: float, changed: Callable[[], None]) -> None:
         self._wiring, self._changed = wiring, changed
-        self._dialect = DIALECTS[wiring.printer.firmware]
+        self._dialect = dialect_of(wiring.printer)
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
@@ -121,7 +121,7 @@ class Standby:
         protocol.load([], 0, 0)
         self._logbook.enter_unrecorded(LinkState.PAUSED)
         self._events.found()
-        if self._wiring.printer.firmware in _HELD_BY_M84:
+        if family_of(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
             self._channel.command(b"M84 S0")
         self._sign_of_life()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from sim.dialect_aerotech import translated
 from sim.errors import GcodeError, LineError
 from sim.gcode_extended import Named, plain_command
@@ -77,6 +78,7 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
     lines = gcode.splitlines()
     is_plain = PLAIN_MOVE.fullmatch
     others = [index for index, text in enumerate(lines) if not is_plain(text)]
+    by_name = family_of(printer).grammar.named
     refused: list[tuple[int, LineError]] = []
     named: list[Named] = []
     seen: dict[bytes, GcodeLine | LineError] = {}
@@ -95,7 +97,7 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
             lines[index] = b""
         else:
             lines[index] = read.text
-            if printer.firmware == "klipper" and is_name(read.code):
+            if by_name and is_name(read.code):
                 named.append(Named(index + 1, read.code, dict(read.parameters)))
     return GcodeFile(lines, tuple(refused), tuple(named))
 

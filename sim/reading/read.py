@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import find_family
 from sim.dialect_aerotech import translated
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
@@ -19,9 +20,6 @@ from sim.reading.words import AXES, MOTION, Known, known
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
 _SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
 _MOST_CODE: Final = 9999
-_LOWER_TAKEN: Final = ("marlin", "klipper", "reprapfirmware", "aerotech")
-"""Marlin, where it was built so (GCODE_CASE_INSENSITIVE); what is sent is in capitals."""
-_UPPER_ONLY: Final = ("prusa", "smoothieware")
 
 
 def read_line(text: bytes, printer: Printer) -> GcodeLine:
@@ -95,7 +93,7 @@ def _code_of(found: re.Match[bytes], text: bytes, family: str) -> str:
             "bad_code", text, f"{letter}{found[2].decode()[:24]} is no code: numbers end at "
             f"{_MOST_CODE}, and Marlin counts from 0 again above 65535; correct it"
         )  # fmt: skip
-    if letter.islower() and family in _UPPER_ONLY:
+    if letter.islower() and not find_family(family).grammar.lower_case:
         raise refusal(
             "bad_code", text, f"{family} reads capitals only; write {letter.upper()}{number}"
         )
@@ -108,7 +106,7 @@ def _without_code(command: bytes, text: bytes, family: str) -> GcodeLine:
             "bad_code", text, "a code with a point is another command to some builds of a "
             "firmware, and the one before the point to others; take it out"
         )  # fmt: skip
-    named = named_line(command, text) if family == "klipper" else None
+    named = named_line(command, text) if find_family(family).grammar.named else None
     if named is None:
         raise refusal(
             "no_command", text, "isn't a command: G, M or T with a number must come first; take it "

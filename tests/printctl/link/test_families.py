@@ -169,12 +169,12 @@ def test_names_of_all_families_are_read():
     }
     for text, family in replies.items():
         firmware = parse_firmware([text])
-        assert firmware.is_a(find_family(family).says), text
+        assert firmware.is_a(find_family(family).link.says), text
         assert ":" not in firmware.name.replace("03:35:05", "")
 
 
 def test_only_marlin_is_called_verified():
-    assert [name for name in STREAMED if find_family(name).verified] == ["marlin"]
+    assert [name for name in STREAMED if find_family(name).link.verified] == ["marlin"]
 
 
 def test_prusas_unknown_code_is_known_as_such():
