@@ -16,7 +16,6 @@ from typing import Final
 
 from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
-from printctl.link.channel import EARLY
 from printctl.link.connection import ANSWER_LIMIT_S, Connection
 from printctl.link.detaching import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
@@ -27,7 +26,7 @@ from printctl.link.reach import gone, stays_alive, what_is_known
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
-from printctl.link.states import PrintOutcome, Status
+from printctl.link.states import EARLY, PrintOutcome, Status
 
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
@@ -78,7 +77,7 @@ class PrintClient(Connection):
         self._ask("reload", head=head)
 
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
-        """Go on after a pause; `printctl.link.pausing.Pausing.resume` says what may be told.
+        """Go on after a pause; `PrintRequests.resume` says what may be told.
 
         Raises
         ------

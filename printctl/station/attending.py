@@ -6,11 +6,11 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any, Final
 
-from printctl.link.channel import Over, Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import HandshakeError, LinkError, PortLost, Refused
 from printctl.link.families import protocol_for
-from printctl.link.states import LinkState
+from printctl.link.states import LinkState, PrintEnded
+from printctl.link.wiring import Wiring
 from printctl.station.counter import ALONE, Counter, Wish, refusal
 from printctl.station.hands import AXES, MOTIONS, Hands
 from printctl.station.standby import Standby
@@ -44,7 +44,7 @@ class Attending(Counter, ABC):
         try:
             self._transport = self.socket.plug_in(self._start)
             self._stand_by(fresh=True)
-        except (Over, LinkError) as exc:
+        except (PrintEnded, LinkError) as exc:
             self._unplug()
             raise exc if isinstance(exc, LinkError) else HandshakeError(exc.message) from exc
         finally:
@@ -89,7 +89,7 @@ class Attending(Counter, ABC):
                 raise Refused("the printer is connected; close the station first, or kill")
             else:
                 self._grant(wish)
-        except (Over, PortLost) as exc:
+        except (PrintEnded, PortLost) as exc:
             self._answer(wish, refusal(exc if isinstance(exc, LinkError) else LinkError(str(exc))))
             raise
         except LinkError as exc:
@@ -144,7 +144,7 @@ class Attending(Counter, ABC):
 
     # --- down ----------------------------------------------------------------------------------
 
-    def _go_down(self, exc: Over | PortLost) -> None:
+    def _go_down(self, exc: PrintEnded | PortLost) -> None:
         """The printer has halted or is gone; nothing is known of its place any more."""
         lost = isinstance(exc, PortLost) or (
             exc.state is LinkState.FAILED or exc.error == PortLost.__name__

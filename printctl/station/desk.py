@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from printctl.link.channel import Over
 from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
 from printctl.link.process import Order, Wire, serve
-from printctl.link.states import LinkState, Status
+from printctl.link.states import LinkState, PrintEnded, Status
 from printctl.link.streamer import Streamer
 from printctl.printing.executed import record_for, write_note
 from printctl.station.attending import Attending
@@ -47,7 +46,7 @@ class Desk(Attending):
                     self._wait_down()
                 else:
                     self._attend()
-            except (Over, PortLost) as exc:
+            except (PrintEnded, PortLost) as exc:
                 self._go_down(exc)
         if self._status.state is not StationState.CLOSED:
             self._close(None)
@@ -186,7 +185,7 @@ class Desk(Attending):
         """Switch the heaters off where the printer answers, and let go of the port."""
         message = "closed"
         if self._status.state not in DOWN and self._standby is not None:
-            with contextlib.suppress(LinkError, Over):
+            with contextlib.suppress(LinkError, PrintEnded):
                 on = ", ".join(self._standby.let_go())
                 message = f"closed; {on} stays on (safe_state_on)" if on else "closed; heaters off"
         self.closing = True

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from printctl.link.door import Door, Guest, forget, listen
+from printctl.link.door import Door, forget, listen
+from printctl.link.door_places import Guest
 from printctl.station.status import StationStatus
 
 __all__ = ["StationServer", "forget", "listen"]

@@ -8,13 +8,13 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
 from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import parse_firmware
 from printctl.link.journal import Journal, read_journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
 from tests.printctl.link.jobs import parse_job, with_codes

@@ -11,11 +11,11 @@ import yaml
 
 from firmware_profiles import Axes, Printer, Span, load
 from firmware_profiles.families import find_family
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortInUse
 from printctl.link.journal import Journal
 from printctl.link.transport import open_port
+from printctl.link.wiring import Wiring
 from printctl.probing import Settings, ask_settings, compare, corrected, read_settings
 from printctl.probing.ask import ask_wired
 from sim.families.registry import simulated_printer

@@ -1,4 +1,4 @@
-"""Asks the machine for what its profile has watched (a plunger's force, a pressure), in a print.
+"""Questions in a print for what the profile has watched: a plunger's force, a pressure.
 
 A question is a command between two lines like a checkpoint's: it has a number, is in the journal
 before it is sent, and its answer is matched by that number; the job's lines are held meanwhile.
@@ -11,15 +11,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from firmware_profiles import Watched
-from printctl.link.channel import Wiring
+from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
-from printctl.link.job import Job
-from printctl.link.placing import Placing
-from printctl.link.states import Status
 
 UNREADABLE: Final = 3
 """So many answers running that can't be read are an alarm."""
@@ -64,53 +60,43 @@ class Gauge:
         return f"{watched.query}: {now}, at most {watched.high:g} {watched.unit}"
 
 
-class Measuring(Placing):
-    """Knows what is to be asked; see `Placing` for what it is given."""
+class Gauges:
+    """All that is watched of one printer.
 
-    def __init__(self, wiring: Wiring, job: Job) -> None:
-        super().__init__(wiring, job)
-        self._gauges = [Gauge(watched) for watched in wiring.printer.watch]
+    Parameters
+    ----------
+    channel : Channel
+    gauges : sequence of Gauge
+    """
+
+    def __init__(self, channel: Channel, gauges: Sequence[Gauge]) -> None:
+        self._channel, self._logbook = channel, channel.logbook
+        self._gauges = gauges
 
     @property
-    def status(self) -> Status:
-        """The print as it stands."""
-        return replace(super().status, readings=tuple(str(gauge) for gauge in self._gauges))
+    def readings(self) -> tuple[str, ...]:
+        """Last readings, for a person."""
+        return tuple(str(gauge) for gauge in self._gauges)
 
-    def _note(self, now: float) -> None:
-        super()._note(now)
-        soon = min((gauge.due for gauge in self._gauges), default=math.inf)
-        self._next_note = min(self._next_note, max(soon, now))
+    @property
+    def next_due(self) -> float:
+        """When the next question is due, s; infinite for never."""
+        return min((gauge.due for gauge in self._gauges), default=math.inf)
 
-    def _gauge_due(self, now: float) -> bool:
-        return any(now >= gauge.due for gauge in self._gauges)
-
-    def _too_high(self, now: float) -> str:
+    def too_high(self, now: float) -> str:
         """Ask for what is due; say which reading is above its limit, twice; empty for none."""
         for gauge in self._gauges:
             if now >= gauge.due and self._above(gauge) and self._above(gauge):
-                return f"{self._compared(gauge)} (printer: watch)"
+                return f"{_compared(gauge)} (printer: watch)"
         return ""
 
-    def _above(self, gauge: Gauge) -> bool:
-        """Ask once. What was above and can't be read then counts as above."""
-        before = gauge.value > gauge.watched.high
-        value = self._read(gauge)
-        return before if math.isnan(value) else value > gauge.watched.high
+    def check_at_rest(self) -> None:
+        """Refuse to begin where something can't be read, or is at its limit already.
 
-    def _read(self, gauge: Gauge, journalled: bool = True) -> float:
-        watched = gauge.watched
-        replies = self._command(watched.query.encode("ascii"), journalled)
-        gauge.due = self.wiring.clock.now() + watched.every_s
-        value = gauge.read(replies)
-        if math.isnan(value):
-            if gauge.unread == UNREADABLE:
-                self._alarm(f"{UNREADABLE} answers to {watched.query} running can't be read")
-            return value
-        self._record("reading", query=watched.query, value=value, unit=watched.unit)
-        return value
-
-    def _check_at_rest(self) -> None:
-        """Refuse to begin where something can't be read, or is at its limit already."""
+        Raises
+        ------
+        HandshakeError
+        """
         for gauge in self._gauges:
             for _ in range(UNREADABLE):
                 if not math.isnan(self._read(gauge, journalled=False)):
@@ -122,17 +108,37 @@ class Measuring(Placing):
                 )
             if gauge.value >= gauge.watched.high:
                 raise HandshakeError(
-                    f"at rest, before the first line, {self._compared(gauge)}; relieve what "
+                    f"at rest, before the first line, {_compared(gauge)}; relieve what "
                     "presses there, or mend the profile (watch)"
                 )
 
-    @staticmethod
-    def _compared(gauge: Gauge) -> str:
+    def _above(self, gauge: Gauge) -> bool:
+        """Ask once. What was above and can't be read then counts as above."""
+        before = gauge.value > gauge.watched.high
+        value = self._read(gauge)
+        return before if math.isnan(value) else value > gauge.watched.high
+
+    def _read(self, gauge: Gauge, journalled: bool = True) -> float:
         watched = gauge.watched
-        return (
-            f"{watched.query} reads {gauge.value:g} {watched.unit}, its limit is "
-            f"{watched.high:g} {watched.unit}"
-        )
+        replies = self._channel.command(watched.query.encode("ascii"), journalled)
+        gauge.due = self._channel.wiring.clock.now() + watched.every_s
+        value = gauge.read(replies)
+        if math.isnan(value):
+            if gauge.unread == UNREADABLE:
+                self._logbook.alarm(
+                    f"{UNREADABLE} answers to {watched.query} running can't be read"
+                )
+            return value
+        self._logbook.record("reading", query=watched.query, value=value, unit=watched.unit)
+        return value
+
+
+def _compared(gauge: Gauge) -> str:
+    watched = gauge.watched
+    return (
+        f"{watched.query} reads {gauge.value:g} {watched.unit}, its limit is "
+        f"{watched.high:g} {watched.unit}"
+    )
 
 
 def _number(text: str) -> float:
