@@ -65,10 +65,10 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
         noise_limit=care.noise_limit,
     )
     setup = LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places)
-    return family_of(printer).make_protocol(setup)
+    return link_facts(printer).make_protocol(setup)
 
 
-def family_of(printer: Printer) -> LinkFacts:
+def link_facts(printer: Printer) -> LinkFacts:
     """Return what the link knows of the family that a profile names.
 
     Raises

@@ -23,7 +23,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from sim.dialect_duet import DuetPrinter, g92_silent
+from sim.families.reprapfirmware.printer import DuetPrinter, g92_silent
 from sim.gcode import Command, split_line
 from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, Named, plain_command
 from sim.gcode_modal import interpret
@@ -212,3 +212,6 @@ class KlipperPrinter(DuetPrinter):
             self.machine.idle_limit_s = float(given[1])
         self.machine.idle_since = self.machine.now  # theirs begins anew, too
         self.machine.say(f"// idle_timeout: Timeout set to {self.machine.idle_limit_s:.2f} s")
+
+
+PRINTER: Final = KlipperPrinter

@@ -199,3 +199,6 @@ class DuetPrinter(MarlinPrinter):
 
     def _take_plain_moves(self, data: bytes) -> bytes:
         return data
+
+
+PRINTER: Final = DuetPrinter
