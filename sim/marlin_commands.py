@@ -89,11 +89,10 @@ def m77(board: MainLoop, command: Command) -> None:
 
 def m85(board: MainLoop, command: Command) -> None:
     """Time without motion after which the firmware kills itself."""
-    if "S" in command.values:
+    if "S" in command.words:
+        seconds = command.values.get("S", 0.0)
         # Below 0 the time is over at once: the firmware kills itself.
-        board.machine.idle_limit_s = max(command.values["S"], 0.0) or _AT_ONCE_S * (
-            command.values["S"] < 0
-        )
+        board.machine.idle_limit_s = _AT_ONCE_S if seconds < 0 else seconds
         board.machine.idle_since = board.machine.now
     else:
         board.machine.say(f"Inactivity timeout {board.machine.idle_limit_s:.0f} s.")
