@@ -81,7 +81,7 @@ def test_asking_changes_nothing_and_moves_nothing(tmp_path: Path) -> None:
 
 def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
     settings = read_settings(
-        "reprapfirmware",
+        find_family("reprapfirmware"),
         {
             b"M115": (
                 b"FIRMWARE_NAME: RepRapFirmware for Duet 2 WiFi/Ethernet FIRMWARE_VERSION: 3",
@@ -102,7 +102,7 @@ def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
 
 def test_smoothie_s_list_is_read() -> None:
     settings = read_settings(
-        "smoothieware",
+        find_family("smoothieware"),
         {
             b"M503": (
                 b";Steps per unit:",
@@ -118,7 +118,7 @@ def test_smoothie_s_list_is_read() -> None:
 
 def test_endstops_that_are_off_are_told() -> None:
     replies = (b"  M211 S0 ; OFF", b"  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00")
-    settings = read_settings("marlin", {b"M211": replies})
+    settings = read_settings(find_family("marlin"), {b"M211": replies})
     assert "endstops are off" in settings.notes[0]
     assert settings.values["x_mm.high"] == 200
 
