@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.checkers.marlin_plunger import MarlinPlunger
 from benchmarks.firmware_bench.avr_board import AvrBoard
 from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import commit, machine, row
@@ -163,8 +164,10 @@ class Both:
         self.board.__exit__(None, None, None)
 
 
-def compare(both: Both, lines: list[str], note: list[str]) -> int:
-    """Send lines; say after which the two differ anew; how often that was."""
+def compare(
+    both: Both, lines: list[str], note: list[str], plunger: MarlinPlunger | None = None
+) -> int:
+    """Send lines; say after which board, simulated printer and E by hand differ anew; how often."""
     differing = 0
     apart = dict.fromkeys("XYZE", 0)
     for number, text in enumerate(lines):
@@ -176,6 +179,12 @@ def compare(both: Both, lines: list[str], note: list[str]) -> int:
         if number % EVERY == EVERY - 1 or number == len(lines) - 1:
             board, simulated = both.steps()
             now = {axis: board[axis] - simulated[axis] for axis in "XYZE"}
+            if plunger is not None:
+                by_hand = plunger.take_all(lines[number - number % EVERY : number + 1])
+                if by_hand != board["E"]:
+                    note.append(f"{number}: E {board['E']} on the board, {by_hand} by hand")
+                    plunger.motor = board["E"]
+                    differing += 1
             if any(abs(now[a] - apart[a]) > SETTLED for a in "XYZE"):
                 note.append(f"{lines[max(0, number - EVERY + 1) : number + 1]}: {apart} -> {now}")
                 differing += 1
@@ -201,7 +210,7 @@ def sent_pass(image: Path, folder: Path, count: int, note: list[str]) -> dict[st
     lines = [line for number, line in enumerate(lines, 1) if number not in bad]
     both = Both(image, folder)
     try:
-        differing = compare(both, lines, note)
+        differing = compare(both, lines, note, MarlinPlunger(STEPS["E"]))
         end = {a: float(v) for a, v in zip("XYZ", program.target[-1, :3], strict=True)}
         end["E"] = float(program.plunger[-1])
         motors = both.steps()[0]

@@ -13,9 +13,9 @@ from benchmarks.link_files import PrintFile, hatching
 from benchmarks.link_runs import DONE, new_printer, run
 from benchmarks.link_wire import BreakingTroubles
 from benchmarks.machine import row
-from printctl.link.marlin_doubt import Timing
-from printctl.link.pairing import Pairing
-from printctl.link.protocol_marlin import MarlinProtocol
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 
 Row = dict[str, Any]
 LATENCIES_S = (0.0, 0.004, 0.016)

@@ -15,8 +15,8 @@ from benchmarks.link_runs import DONE, Run, new_printer, run
 from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from benchmarks.machine import row
 from firmware_profiles import Printer, load
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
-from printctl.link.protocol_marlin import MarlinProtocol
 from sim.dryrun import dry_run
 
 Row = dict[str, Any]

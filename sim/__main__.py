@@ -11,8 +11,8 @@ import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
 from sim.bad_line import BadLine
-from sim.dialects import simulated_printer
 from sim.errors import ServeError, SimError
+from sim.families.registry import simulated_printer
 from sim.faults import Fault, FaultFile, load_faults, parse_fault
 from sim.job_lines import JobLines
 from sim.marlin_board import Board

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Span
-from sim.cold import REMEDY
+from firmware_profiles.families import family_of
 from sim.dryrun_finding import Finding
 from sim.errors import LineError
 from sim.firmware_codes import is_known, is_known_name
@@ -50,6 +50,7 @@ def check(
     low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
     plunger = np.concatenate([[0.0], program.plunger])
     size = sent_length(program)
+    cold = family_of(printer).cold
     longest = int(size.argmax()) if len(program) else -1
     unknown = _unknown(program, printer, named)
     findings = [
@@ -59,7 +60,7 @@ def check(
         *_too_fast(program, speed, limit, plungers, printer.name),
         *_too_slow(program, printer),
         *_plunger(program, printer),
-        *_cold(program, moves & ~extrudes, REMEDY.get(printer.firmware, "")),
+        *_cold(program, moves & ~extrudes, cold.remedy if cold else ""),
         *_strange(program, unknown, printer),
         *_offset(named),
         *head_findings(program, gcode, printer),

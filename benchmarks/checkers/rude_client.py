@@ -73,24 +73,38 @@ class IdleCrowd:
         return len(self._open)
 
 
-def try_tokens(place: tuple[str, int], a_minute: float, told: dict[str, int]) -> None:
-    """Send stops with wrong tokens, for ever; a server that doesn't answer is left waiting."""
-    request = (
-        f"POST /stop HTTP/1.1\r\nHost: {place[0]}:{place[1]}\r\n"
-        "Authorization: Bearer {}\r\nContent-Length: 0\r\n\r\n"
-    )
-    waiting: list[socket.socket] = []
-    number = 0
-    while True:
-        number += 1
-        with contextlib.suppress(OSError):
-            one = socket.create_connection(place, 5)
-            one.sendall(request.format(f"{number:043d}").encode())
-            waiting.append(one)
-            told["wrong_tokens"] += 1
-        if len(waiting) > 100:
-            waiting.pop(0).close()
-        time.sleep(60.0 / a_minute)
+class WrongTokens:
+    """Sends stops with wrong tokens at a rate; who doesn't answer is left waiting."""
+
+    def __init__(self, place: tuple[str, int], a_minute: float) -> None:
+        self.place, self._period = place, 60.0 / a_minute
+        self.sent = 0
+        self._begin = time.monotonic()
+
+    @property
+    def a_minute(self) -> float:
+        """How many were sent a minute, so far."""
+        return 60.0 * self.sent / max(time.monotonic() - self._begin, 1e-3)
+
+    def run(self) -> None:
+        """Send for ever; a try that was held up is made up for."""
+        host, port = self.place
+        request = (
+            f"POST /stop HTTP/1.1\r\nHost: {host}:{port}\r\n"
+            "Authorization: Bearer {}\r\nContent-Length: 0\r\n\r\n"
+        )
+        waiting: list[socket.socket] = []
+        self._begin = due = time.monotonic()
+        while True:
+            with contextlib.suppress(OSError):
+                one = socket.create_connection(self.place, 5)
+                one.sendall(request.format(f"{self.sent:043d}").encode())
+                waiting.append(one)
+                self.sent += 1
+            if len(waiting) > 100:
+                waiting.pop(0).close()
+            due += self._period
+            time.sleep(max(due - time.monotonic(), 0.0))
 
 
 def main() -> None:
@@ -105,16 +119,15 @@ def main() -> None:
     places = [
         (host, int(port)) for host, _, port in (p.partition(":") for p in asked.places.split(","))
     ]
-    crowd, told = IdleCrowd(places[0], asked.idle), {"wrong_tokens": 0}
-    work = [threading.Thread(target=crowd.run, daemon=True)]
-    work += [
-        threading.Thread(target=try_tokens, args=(place, asked.wrong_a_minute, told), daemon=True)
-        for place in places
-    ]
-    for one in work:
-        one.start()
+    crowd = IdleCrowd(places[0], asked.idle)
+    tokens = [WrongTokens(place, asked.wrong_a_minute) for place in places]
+    for work in (crowd.run, *(one.run for one in tokens)):
+        threading.Thread(target=work, daemon=True).start()
     sys.stdin.read()
-    print(json.dumps({"made": crowd.made, "dropped": crowd.dropped, "held": crowd.held, **told}))
+    told: dict[str, Any] = {"made": crowd.made, "dropped": crowd.dropped, "held": crowd.held}
+    told["wrong_tokens"] = sum(one.sent for one in tokens)
+    told["wrong_tokens_a_minute_by_place"] = [round(one.a_minute) for one in tokens]
+    print(json.dumps(told))
 
 
 if __name__ == "__main__":

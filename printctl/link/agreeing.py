@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families.position_reply import parse_position
 from printctl.gate.firmware import (
     Difference,
     blind_resets,
@@ -15,7 +16,6 @@ from printctl.gate.firmware import (
     told_settings,
 )
 from printctl.link.errors import HandshakeError
-from printctl.link.modal import parse_position
 
 Ask = Callable[[bytes], tuple[bytes, ...]]
 Place = tuple[float, float, float]

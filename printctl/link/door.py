@@ -7,7 +7,8 @@ A client sends objects with ``do`` (and ``token`` where the socket is TCP). ``st
 
 One thread serves all clients and never waits for any: sockets are non-blocking, and a client that
 doesn't read what it is sent is dropped. ``kill`` is handed to a thread that was started in
-advance and does nothing else.
+advance and does nothing else. Beyond `MOST_GUESTS` clients, and where the system has no file handle
+left, the client that matters least leaves for the new one (`door_places`), which may bring a kill.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import selectors
 import socket
 import tempfile
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -28,6 +30,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from printctl.link.door_places import (
+    MOST_GUESTS,
+    NO_HANDLE,
+    RETRY_S,
+    Guest,
+    Guests,
+    Reserve,
+)
 from printctl.link.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -74,16 +84,6 @@ def forget(address: str) -> None:
 
 
 @dataclass
-class Guest:
-    """One client's connection."""
-
-    socket: socket.socket
-    heard: bytes = b""
-    unsent: bytes = b""
-    subscribed: bool = False
-
-
-@dataclass
 class Door(ABC):
     """Serves clients in a thread of its own, from `start` to `finish`.
 
@@ -94,11 +94,15 @@ class Door(ABC):
     ----------
     listener : socket
     token : str
+    reserve : Reserve
+        The handle for a client where no other is left.
     """
 
     listener: socket.socket
     token: str
-    _guests: dict[socket.socket, Guest] = field(init=False, default_factory=dict)
+    reserve: Reserve = field(init=False, default_factory=Reserve)
+    _guests: Guests = field(init=False, default_factory=Guests)
+    _deaf_until: float = field(init=False, default=0.0)
     _mail: deque[tuple[Guest | None, dict[str, Any]]] = field(init=False, default_factory=deque)
     _kill: threading.Event = field(init=False, default_factory=threading.Event)
     _over: threading.Event = field(init=False, default_factory=threading.Event)
@@ -163,6 +167,7 @@ class Door(ABC):
             self._selector.close()
             self._waker.close()
             self._woken.close()
+            self.reserve.close()
 
     # --- threads ---------------------------------------------------------------------------
 
@@ -176,16 +181,19 @@ class Door(ABC):
 
     def _serve(self) -> None:
         while not self._over.is_set():
-            for key, mask in self._selector.select():
+            for key, mask in self._selector.select(RETRY_S if self._deaf_until else None):
                 if key.fileobj is self.listener:
                     self._welcome()
                 elif key.fileobj is self._woken:
                     self._drain_waker()
                 else:
-                    self._attend(self._guests[key.fileobj], mask)  # type: ignore[index]
+                    guest = self._guests.of(key.fileobj)
+                    if guest is not None:  # else it has just left for another
+                        self._attend(guest, mask)
+            self._listen_again()
             self._deliver()
         self._deliver()
-        for guest in list(self._guests.values()):
+        for guest in self._guests.all():
             guest.socket.settimeout(0.5)
             with contextlib.suppress(OSError):
                 guest.socket.sendall(guest.unsent)
@@ -203,16 +211,41 @@ class Door(ABC):
     # --- clients ---------------------------------------------------------------------------
 
     def _welcome(self) -> None:
-        with contextlib.suppress(OSError):
+        try:
             connection, _ = self.listener.accept()
-            connection.setblocking(False)
-            self._guests[connection] = Guest(connection)
-            self._selector.register(connection, selectors.EVENT_READ)
+        except OSError as exc:
+            if exc.errno in NO_HANDLE:
+                self._make_room()
+            return
+        connection.setblocking(False)
+        if len(self._guests) >= MOST_GUESTS:
+            self._one_leaves()
+        guest = Guest(connection)
+        self._guests.add(guest)
+        self._selector.register(connection, selectors.EVENT_READ)
+        self.reserve.refill()
+
+    def _make_room(self) -> None:
+        """Free a handle for who knocks; where that can't be, don't listen for a moment."""
+        if not (self._one_leaves() or self.reserve.close()):
+            self._selector.unregister(self.listener)
+            self._deaf_until = time.monotonic() + RETRY_S
+
+    def _listen_again(self) -> None:
+        if self._deaf_until and time.monotonic() >= self._deaf_until:
+            self._deaf_until = 0.0
+            self._selector.register(self.listener, selectors.EVENT_READ)
+
+    def _one_leaves(self) -> bool:
+        leaver = self._guests.leaver()
+        if leaver is not None:
+            self._dismiss(leaver)
+        return leaver is not None
 
     def _dismiss(self, guest: Guest) -> None:
         with contextlib.suppress(KeyError, ValueError):
             self._selector.unregister(guest.socket)
-        self._guests.pop(guest.socket, None)
+        self._guests.remove(guest)
         guest.socket.close()
 
     def _attend(self, guest: Guest, mask: int) -> None:
@@ -239,7 +272,9 @@ class Door(ABC):
             if not secrets.compare_digest(str(wish.get("token", "")), self.token):
                 self.post(guest, {"event": "refused", "message": "wrong token"})
                 return
-            self._granted[wish["do"]](guest, wish)
+            grant = self._granted[wish["do"]]
+            guest.known = True
+            grant(guest, wish)
             if wish.get("answer"):
                 self.post(guest, {"event": "heard", "do": wish["do"]})
         except LinkError as exc:
@@ -265,9 +300,8 @@ class Door(ABC):
         while self._mail:
             guest, message = self._mail.popleft()
             data = json.dumps(message).encode() + b"\n"
-            guests = [guest] if guest else [g for g in self._guests.values() if g.subscribed]
-            for one in guests:
-                if one.socket in self._guests:
+            for one in [guest] if guest else self._guests.subscribers():
+                if one in self._guests:
                     one.unsent += data
                     self._flush(one)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families.position_reply import parse_position
 from printctl.gate import (
     Allowed,
     Bounds,
@@ -20,7 +21,6 @@ from printctl.gate import (
     judge,
 )
 from printctl.link.errors import Refused
-from printctl.link.modal import parse_position
 from sim.errors import LineError
 from sim.reading import BLANK, GcodeLine, read_line
 

@@ -1,8 +1,7 @@
 """Heads of a job: which one its text has in use, which are raised, and what chooses one.
 
 A command that chooses a head or raises one states a target: sent twice it does no harm. Whether the
-firmware chose it, Marlin says (``Active Extruder: 1``), and so does Klipper; RepRapFirmware is
-silent.
+firmware chose it, some families say (`HeadFacts.confirms`), others are silent.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from sim.reading import read_sent
 
 
@@ -43,13 +43,9 @@ def choose(printer: Printer, number: int) -> bytes:
 
 def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
     """Whether the firmware says that it uses that head; true of one that says nothing of it."""
-    if printer.firmware == "marlin":
-        return any(text.endswith(b"Active Extruder: %d" % number) for text in replies)
-    if printer.firmware == "klipper":
-        name = b"extruder%b" % (b"%d" % number if number else b"")
-        wanted = (b"Activating extruder " + name, b"Extruder %b already active" % name)
-        return any(text.endswith(wanted) for text in replies)
-    return True
+    own = family_of(printer).heads
+    ways = own.confirms(number) if own else ()
+    return not ways or any(text.endswith(ways) for text in replies)
 
 
 def keep_raised(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:

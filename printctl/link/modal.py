@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +13,6 @@ from sim.reading import code_of, is_motion, read_sent
 _PLACING: Final = (b"G0", b"G1", b"G2", b"G3", b"G92")
 _HOMING: Final = (b"G28", b"G29")
 _KEPT: Final = "XYZEF"
-_POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
 AXES: Final = "XYZE"
 
 
@@ -49,6 +47,13 @@ def modal_state(lines: Sequence[bytes], done: int) -> Modal:
         How many of them were taken.
     """
     return Modal(**_read_back(lines, 0, done)[0])
+
+
+def places(lines: Sequence[bytes], done: int) -> dict[str, float]:
+    """Return what `modal_state` finds of X, Y, Z and E, mm, by the axis' letter."""
+    at = modal_state(lines, done)
+    found = ((axis, getattr(at, axis.lower())) for axis in AXES)
+    return {axis: value for axis, value in found if value is not None}
 
 
 class ModalTrail:
@@ -87,15 +92,6 @@ def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str,
             if len(found) == 5:
                 break
     return found, False
-
-
-def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
-    """Read the reply to M114, mm, by axis letter; empty when it isn't there."""
-    for text in replies:
-        if text.startswith((b"X:", b"ok C: X:")) and b" Z:" in text:  # the latter is Smoothieware's
-            words = text.split(b"Count")[0]
-            return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
-    return {}
 
 
 def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:

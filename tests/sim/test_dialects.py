@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
+from firmware_profiles.families.ack_protocol import Sort
+from firmware_profiles.families.reprapfirmware.crc16 import crc16 as crc_of_the_link
 from printctl.link.clock import VirtualClock
-from printctl.link.crc16 import crc16 as crc_of_the_link
-from printctl.link.families import FAMILIES
 from printctl.link.journal import Journal
-from printctl.link.protocol_acks import Sort
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from sim.dialect_duet import DuetPrinter, crc16
-from sim.dialects import simulated_printer
+from printctl.link.wiring import Wiring
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
+from sim.families.registry import simulated_printer
+from sim.families.reprapfirmware.printer import DuetPrinter, crc16
 from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 
 START = (50.0, 50.0, 10.0)
@@ -88,7 +88,7 @@ def test_what_a_duet_leaves_out_is_a_fault_to_the_link():
     printer, _ = printer_of("reprapfirmware")
     reply = said(printer, b"M113 S1\n").splitlines()[0]
     assert reply == b"Warning: M113: Command is not supported"
-    assert FAMILIES["reprapfirmware"].make(None).sort(reply) is Sort.FAULT
+    assert made_protocol("reprapfirmware").sort(reply) is Sort.FAULT
 
 
 def test_duet_tells_its_settings_in_its_own_words():
@@ -166,7 +166,7 @@ def printed(firmware: str, folder, seed: int = 0, **troubles) -> tuple[object, E
     transport = SimTransport(printer, VirtualClock(), np.random.default_rng(seed), **troubles)
     wiring = Wiring(
         transport=transport,
-        protocol=FAMILIES[firmware].make(None),
+        protocol=made_protocol(firmware),
         clock=transport.clock,
         journal=Journal(folder / f"journal-{seed}.log"),
         printer=facts,

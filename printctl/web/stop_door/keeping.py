@@ -17,7 +17,9 @@ import printctl
 from printctl.errors import PrintctlError
 from printctl.web.stop_door.order import DoorOrder
 
-_LOOK_S: Final = 1.0
+_LOOK_S: Final = 0.1
+_AGAIN_S: Final = 1.0
+"""Between two tries to start a door that doesn't start."""
 _END_S: Final = 1.0
 
 log = logging.getLogger("printctl.web")
@@ -98,5 +100,7 @@ class DoorKeeper:
         while not self._over.wait(_LOOK_S):
             if self._process is not None and self._process.poll() is not None:
                 log.error("the stop door ended; starting it again")
-                with contextlib.suppress(NoStopDoorError):
+                try:
                     self._start()
+                except NoStopDoorError:
+                    self._over.wait(_AGAIN_S)

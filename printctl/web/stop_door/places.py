@@ -89,6 +89,10 @@ class Places:
         mates[new] = self._unknown[new] = None
         return leaves
 
+    def oldest_unknown(self) -> Connection | None:
+        """Return who leaves first where the system has no file handle for a new one."""
+        return next(iter(self._unknown), None)
+
     def know(self, one: Connection) -> Connection | None:
         """Note that a connection has shown a session or token; return who must leave for it."""
         if one.known:

@@ -7,11 +7,13 @@ went out, then what the printers said, two lines of JSON.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import selectors
 import socket
 import ssl
 import threading
+import time
 from collections import deque
 from dataclasses import asdict
 from typing import Any, Final
@@ -32,6 +34,8 @@ _BACKLOG: Final = 1024
 _ACCEPTED_AT_ONCE: Final = 64
 _SWEEP_S: Final = 0.25
 _PATIENCE_S: Final = 2.5
+_PAUSE_S: Final = 0.02
+_NO_HANDLE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _MOST_HEARD: Final = 65_536
 _AGAIN: Final = (BlockingIOError, InterruptedError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
@@ -93,7 +97,9 @@ class DoorServer:
         for _ in range(_ACCEPTED_AT_ONCE):
             try:
                 accepted, address = self._listener.accept()
-            except OSError:  # nobody more; or no file is left for one, until some are dropped
+            except OSError as exc:  # nobody more; or no handle is left for one
+                if exc.errno in _NO_HANDLE and not self._one_leaves():
+                    time.sleep(_PAUSE_S)  # others have them all: wait, don't spin
                 return
             try:
                 accepted.setblocking(False)
@@ -110,6 +116,12 @@ class DoorServer:
             self._selector.register(new.socket, selectors.EVENT_READ, new)
             self._drop(self._places.take(new))
             self._attend(new, selectors.EVENT_READ)  # most have sent their request already
+
+    def _one_leaves(self) -> bool:
+        """Drop the oldest unknown connection; whether there was one."""
+        leaver = self._places.oldest_unknown()
+        self._drop(leaver)
+        return leaver is not None
 
     def _drop(self, one: Connection | None) -> None:
         if one is not None and self._places.leave(one):

@@ -1,7 +1,8 @@
 """Connections kept open to what must hear a stop: the live prints and the station of a workspace.
 
 A link process and a station write where they listen into a JSON file of their folder (``address``,
-``token``), and take JSON lines; of these only ``kill`` and ``subscribe`` are sent from here.
+``token``), and take JSON lines; of these only ``kill``, ``subscribe`` and ``detach`` (which asks
+for nothing) are sent from here.
 Standard library only: the stop door must be up at once and have nothing in it that can fail.
 """
 
@@ -150,6 +151,8 @@ class Wires:
         record = self._records[path]
         wire = _dial(record.address)
         if wire is not None:
+            with contextlib.suppress(OSError):  # said, so that the door keeps it before strangers
+                wire.sendall(_message("detach", record.token))
             self._open[path] = (wire, record.token)
         return wire is not None
 
@@ -159,7 +162,7 @@ class Wires:
             return False
         wire, token = found
         try:
-            wire.sendall(json.dumps({"do": "kill", "token": token}).encode() + b"\n")
+            wire.sendall(_message("kill", token))
         except OSError:
             self._drop(path)
             return False
@@ -181,7 +184,7 @@ class Wires:
         limit, heard = self.clock() + patience_s, b""
         last: dict[str, Any] = {}
         with wire, contextlib.suppress(OSError, ValueError):
-            wire.sendall(json.dumps({"do": "subscribe", "token": record.token}).encode() + b"\n")
+            wire.sendall(_message("subscribe", record.token))
             while (left := limit - self.clock()) > 0:
                 wire.settimeout(left)
                 data = wire.recv(65536)
@@ -231,6 +234,10 @@ def _dial(address: str) -> socket.socket | None:
     except (OSError, ValueError):
         return None
     return wire
+
+
+def _message(do: str, token: str) -> bytes:
+    return json.dumps({"do": do, "token": token}).encode() + b"\n"
 
 
 def _ended(wire: socket.socket) -> bool:

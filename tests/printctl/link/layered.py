@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.link_protocol import LinkProtocol
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.job import Job
 from printctl.link.journal import History, Journal
-from printctl.link.protocol import LinkProtocol
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
+from printctl.link.wiring import Wiring
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeMarlin
 from tests.printctl.link.jobs import parse_job

@@ -5,19 +5,20 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
+from firmware_profiles.families import find_family
+from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
+from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.clock import VirtualClock
-from printctl.link.crc16 import crc16
-from printctl.link.families import FAMILIES
 from printctl.link.firmware import parse_firmware
 from printctl.link.journal import Journal, read_journal
-from printctl.link.marlin_replies import Kind, classify, unknown_command
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
 from tests.printctl.link.jobs import parse_job, with_codes
+from tests.printctl.link.protocols import STREAMED, made_protocol
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]
@@ -34,7 +35,7 @@ def streamer_of(firmware: str, fake, folder, job=JOB, answer=None) -> Streamer:
     printer = facts(firmware)
     wiring = Wiring(
         transport=ScriptedTransport(answer or fake.receive, clock),
-        protocol=FAMILIES[firmware].make(None),
+        protocol=made_protocol(firmware),
         clock=clock,
         journal=Journal(folder / "journal.log"),
         printer=printer,
@@ -168,12 +169,12 @@ def test_names_of_all_families_are_read():
     }
     for text, family in replies.items():
         firmware = parse_firmware([text])
-        assert firmware.is_a(FAMILIES[family].says), text
+        assert firmware.is_a(find_family(family).link.says), text
         assert ":" not in firmware.name.replace("03:35:05", "")
 
 
 def test_only_marlin_is_called_verified():
-    assert [name for name, family in FAMILIES.items() if family.verified] == ["marlin"]
+    assert [name for name in STREAMED if find_family(name).link.verified] == ["marlin"]
 
 
 def test_prusas_unknown_code_is_known_as_such():

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
-from printctl.link.protocol import Fault
-from printctl.link.protocol_klipper import KlipperProtocol
-from printctl.link.protocol_marlin import MarlinProtocol
-from printctl.link.protocol_rrf import RrfProtocol
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.link_protocol import Fault
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from printctl.link.modal import places
 
 JOB = [b"G1 X%d" % k for k in range(1, 101)]
 SAID = [
     (KlipperProtocol, b"!! Move out of range: 501.000 0.000 0.000 [0.000]\nok\n"),
     (KlipperProtocol, b'// Unknown command:"G1"\nok\n'),
-    (RrfProtocol, b"Error: G1: outside machine limits\nok\n"),
+    (partial(RrfProtocol, places), b"Error: G1: outside machine limits\nok\n"),
     (MarlinProtocol, b"echo: cold extrusion prevented\nok\n"),
 ]
 

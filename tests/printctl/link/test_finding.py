@@ -14,13 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.marlin.doubt import QUESTION
 from printctl.cli import ports as ports_command
 from printctl.cli.main import app
 from printctl.link import LinkState, finding, start_print
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError, PortError, PortMissing
 from printctl.link.finding import AUTO, Place, choose_port, locate, matches, rates_to_try, sweep
-from printctl.link.marlin_doubt import QUESTION
 from printctl.link.ports import PortInfo
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, write_job

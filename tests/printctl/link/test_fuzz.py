@@ -13,20 +13,21 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from printctl.link.channel import Wiring
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.clock import VirtualClock
-from printctl.link.crc16 import crc16
-from printctl.link.families import FAMILIES, protocol_for
+from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
-from printctl.link.marlin_doubt import Timing
-from printctl.link.marlin_replies import frame
-from printctl.link.pairing import Pairing
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.protocols import STREAMED
 
 WORDS = [
     b"ok\n",
@@ -182,4 +183,4 @@ def test_whole_print_ends_and_moves_only_along_the_file(family, said):
 
 
 def test_every_family_is_fuzzed():
-    assert set(FAKES) == {*FAMILIES, "pairs"}
+    assert set(FAKES) == {*STREAMED, "pairs"}

@@ -7,16 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.position_reply import parse_position
 from printctl.link.errors import JobError
 from printctl.link.firmware import differences, parse_firmware
-from printctl.link.modal import (
-    Modal,
-    astray,
-    disagreement,
-    modal_state,
-    named,
-    parse_position,
-)
+from printctl.link.modal import Modal, astray, disagreement, modal_state, named
 from printctl.link.retreat import Retreat, heaters_off
 from tests.printctl.link.jobs import load_job, parse_job
 

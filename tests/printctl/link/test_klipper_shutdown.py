@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from printctl.link import protocol as said
-from printctl.link.protocol_klipper import KlipperProtocol
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
 
 WHY = b"// MCU 'mcu' shutdown: Timer too close\n// This often indicates the host is overloaded.\n"
 

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from printctl.link.marlin_replies import frame
-from printctl.link.protocol import InStep, Notice, Replied, Stray, TokenSent, WentBack
-from printctl.link.protocol_marlin import QUESTION, MarlinProtocol
+from firmware_profiles.families.link_protocol import (
+    InStep,
+    Notice,
+    Replied,
+    Stray,
+    TokenSent,
+    WentBack,
+)
+from firmware_profiles.families.marlin.protocol import QUESTION, MarlinProtocol
+from firmware_profiles.families.marlin.replies import frame
 
 JOB = [b"G1 X%d" % k for k in range(1, 41)]
 

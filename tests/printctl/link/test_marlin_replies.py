@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.link.marlin_replies import Kind, classify, frame
+from firmware_profiles.families.marlin.replies import Kind, classify, frame
 
 RECORDED = Path(__file__).parents[3].parent / "shared" / "marlin"
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.link.modal import ModalTrail, last_of, modal_state, parse_position, relieved_mm
+from firmware_profiles.families.position_reply import parse_position
+from printctl.link.modal import ModalTrail, last_of, modal_state, relieved_mm
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.link.channel import Wiring
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.link_protocol import Fault, Notice, Stray, TokenSent, WentBack
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from firmware_profiles.families.marlin.replies import frame
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
-from printctl.link.marlin_doubt import QUESTION, Timing
-from printctl.link.marlin_replies import frame
-from printctl.link.pairing import Pairing
-from printctl.link.protocol import Fault, Notice, Stray, TokenSent, WentBack
-from printctl.link.protocol_klipper import KlipperProtocol
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job

@@ -7,15 +7,14 @@ import contextlib
 import numpy as np
 import pytest
 
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.families import FAMILIES
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
-from printctl.link.marlin_doubt import Timing
-from printctl.link.pairing import Pairing
-from printctl.link.protocol_marlin import MarlinProtocol
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
@@ -34,6 +33,7 @@ from tests.printctl.link.layered import (
     layered,
     played,
 )
+from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.test_families import FAKES, facts
 
@@ -119,7 +119,7 @@ def test_other_families_pause_and_change_the_syringe_as_well(tmp_path, firmware)
         ScriptedTransport(fake.receive, clock),
         script,
         Care(checkpoint_s=0.0, reload_at=reloads),
-        protocol=FAMILIES[firmware].make(None),
+        protocol=made_protocol(firmware),
         printer=facts(firmware),
     )
     assert status.state is LinkState.DONE, status
@@ -345,7 +345,7 @@ def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
 
     def status(one):
         if one.state is LinkState.PRINTING and not script.armed and script.streamer:
-            script.streamer.watch.after = MarkKind.LAYER
+            script.streamer.parts.watch.pause_after(MarkKind.LAYER)
         pause_at_once(one)
 
     script.status = status  # type: ignore[method-assign]

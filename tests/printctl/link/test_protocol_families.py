@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import groupby
 
-from printctl.link.protocol_klipper import KlipperProtocol
-from printctl.link.protocol_rrf import RrfProtocol
-from printctl.link.protocol_smoothie import SmoothieProtocol
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
+from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
+from printctl.link.modal import places
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.wire_machine import FILE, WireMachine, as_test
 
 
 class FamilyWire(WireMachine):
     printer_class = FakeDuet
-    protocol_class = RrfProtocol
+    protocol_class = staticmethod(partial(RrfProtocol, places))
     once = False
     """Whether a line may be executed once only; else again, right after itself, at its end."""
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, rule
 
-from printctl.link.marlin_doubt import Timing
-from printctl.link.pairing import Pairing
-from printctl.link.protocol_marlin import MarlinProtocol
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from tests.printctl.link.fake_marlin import FakeMarlin, slips_through
 from tests.printctl.link.queueing_marlin import QueueingMarlin
 from tests.printctl.link.wire_machine import MANUAL, WireMachine, as_test

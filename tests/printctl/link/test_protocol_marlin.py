@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from printctl.link.marlin_replies import frame
-from printctl.link.protocol import (
+from firmware_profiles.families.link_protocol import (
     Fault,
     Halted,
     InStep,
@@ -15,7 +14,8 @@ from printctl.link.protocol import (
     WasReset,
     WentBack,
 )
-from printctl.link.protocol_marlin import QUESTION, RENUMBER, MarlinProtocol
+from firmware_profiles.families.marlin.protocol import QUESTION, RENUMBER, MarlinProtocol
+from firmware_profiles.families.marlin.replies import frame
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]
 TOKEN = frame(2, b"M0118 E1 at 2.1")

@@ -11,8 +11,9 @@ import pytest
 from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
+from firmware_profiles.families import family_names
 from printctl.link.errors import Refused
-from printctl.link.families import FAMILIES, family_of, protocol_for, refuse_unsent
+from printctl.link.families import link_facts, protocol_for, refuse_unsent
 from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.pipeline.stages import printing
@@ -23,6 +24,7 @@ from printctl.recipe.making import FileScan, SimulatedScan
 from sim.dryrun import dry_run
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.protocols import STREAMED
 
 PROFILE = "aerotech_pneumatic"
 PRINTER = load(Printer, PROFILE)
@@ -40,8 +42,7 @@ def nothing() -> str:
 
 
 def test_every_other_family_is_sent_to() -> None:
-    families = Printer.model_fields["firmware"].annotation.__args__  # type: ignore[union-attr]
-    assert set(families) == {*FAMILIES, "aerotech"}
+    assert set(family_names()) == {*STREAMED, "aerotech"}
     refuse_unsent(load(Printer, "generic_marlin"))
 
 
@@ -59,7 +60,7 @@ def test_a_print_is_refused_before_a_port_is_looked_for(
 
 
 def test_no_state_machine_and_no_question_is_for_it() -> None:
-    for ask in (lambda: protocol_for(PRINTER, 0.05), lambda: family_of(PRINTER)):
+    for ask in (lambda: protocol_for(PRINTER, 0.05), lambda: link_facts(PRINTER)):
         with pytest.raises(Refused, match="takes no lines from a host"):
             ask()
     with pytest.raises(Refused, match="takes no lines from a host"):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import modes
-from printctl.link.guarding import guarded
 from printctl.link.journal import History, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
@@ -214,7 +214,7 @@ def test_a_position_that_is_wrong_ends_the_print_with_the_valve_shut(tmp_path):
     def push(streamer: Streamer) -> None:
         printer.at["Z"] += 1.0
         moved.append(True)
-        streamer._unverified = True  # as after a stray ok
+        streamer.parts.channel.logbook.progress.doubt()  # as after a stray ok
 
     script = Script(at_line={within_a_path(): push})
     printer = Airy(job=JOB, script=script)

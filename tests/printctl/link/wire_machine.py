@@ -6,7 +6,14 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from printctl.link.protocol import InStep, OutOfStep, Silent, Stray, WasReset, WentBack
+from firmware_profiles.families.link_protocol import (
+    InStep,
+    OutOfStep,
+    Silent,
+    Stray,
+    WasReset,
+    WentBack,
+)
 from tests.printctl.link.fake_marlin import zigzag
 
 LINES = zigzag(60)

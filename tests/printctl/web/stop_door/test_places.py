@@ -64,3 +64,15 @@ def test_who_shows_nothing_is_late_soon_and_who_may_stop_much_later() -> None:
     assert places.leave(nobody)
     assert not places.leave(nobody)
     assert places.late(IDLE_S + 0.1) == [mine]
+
+
+def test_where_no_file_handle_is_left_the_oldest_unknown_leaves_and_never_a_known_one() -> None:
+    places = Places()
+    mine, first, second = came(), came(), came()
+    for one in (mine, first, second):
+        places.take(one)
+    places.know(mine)
+    assert places.oldest_unknown() is first
+    places.leave(first)
+    places.leave(second)
+    assert places.oldest_unknown() is None

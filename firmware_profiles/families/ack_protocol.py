@@ -1,0 +1,223 @@
+"""What RepRapFirmware and Klipper have in common: one line in flight, and an ``ok`` to it.
+
+Neither keeps count of lines as Marlin does: a line number is at most part of a checksum. So
+there is no asking "which line did you take last"; what is done in doubt is each family's own
+(`_on_silence`). Line numbers here are the host's own count.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from enum import Enum, auto
+from typing import Final
+
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.line_errors import LineErrors
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
+
+PROBE: Final = b"M105"
+"""Asked only to hear an answer: temperatures, which every family tells at any time."""
+PLACE: Final = b"M114"
+_REST_LIMIT: Final = 65536
+_POSITION: Final = re.compile(rb"X:\s*-?\d")
+
+
+class Sort(Enum):
+    """What a line from the printer is."""
+
+    OK = auto()
+    FAULT = auto()
+    HALT = auto()
+    RESTART = auto()
+    TEXT = auto()
+
+
+class AckProtocol(ABC):
+    """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
+
+    A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `_on_silence`.
+
+    Parameters
+    ----------
+    timing : Timing
+    """
+
+    kill_bytes: bytes = b"\nM112\n"
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        self.timing = timing or Timing()
+        self.deadline = math.inf
+        self.lines_done = self.number = self.limit = 0
+        self.held = self.keepalive = True
+        self._lines: Sequence[bytes] = ()
+        self._controls: deque[bytes] = deque()
+        self._flight: bytes | None = None
+        self._in_job = self._probing = self._placing = self._over = False
+        self._sent_at = 0.0
+        self._rest = self.report = b""
+        self._out: list[bytes] = []
+        self._said: list[bytes] = []
+        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
+
+    # --- a family's own ----------------------------------------------------------------------
+
+    @abstractmethod
+    def frame(self, number: int, command: bytes) -> bytes:
+        """A command as it goes over the wire."""
+
+    @abstractmethod
+    def sort(self, text: bytes) -> Sort:
+        """Tell what a line from the printer is."""
+
+    @abstractmethod
+    def _on_silence(self, now: float, events: list[Event]) -> None:
+        """Do what is right when nothing was heard up to the deadline."""
+
+    # --- what the streamer calls -----------------------------------------------------------
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is in flight and nothing is being asked."""
+        return self._flight is None
+
+    @property
+    def line_errors(self) -> int:
+        """Lines sent again so far."""
+        return self._errors.total
+
+    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
+        """Take a job; go on at line ``first``, the count of lines being ``number``."""
+        self._lines, self.limit = lines, len(lines)
+        self.lines_done, self.number = first, number
+
+    def renumber(self, now: float) -> None:
+        """Hear that the printer answers, and count from 0; `InStep` follows."""
+        self.number = 0
+        self.ask(now)
+
+    def confirm(self, now: float) -> None:
+        """Hear where the printer is, which it says in its turn; `InStep` follows.
+
+        An ok without a position before it answers an earlier line, and is passed over.
+        """
+        self._flight, self._in_job, self._probing = PLACE, False, True
+        self._placing, self._said = True, []
+        self._fly(now)
+
+    def ask(self, now: float) -> None:
+        """Hear that the printer answers; `InStep` follows. It can't say which line it took last."""
+        self._flight, self._in_job, self._probing = PROBE, False, True
+        self._fly(now)
+
+    def submit(self, command: bytes, now: float) -> None:
+        """Send a control command ahead of further job lines; `Replied` follows."""
+        self._controls.append(command)
+        self.go(now)
+
+    def go(self, now: float) -> None:
+        """Send the next line if nothing is in flight."""
+        if self._flight is None and not self._over:
+            self._send_next(now)
+
+    def take_output(self) -> bytes:
+        """Give what must be written now, and forget it."""
+        data = b"".join(self._out)
+        self._out.clear()
+        return data
+
+    def feed(self, data: bytes, now: float) -> Sequence[Event]:
+        """Take what the printer said."""
+        events: list[Event] = []
+        *texts, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > _REST_LIMIT:
+            texts, self._rest = [*texts, self._rest], b""
+        for text in map(bytes.strip, texts):
+            if text and not self._over:
+                self._hear(text, now, events)
+        return events
+
+    def tick(self, now: float) -> Sequence[Event]:
+        """Take notice that it is ``now`` and nothing has come."""
+        events: list[Event] = []
+        if now >= self.deadline:
+            if now - self._sent_at > self._patience():
+                self._end(said.Silent(now - self._sent_at), events)
+            else:
+                self._on_silence(now, events)
+        return events
+
+    # --- steps -----------------------------------------------------------------------------
+
+    def _patience(self) -> float:
+        return self.timing.doubt_limit_s if self._probing else self.timing.busy_limit_s
+
+    def _send_next(self, now: float) -> None:
+        self._said = []
+        if self._controls:
+            self._flight, self._in_job = self._controls.popleft(), False
+        elif not self.held and self.lines_done < self.limit:
+            self._flight, self._in_job = self._lines[self.lines_done], True
+        else:
+            self._flight, self.deadline = None, math.inf
+            return
+        self._fly(now)
+
+    def _fly(self, now: float) -> None:
+        """Write the line in flight for the first time."""
+        self._sent_at = now
+        self._write(now)
+
+    def _write(self, now: float) -> None:
+        self._out.append(self.frame(self.number + 1, self._flight or PROBE))
+        self.deadline = now + self.timing.silence_s
+
+    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+        sort, words = self.sort(text), text.decode("ascii", "backslashreplace")
+        if sort is Sort.HALT:
+            self._end(said.Halted(words), events)
+        elif sort is Sort.RESTART:
+            over = bool(self._lines)
+            self._end(said.WasReset(), events) if over else events.append(said.Booted())
+        elif sort is Sort.FAULT:
+            self.held = True  # its ok may be in the same read: no further line leaves
+            events.append(said.Fault(words, self.lines_done + self._in_job))
+        elif sort is Sort.OK:
+            self._hear_ok(text, now, events)
+        elif self._flight is not None:
+            self._said.append(text)
+            self.deadline = now + self.timing.silence_s
+
+    def _hear_ok(self, text: bytes, now: float, events: list[Event]) -> None:
+        if self._flight is None:
+            events.append(said.Notice("an ok with nothing in flight"))
+            return
+        if text != b"ok":
+            self._said.append(text)
+        if self._placing and not any(_POSITION.search(words) for words in self._said):
+            events.append(said.Notice("an ok that answers an earlier line"))
+            self.deadline = now + self.timing.silence_s
+            return
+        self._placing = False
+        self._acknowledge(now, events)
+
+    def _acknowledge(self, now: float, events: list[Event]) -> None:
+        if self._probing:
+            self._probing = False
+            events.append(said.InStep(self.number))
+            self._flight, self.deadline = None, math.inf
+            return
+        self.number += 1
+        if self._in_job:
+            self.lines_done += 1
+        else:
+            events.append(said.Replied(self._flight or b"", self.number, tuple(self._said)))
+        self._send_next(now)
+
+    def _end(self, event: Event, events: list[Event]) -> None:
+        self._over, self.deadline = True, math.inf
+        events.append(event)

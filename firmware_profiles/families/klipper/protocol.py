@@ -1,0 +1,80 @@
+"""Klipper, by its pseudo-terminal: a state machine after its source, not tried on a real one.
+
+Facts (Klipper `klippy/gcode.py`, version of 2025): a line number is skipped and a checksum taken
+off unchecked; each line gets an ``ok``, after ``!! <why>`` where the command failed and after
+``// Unknown command`` where there is no such command; M112 is looked for in what waits as well;
+``// Klipper state: Shutdown`` says that it has stopped for good, ``Ready`` that it has started.
+Why it has stopped it says when it is asked (``STATUS``): lines with ``//``, the first again after
+``!!``.
+
+The terminal is on the machine that runs Klipper: no noise, no lost bytes. So silence means only
+that the line's turn hasn't come: Klipper says nothing while it is busy. It is waited for, with a
+notice a minute, and never sent again. A long wire in between (a bridge over UART) isn't safe, as
+nothing would find a flipped bit. After a crash of the host there is no asking which line was
+taken last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.link_timing import Timing
+
+_REASON_S: Final = 0.5
+
+
+class KlipperProtocol(AckProtocol):
+    """See the module."""
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        super().__init__(timing)
+        self._halted = ""
+
+    def frame(self, number: int, command: bytes) -> bytes:
+        """The command and a line end: a number or checksum would be ignored."""
+        return command + b"\n"
+
+    def sort(self, text: bytes) -> Sort:
+        """Tell what a line from the printer is."""
+        if text == b"ok" or text.startswith(b"ok "):
+            return Sort.OK
+        if text.startswith((b"// Klipper state: Shutdown", b"// Klipper state: Disconnect")):
+            return Sort.HALT
+        if text.startswith(b"// Klipper state: Ready"):
+            return Sort.RESTART
+        if text.startswith((b"!!", b"// Unknown command")):
+            return Sort.FAULT
+        return Sort.TEXT
+
+    def tick(self, now: float) -> Sequence[Event]:
+        """Take notice that it is ``now`` and nothing has come."""
+        if not self._halted or now < self.deadline:
+            return super().tick(now)
+        events: list[Event] = []
+        self._end(said.Halted(self._halted), events)
+        return events
+
+    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+        """Hear a line; after a shutdown its reason is waited for, for a moment."""
+        words = text.decode("ascii", "backslashreplace")
+        if self._halted:
+            if text.startswith(b"!!"):
+                self._end(said.Halted(f"{self._halted}: {words[2:].strip()}"), events)
+        elif self.sort(text) is Sort.HALT:
+            self._halted, self.held = words, True
+            self._out.append(b"STATUS\n")
+            self.deadline = now + _REASON_S
+        else:
+            super()._hear(text, now, events)
+
+    def _on_silence(self, now: float, events: list[Event]) -> None:
+        if now - self._sent_at >= self.timing.deaf_s:
+            silent = now - self._sent_at
+            events.append(said.Notice(f"line {self.number + 1}: no word for {silent:.0f} s"))
+        self.deadline = now + self.timing.deaf_s
+        if self._probing:
+            self.deadline = now + self.timing.answer_s

@@ -1,0 +1,290 @@
+"""The seam between the streamer and a firmware family: bytes in, events and bytes out, no I/O.
+
+A protocol is a state machine. It is told what the printer said (`feed`) and what time it is, and
+answers with events; what must be written is collected in `take_output`; `deadline` says when it
+wants to be woken (`tick`) if nothing is said until then. It opens nothing, waits for nothing and
+reads no clock, so that fifty noisy prints run in seconds and every case is tested by transcript.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+
+@dataclass(frozen=True)
+class Replied:
+    """A control command was taken and answered.
+
+    Attributes
+    ----------
+    command : bytes
+    number : int
+        Line number that it was sent under.
+    lines : tuple of bytes
+        What the printer said before its ok (and after ok on the same line).
+    """
+
+    command: bytes
+    number: int
+    lines: tuple[bytes, ...]
+
+
+@dataclass(frozen=True)
+class InStep:
+    """Renumbering or asking has succeeded: the printer last took line ``number``."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The printer says that it didn't do what it was told, though it may say ok as well.
+
+    Attributes
+    ----------
+    text : str
+        Its own words.
+    line : int
+        Job lines taken, the one in flight at the time included.
+    """
+
+    text: str
+    line: int
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something for the journal that needs no action: a lost ok, a resent line, a stray reply."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class WentBack:
+    """Lines that an ok which wasn't theirs had acknowledged are sent again.
+
+    Something that nobody sent has been answered, so it may have been done: the protocol holds the
+    job (``held``) until the position has been verified.
+
+    Attributes
+    ----------
+    first, last : int
+        Their numbers.
+    controls : tuple of bytes
+        Control commands that go (again) before any job line, under the numbers from ``first`` on.
+    """
+
+    first: int
+    last: int
+    controls: tuple[bytes, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stray:
+    """An ok that belongs to no line: a fragment of a garbled one may have been done unverified.
+
+    The protocol holds the job (``held``) until the position has been verified.
+
+    Attributes
+    ----------
+    number : int
+        Of the line near which it came.
+    """
+
+    number: int
+
+
+@dataclass(frozen=True)
+class TokenSent:
+    """A line of the protocol's own is about to leave: its number must be in the journal before.
+
+    Attributes
+    ----------
+    number : int
+    command : bytes
+    """
+
+    number: int
+    command: bytes
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """The printer gives no usable answer; it is asked on until the limit.
+
+    Attributes
+    ----------
+    seconds, limit : float, s
+        So far, and when it counts as silent.
+    """
+
+    seconds: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Action:
+    """The printer asks its host for an action (``//action:pause``)."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Noisy:
+    """The line makes more errors than the limit; the print should pause.
+
+    Attributes
+    ----------
+    errors, lines : int
+        Lines sent again, among so many.
+    """
+
+    errors: int
+    lines: int
+
+
+@dataclass(frozen=True)
+class Halted:
+    """The firmware has stopped for good (``kill``); only a reset brings it back."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Booted:
+    """The firmware has started, before anything was agreed on with it."""
+
+
+@dataclass(frozen=True)
+class WasReset:
+    """The firmware has started anew after its lines were numbered; the protocol is over.
+
+    It no longer knows where its needle is.
+    """
+
+
+@dataclass(frozen=True)
+class OutOfStep:
+    """The printer's last line is none that the host can go on from.
+
+    Attributes
+    ----------
+    last, expected : int
+        What the printer says, confirmed, and what the host has acknowledged.
+    """
+
+    last: int
+    expected: int
+
+
+@dataclass(frozen=True)
+class Silent:
+    """No usable answer within all time limits."""
+
+    seconds: float
+
+
+Event: TypeAlias = (
+    Replied
+    | InStep
+    | Fault
+    | Notice
+    | WentBack
+    | Stray
+    | TokenSent
+    | Waiting
+    | Action
+    | Noisy
+    | Halted
+    | Booted
+    | WasReset
+    | OutOfStep
+    | Silent
+)
+
+Places: TypeAlias = Callable[[Sequence[bytes], int], Mapping[str, float]]
+"""Coordinates last commanded in so many job lines: X, Y, Z and E, mm; without those never named."""
+
+
+class LinkProtocol(Protocol):
+    """What the streamer needs of a firmware family.
+
+    Attributes
+    ----------
+    deadline : float
+        When `tick` is due, s; infinite for never.
+    lines_done : int
+        Job lines known to be taken.
+    number : int
+        Line number known to be taken last, control commands included.
+    held : bool
+        While set, no further job line is sent; control commands are.
+    limit : int
+        Job lines that may be sent; `load` sets it to all of them.
+    keepalive : bool
+        Whether the firmware says once a second that it is busy; set once that is known.
+    kill_bytes : bytes
+        What halts the firmware at once, out of band.
+    report : bytes
+        Temperatures as it told them last in a line of their own; empty for none.
+    """
+
+    deadline: float
+    lines_done: int
+    number: int
+    held: bool
+    limit: int
+    keepalive: bool
+    kill_bytes: bytes
+    report: bytes
+
+    @property
+    def line_errors(self) -> int:
+        """Lines sent again so far."""
+        ...
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is in flight and nothing is being asked."""
+        ...
+
+    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
+        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
+        ...
+
+    def renumber(self, now: float) -> None:
+        """Set the printer's last line to 0; `InStep` follows, or an error event."""
+        ...
+
+    def ask(self, now: float) -> None:
+        """Ask which line was taken last; `InStep` follows, or an error event."""
+        ...
+
+    def confirm(self, now: float) -> None:
+        """Have the printer say what it can say only once all before is carried out.
+
+        `InStep` follows, or an error event. Nothing may be in flight.
+        """
+        ...
+
+    def submit(self, command: bytes, now: float) -> None:
+        """Send a control command ahead of further job lines; `Replied` follows."""
+        ...
+
+    def go(self, now: float) -> None:
+        """Send the next line if nothing is in flight."""
+        ...
+
+    def feed(self, data: bytes, now: float) -> Sequence[Event]:
+        """Take what the printer said."""
+        ...
+
+    def tick(self, now: float) -> Sequence[Event]:
+        """Take notice that it is ``now`` and nothing has come."""
+        ...
+
+    def take_output(self) -> bytes:
+        """Give what must be written now, and forget it."""
+        ...

@@ -1,0 +1,45 @@
+"""Time limits of a link protocol, and its limit on line errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Time limits and the limit on line errors.
+
+    Attributes
+    ----------
+    silence_s : float
+        Without any sign of life while a line is in flight, until the printer is asked. It decides
+        nothing but how soon a lost ok is noticed.
+    deaf_s : float
+        Interval of notices on a firmware that says nothing while it is busy and can't be asked.
+    quiet_s : float
+        Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
+    answer_s : float
+        For the answer to a question.
+    doubt_limit_s : float
+        Without a usable answer until a printer that isn't found yet counts as silent, and until
+        an alarm is given of one in mid-print.
+    silent_limit_s : float
+        Without a usable answer until a printer in mid-print counts as silent.
+    busy_limit_s : float
+        For one line of a firmware that can't be asked.
+    noise_window, noise_limit : int
+        More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
+    calm_lines : int
+        After a doubt so many lines leave one by one, where two may be in flight.
+    """
+
+    silence_s: float = 2.5
+    deaf_s: float = 60.0
+    quiet_s: float = 0.05
+    answer_s: float = 1.0
+    doubt_limit_s: float = 6.0
+    silent_limit_s: float = 60.0
+    busy_limit_s: float = 1800.0
+    noise_window: int = 500
+    noise_limit: int = 30
+    calm_lines: int = 200

@@ -1,0 +1,5 @@
+"""The firmware family of Marlin 1.1 to 2.1."""
+
+from firmware_profiles.families.marlin.facts import FAMILY
+
+__all__ = ["FAMILY"]

@@ -1,0 +1,127 @@
+"""Doubt about which line Marlin took last: phases, time limits, and the evidence heard so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Final
+
+from firmware_profiles.families import question
+from firmware_profiles.families.marlin.replies import (
+    ORDER_ERROR,
+    Kind,
+    Reply,
+    frame,
+    unknown_command,
+)
+
+QUESTION: Final = question.QUESTION
+RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
+
+
+class Phase(Enum):
+    """Where the protocol stands."""
+
+    READY = auto()
+    FLIGHT = auto()
+    DRAIN = auto()
+    ASK = auto()
+    SETTLE = auto()
+    OVER = auto()
+
+
+class Goal(Enum):
+    """What a question is asked for."""
+
+    GO_ON = auto()
+    NUMBER = auto()
+    RENUMBER = auto()
+
+
+@dataclass
+class Doubt:
+    """What was heard since the doubt began.
+
+    Attributes
+    ----------
+    since : float
+        When it began, or the printer last said that it is busy, s.
+    number : int
+        Of the (first) line in flight.
+    flights : tuple of (bytes or None)
+        The command in flight, or two.
+    two_resends : bool
+        Whether the answer to a question is twice the same ``Resend``, each without an ok.
+    by_silence : bool
+        Whether nothing was heard, rather than something doubtful.
+    asked : int
+        Questions so far.
+    alarmed : bool
+        Whether it was said that no usable answer comes.
+    last, resend : int
+        The answer to the last question: ``Last Line`` and ``Resend``; -1 until heard.
+    confirmed : int
+        An unexpected last line that was heard once already.
+    oks : int
+        That belong to no ``Resend`` and no unknown command of a stray fragment.
+    quoted : bytes
+        The command in an unknown-command echo.
+    error : str
+        An error that is a fault of the line in flight, should that have been taken.
+    """
+
+    since: float
+    number: int = 0
+    flights: tuple[bytes | None, ...] = (None,)
+    two_resends: bool = False
+    by_silence: bool = False
+    asked: int = 0
+    alarmed: bool = False
+    last: int = -1
+    resend: int = -1
+    confirmed: int = -1
+    oks: int = 0
+    quoted: bytes = b""
+    error: str = ""
+    _foreign_ok: bool = False
+
+    @property
+    def answered(self) -> bool:
+        """Whether both halves of an answer are there."""
+        return self.last >= 0 and self.resend >= 0
+
+    @property
+    def agreed(self) -> bool:
+        """Whether they say the same."""
+        return self.last >= 0 and self.resend == self.last + 1
+
+    def ask_again(self) -> None:
+        """Forget the last answer; what it said of the ok to come, too."""
+        self.last = self.resend = -1
+        self._foreign_ok = False
+        self.asked += 1
+
+    def hear(self, reply: Reply) -> None:
+        """Take one more line into account."""
+        kind = reply.kind
+        if kind is Kind.OK:
+            self._hear_ok(reply)
+        elif kind is Kind.RESEND and not self.two_resends:
+            self.resend, self._foreign_ok = reply.number, True
+        elif kind is Kind.RESEND and self.last < 0:
+            self.last = reply.number - 1
+        elif kind is Kind.RESEND:
+            self.resend = reply.number
+        elif kind is Kind.ERROR and ORDER_ERROR in reply.text:
+            self.last = reply.number
+        elif kind is Kind.UNKNOWN_COMMAND:
+            self.quoted = unknown_command(reply.text).split(b"*")[0].strip()
+            self._foreign_ok = self.quoted not in self.flights
+
+    def _hear_ok(self, reply: Reply) -> None:
+        if self._foreign_ok:
+            self._foreign_ok = False
+        elif reply.number < 0:
+            self.oks += 1
+        elif 0 <= (before := reply.number - self.number) < len(self.flights):
+            self.oks = max(self.oks, before + 1)

@@ -1,0 +1,52 @@
+"""Two lines in flight: which may leave together, and why that loses and doubles nothing.
+
+Two lines leave in *one* write and only when nothing is in flight; the next leave when both are
+acknowledged. So a reply's way back (a USB adapter holds it for 1 to 16 ms) is paid for once in
+two lines.
+
+A sliding window would be simpler and isn't safe. Marlin checks a line as soon as it is whole,
+says what is wrong, and then empties its receive buffer; whatever of the next line arrives later
+is run as a line of its own, without number and checksum. The tail ``G1 X...`` is a move. Of two
+lines in one write the second's command letter is in the buffer some ten bytes after the first
+one's end, while the words of the refusal alone take the time of 38 bytes or more: what is cut
+off begins behind the letter and is an unknown command. Hence:
+
+- both lines are plain moves: no G, M or T behind the first letter that a tail could begin with;
+- both frames, and what may be sent behind them at any time (the question, M112), fit into the
+  receive buffer, else one line leaves alone;
+- after a doubt `Timing.calm_lines` leave one by one.
+
+This counts on a firmware that writes its replies without a buffer (Marlin on AVR; recorded), or
+on a line with a check of its own (USB as far as the processor), where nothing is refused. Where
+neither holds a tail that is a move may be run; its ok is one too many, and the position is
+compared before the print goes on.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_profiles.families.marlin.doubt import QUESTION
+
+_PLAIN_MOVE: Final = re.compile(rb"G[01](?: [XYZEF]-?[0-9.]+)+")
+_MARGIN_BYTES: Final = len(QUESTION) + len(b"\nM112\n")
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """The rule by which two lines leave together.
+
+    Attributes
+    ----------
+    buffer_bytes : int
+        The firmware's receive buffer (profile: receive_buffer_bytes); it holds one byte less.
+    """
+
+    buffer_bytes: int
+
+    def allows(self, first: bytes, second: bytes, bytes_in_all: int) -> bool:
+        """Whether two commands may leave together, whose frames are ``bytes_in_all`` long."""
+        fits = bytes_in_all + _MARGIN_BYTES < self.buffer_bytes
+        return bool(fits and _PLAIN_MOVE.fullmatch(first) and _PLAIN_MOVE.fullmatch(second))
