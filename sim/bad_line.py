@@ -45,6 +45,7 @@ class BadLine:
         self._burst_rate, self._burst_left = 0.0, 0
         self._hold_s = 0.0
         self._oks = 0
+        self._ok_late_s = self.troubles.ok_delay_up_to_s
 
     def burst(self, rate: float, length_bytes: int) -> None:
         """Garble ``rate`` of the next ``length_bytes``, both ways."""
@@ -53,6 +54,10 @@ class BadLine:
     def hold(self, seconds: float) -> None:
         """Let the next reply come ``seconds`` late."""
         self._hold_s = seconds
+
+    def delay_oks(self, up_to_s: float) -> None:
+        """Let each ok to come be late by chance, up to so many seconds."""
+        self._ok_late_s = up_to_s
 
     def down(self, data: bytes) -> bytes:
         """What of the host's bytes reaches the printer."""
@@ -74,7 +79,7 @@ class BadLine:
 
     def _by_ok(self, data: bytes) -> Iterator[tuple[bytes, float]]:
         """Cut before each ok that is late, and say how much."""
-        if not self.troubles.ok_delays_s and not self.troubles.ok_delay_up_to_s:
+        if not self.troubles.ok_delays_s and not self._ok_late_s:
             yield data, 0.0
             return
         begin, late = 0, 0.0
@@ -89,8 +94,8 @@ class BadLine:
         cycle = self.troubles.ok_delays_s
         self._oks += 1
         late = cycle[(self._oks - 1) % len(cycle)] if cycle else 0.0
-        if self.troubles.ok_delay_up_to_s:
-            late += float(self._rng.random()) * self.troubles.ok_delay_up_to_s
+        if self._ok_late_s:
+            late += float(self._rng.random()) * self._ok_late_s
         return late
 
     @property

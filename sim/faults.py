@@ -18,6 +18,7 @@ A fault file is YAML::
       - {fault: unplug, line: 2000, back_after_s: 2}
       - {fault: endstop_stuck, time_s: 0, axis: x, stuck: open}
       - {fault: runaway, bytes: 50000}
+      - {fault: late_oks, line: 200, seconds: 5}
       - {fault: stall, line: 300, seconds: 4}
       - {fault: slow, line: 400, share: 0.5}
     gauges:                  # what it tells of a sensor: straight between times, by its clock
@@ -44,6 +45,7 @@ FaultKind = Literal[
     "runaway",
     "noise",
     "delay",
+    "late_oks",
     "stall",
     "slow",
     "endstop_stuck",
@@ -57,6 +59,7 @@ _OWN: Final[dict[str, tuple[str, ...]]] = {
     "unplug": ("back_after_s",),
     "noise": ("rate", "length_bytes"),
     "delay": ("seconds",),
+    "late_oks": ("seconds",),
     "stall": ("seconds",),
     "slow": ("share",),
     "endstop_stuck": ("axis", "stuck"),
@@ -75,6 +78,7 @@ class Fault(BaseModel):
         out of the blue). ``drop_ok``: the ok to the line is lost. ``runaway``: the hotend's heater
         loses its power while the firmware believes it is on. ``noise``: `rate` of the next
         `length_bytes` on the cable are garbled. ``delay``: the next reply is `seconds` late.
+        ``late_oks``: from now on each ok comes up to `seconds` late, by chance.
         ``stall``: board, motors and wire stand still for `seconds`, and go on. ``slow``: from now
         on the whole board runs at `share` of its time. ``endstop_stuck``: `axis`' switch stays
         ``open`` (never found) or ``closed`` (found at once, wherever the carriage stands).
