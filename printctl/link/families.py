@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from firmware_profiles import Printer, families
 from firmware_profiles.families import Family, LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol
@@ -54,13 +56,15 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
     """
     refuse_unsent(printer)
     care = care or Care()
-    timing = Timing(
-        quiet_s=quiet_s,
-        silent_limit_s=care.silent_limit_s,
-        noise_window=care.noise_window,
-        noise_limit=care.noise_limit,
-    )
-    make = family_of(printer).make_protocol
+    family = family_of(printer)
+    timing = Timing(quiet_s=quiet_s, noise_window=care.noise_window, noise_limit=care.noise_limit)
+    if care.silent_limit_s is not None:
+        seconds = care.silent_limit_s
+        if family.remembers:
+            timing = replace(timing, silent_limit_s=seconds)
+        else:
+            timing = replace(timing, busy_limit_s=seconds)
+    make = family.make_protocol
     assert make is not None  # or it would have been refused
     return make(LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places))
 
