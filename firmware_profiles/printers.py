@@ -44,12 +44,12 @@ class Printer(Facts):
     """
 
     firmware: Annotated[str, AfterValidator(_with_a_family)] = Field(
-        description="Firmware family, which sets the protocol. All but marlin are built after "
-        "public sources and not verified against a real recording. For aerotech jobs are written, "
+        description="Firmware family, which sets the protocol. All but Marlin are built after "
+        "public sources and not verified against a real recording. For Aerotech jobs are written, "
         "and not sent."
     )
     aerotech: Aerotech | None = Field(
-        default=None, description="Which controller; to be said for firmware aerotech alone."
+        default=None, description="Which controller; to be said for Aerotech's firmware alone."
     )
     baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
     x_mm: Span

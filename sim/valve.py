@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
-from sim.dialect_aerotech import output_of
 from sim.errors import GcodeError
 from sim.executed import ExecutedMotion
 from sim.gcode import Program, parse_line
 from sim.gcode_extended import Named
 from sim.gcode_modal import DWELL
+from sim.outputs import output_of
 from sim.written import read_written
 
 FloatArray = NDArray[np.float64]
@@ -131,11 +131,10 @@ def read_with_valve(
         When a command can't be read: what is left of the file would be another part.
     """
     program, text, named, refused = read_written(gcode, printer, start_mm)
-    unread = [(line, error) for line, error in refused if error.sort != "no_command"]
-    if unread:
-        line, error = unread[0]
+    if refused:
+        line, error = refused[0]
         raise GcodeError(
-            f"line {line}: {error} ({len(unread)} lines can't be read; `printctl simulate` tells "
+            f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
             "them by kind)"
         )
     head = printer.pneumatic

@@ -5,7 +5,7 @@ from __future__ import annotations
 from printctl.link.agreeing import agree_settings
 from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.link.firmware import Firmware, differences, modes, parse_firmware
 from printctl.link.gating import settings_changed_by
 from printctl.link.gauges import Gauges
@@ -42,7 +42,7 @@ class FirmwareCheck:
         HandshakeError
             For a difference that would make distances, doses or heads wrong.
         """
-        family = family_of(self._printer)
+        family = link_facts(self._printer)
         self._identify(family.says)
         self._check_heads()
         self.check_keepalive(journalled=False)
@@ -82,7 +82,7 @@ class FirmwareCheck:
     def check_keepalive(self, journalled: bool) -> None:
         """Have the firmware say every second that it is busy, and see that it will."""
         protocol = self._wiring.protocol
-        if not family_of(self._printer).keepalive:
+        if not link_facts(self._printer).keepalive:
             protocol.keepalive = False
             return
         for _ in range(RETRIES):

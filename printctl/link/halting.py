@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_profiles import Printer
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     emergency_parser : bool
         Whether it looks at M410 and M112 at once: what it says of itself, else its profile.
     """
-    link = family_of(printer)
+    link = link_facts(printer)
     if not link.quickstop or not emergency_parser:
         return Halting((), kill, runs_on_s=link.run_on_s)
     first = ((link.quickstop, 0.5), (link.quickstop, 1.3))

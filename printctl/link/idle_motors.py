@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
+from firmware_profiles.families import family_of
 from printctl.link.channel import Channel
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.link.modal import last_of
-
-_TIMEOUTS: Final = (b"M85", b"SET_IDLE_TIMEOUT")
 
 
 class IdleMotors:
@@ -21,11 +18,14 @@ class IdleMotors:
 
     def __init__(self, channel: Channel) -> None:
         self._channel, self._progress = channel, channel.logbook.progress
-        self._printer = channel.wiring.printer
+        printer = channel.wiring.printer
+        self._m84_sets_timeout = link_facts(printer).m84_sets_timeout
+        timeout = family_of(printer).timeout
+        self._timeouts = (timeout.code.encode("ascii"),) if timeout else ()
 
     def hold(self) -> None:
         """Keep the firmware from cutting the motors' power while the needle waits."""
-        if family_of(self._printer).m84_sets_timeout:
+        if self._m84_sets_timeout:
             self._channel.command(b"M84 S0")
 
     def release(self) -> None:
@@ -34,8 +34,7 @@ class IdleMotors:
         No firmware tells which was in force: a job that gave none leaves them powered.
         """
         given = self._last_of((b"M84", b"M18"))
-        timed = family_of(self._printer).m84_sets_timeout
-        if timed and given is not None and b"S" in given:
+        if self._m84_sets_timeout and given is not None and b"S" in given:
             self._channel.command(given)
 
     def sign_of_life(self) -> None:
@@ -43,7 +42,7 @@ class IdleMotors:
 
         Only moves and the command that sets that time begin it anew; M105 doesn't.
         """
-        self._channel.command(self._last_of(_TIMEOUTS) or b"M105")
+        self._channel.command(self._last_of(self._timeouts) or b"M105")
 
     def _last_of(self, codes: tuple[bytes, ...]) -> bytes | None:
         return last_of(self._progress.job.lines, self._progress.done, codes)

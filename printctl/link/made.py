@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 from firmware_profiles import Printer
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from sim.reading import is_motion
 
 
@@ -43,7 +43,7 @@ def moves_ahead(printer: Printer) -> float:
 
     Infinite for a firmware that plans by time: short moves are ahead by the hundred.
     """
-    if family_of(printer).plans_by_time:
+    if link_facts(printer).plans_by_time:
         return math.inf
     return printer.planner_blocks + printer.command_queue
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from printctl.link.channel import Channel
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.journal import History
@@ -73,7 +73,7 @@ class Resumption:
     def _last_line(self, history: History) -> tuple[int, int]:
         """Return the printer's last line, as a line of the job and by its number."""
         wiring, progress = self.channel.wiring, self.channel.logbook.progress
-        if not family_of(wiring.printer).remembers:
+        if not link_facts(wiring.printer).remembers:
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
                 f"{wiring.printer.firmware} can't tell which line it took last; at least "

@@ -12,7 +12,7 @@ from typing import Final
 from design.toolpath.gcode.dialect import dialect_of
 from printctl.link.channel import Channel, Heard
 from printctl.link.connecting import connect
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.link.firmware import Firmware
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.gauges import Gauge, Gauges
@@ -121,7 +121,7 @@ class Standby:
         protocol.load([], 0, 0)
         self._logbook.enter_unrecorded(LinkState.PAUSED)
         self._events.found()
-        if family_of(self._wiring.printer).m84_sets_timeout:
+        if link_facts(self._wiring.printer).m84_sets_timeout:
             # else the motors lose their power, and the place its meaning
             self._channel.command(b"M84 S0")
         self._sign_of_life()

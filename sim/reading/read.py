@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
-from sim.dialect_aerotech import translated
+from sim.families.registry import Translate, translator_of
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.meaning import check_meaning
@@ -48,23 +48,22 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
     plain = PLAIN_MOVE.fullmatch(text)
     if plain is not None:
         return plain_move(plain)
-    if printer.aerotech is not None:
-        return _of_aerotech(text, printer)
+    translate = translator_of(printer)
+    if translate is not None:
+        return _translated(text, printer, translate)
     return read_words(text, printer)
 
 
-def _of_aerotech(text: bytes, printer: Printer) -> GcodeLine:
-    """Read a line of AeroBasic or AeroScript; what isn't G-code comes with its name."""
-    if printer.aerotech is None:
-        return BLANK
-    written = translated(text.rstrip(b"\r\n"), printer.aerotech)
+def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
+    """Read a line in another language; what isn't G-code comes with its name."""
+    written = translate(text.rstrip(b"\r\n"), printer)
     for named in written.named:
         return GcodeLine(named.name, {}, text.strip(), named.words)
     return read_words(written.gcode, printer)
 
 
 def read_words(text: bytes, printer: Printer) -> GcodeLine:
-    """Read a line of G-code; `read_line` without a plain move's short road, or Aerotech's words."""
+    """Read a line of G-code; `read_line` without a plain move's short road, or another language."""
     family = printer.firmware
     command = command_in(text, family)
     if not command:

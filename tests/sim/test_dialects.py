@@ -11,10 +11,10 @@ from printctl.link.journal import Journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.dialect_duet import DuetPrinter, crc16
-from sim.dialects import simulated_printer
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
+from sim.families.registry import simulated_printer
+from sim.families.reprapfirmware.printer import DuetPrinter, crc16
 from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol

@@ -22,8 +22,8 @@ from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import SimulatedTransport
 from printctl.link.wiring import Wiring
-from sim.dialects import simulated_printer
 from sim.executed import ExecutedMotion
+from sim.families.registry import simulated_printer
 from sim.fault_plan import FaultPlan
 from sim.faults import Fault, FaultFile
 from sim.marlin import MarlinPrinter

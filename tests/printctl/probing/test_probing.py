@@ -18,7 +18,7 @@ from printctl.link.transport import open_port
 from printctl.link.wiring import Wiring
 from printctl.probing import Settings, ask_settings, compare, corrected, read_settings
 from printctl.probing.ask import ask_wired
-from sim.dialects import simulated_printer
+from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 from tests.sim_process import printer_process

@@ -26,21 +26,15 @@ speeds for each axis, what an axis' own parameters limit.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles import Aerotech
+from firmware_profiles import Printer
+from sim.errors import GcodeError
+from sim.families.translated import Translated
 from sim.gcode_extended import NOTHING, Named
+from sim.outputs import output_of
 
-SETS_ARRAY: Final = "$DO"
-SETS_CALL: Final = "DIGITALOUTPUTSET"
-NAMES: Final = frozenset({SETS_ARRAY, SETS_CALL})
-"""Named commands that it knows: those that set an output."""
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
-_ARRAY: Final = re.compile(r"\$DO(?:\[(\d+)\]\.|(\d+)\.)(\w+)\s*=\s*(\S+)", re.IGNORECASE)
-_CALL: Final = re.compile(
-    r"DigitalOutputSet\(\s*(\w+)\s*,\s*(\d+)\s*,\s*(\S+?)\s*\)", re.IGNORECASE
-)
 _DWELL: Final = re.compile(
     rb"(?:G0?4\s+P|DWELL\s+|DWELL\(\s*)(" + _NUMBER + rb")\s*\)?", re.IGNORECASE
 )
@@ -64,40 +58,19 @@ _SAME: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Written:
-    """A program file in the reader's words.
+def translate(gcode: bytes, printer: Printer) -> Translated:
+    """Put a whole file into the reader's words.
 
-    Attributes
-    ----------
-    gcode : bytes
-        As many lines as the file.
-    named : tuple of Named
-        Outputs that are set, and everything that isn't known.
-    per_second : tuple of (int, bool)
-        Lines from which on F is told per second, or per minute.
+    Raises
+    ------
+    GcodeError
+        When the profile doesn't say which controller it is for.
     """
-
-    gcode: bytes
-    named: tuple[Named, ...]
-    per_second: tuple[tuple[int, bool], ...]
-
-
-def output_of(text: str) -> tuple[str, dict[str, str]] | None:
-    """What a command sets an output by, and its words; None where it sets none."""
-    found = _ARRAY.fullmatch(text.strip())
-    if found:
-        number = found[1] if found[1] is not None else found[2]
-        return SETS_ARRAY, {"NUMBER": number, "AXIS": found[3].upper(), "VALUE": found[4]}
-    called = _CALL.fullmatch(text.strip())
-    if called:
-        words = {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
-        return SETS_CALL, words
-    return None
-
-
-def translated(gcode: bytes, controller: Aerotech) -> Written:
-    """Put a whole file into the reader's words."""
+    controller = printer.aerotech
+    if controller is None:
+        raise GcodeError(
+            f"{printer.name} doesn't say which controller it is (aerotech: controller)"
+        )
     letter = (controller.plunger_axis or "").encode()
     named: list[Named] = []
     bases: list[tuple[int, bool]] = []
@@ -128,7 +101,7 @@ def translated(gcode: bytes, controller: Aerotech) -> Written:
     if letter and letter != b"E":
         moves = re.compile(rb"^(G(?:[01]|92)(?: +[XYZF]" + _NUMBER + rb")* +)" + letter, re.M)
         result = moves.sub(rb"\1E", result)
-    return Written(result, tuple(named), tuple(bases))
+    return Translated(result, tuple(named), tuple(bases))
 
 
 def _plain(text: bytes, move_words: bytes) -> bytes | None:
