@@ -40,9 +40,10 @@ from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER, Doubt, Goal, Phase
 from firmware_profiles.families.marlin.pairing import Pairing
-from firmware_profiles.families.marlin.replies import Kind, Reply, classify
+from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import MarlinSender
 from firmware_profiles.families.marlin.tokens import MOST_DOUBLINGS, PATIENCE_S, TRIES
+from firmware_profiles.families.marlin.variant import Variant
 
 _MEMORY: Final = 8
 _QUICK: Final = 10
@@ -61,15 +62,20 @@ class MarlinProtocol(MarlinSender):
     timing : Timing
     pairing : Pairing, optional
         Lets two plain moves leave together; without, one line is in flight.
+    variant : Variant, optional
+        Of a firmware that isn't Marlin itself.
     """
 
-    kill_bytes: bytes = b"\nM112\n"
-    question: bytes = QUESTION
-    classify = staticmethod(classify)
-    two_resends: bool = False  # the answer to the question: twice the same, no "Last Line"
-
-    def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
-        super().__init__(timing, pairing)
+    def __init__(
+        self,
+        timing: Timing | None = None,
+        pairing: Pairing | None = None,
+        variant: Variant | None = None,
+    ) -> None:
+        variant = variant or Variant()
+        super().__init__(timing, pairing, variant)
+        self._variant = variant
+        self.kill_bytes = variant.kill_bytes
         self._goal = Goal.GO_ON
         self._doubt = Doubt(0.0)
         self._confirming = False
@@ -113,7 +119,7 @@ class MarlinProtocol(MarlinSender):
             self.deadline = now + self.timing.quiet_s
         for text in texts:
             if text.strip():
-                self._hear(self.classify(text.rstrip(b"\r")), now, events)
+                self._hear(self._variant.classify(text.rstrip(b"\r")), now, events)
         return events
 
     def tick(self, now: float) -> Sequence[Event]:
@@ -234,7 +240,7 @@ class MarlinProtocol(MarlinSender):
         self._alone_until = self.number + self.timing.calm_lines
         self._goal, self._phase = goal, Phase.DRAIN
         flights = (self._flight,) if self._second is None else (self._flight, self._second)
-        self._doubt = Doubt(now, self.number + 1, flights, self.two_resends)
+        self._doubt = Doubt(now, self.number + 1, flights, self._variant.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def _hear_in_doubt(self, reply: Reply, now: float) -> None:
@@ -270,7 +276,7 @@ class MarlinProtocol(MarlinSender):
             doubt.alarmed = True
             events.append(said.Waiting(silent, limit))
         doubt.ask_again()
-        self._out.append(self.question)
+        self._out.append(self._variant.question)
         wait = timing.answer_s * (1 if doubt.asked < _QUICK else _SLOWLY)
         self._phase, self.deadline = Phase.ASK, now + wait
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import Phase
-from firmware_profiles.families.marlin.guarding import guarded
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import frame
-from firmware_profiles.families.marlin.tokens import Tokens
+from firmware_profiles.families.marlin.variant import Variant
 
 
 class MarlinSender:
@@ -25,13 +24,12 @@ class MarlinSender:
     timing : Timing
     pairing : Pairing, optional
         Lets two plain moves leave together; without, one line is in flight.
+    variant : Variant
     """
 
-    guard: Callable[[bytes], bytes] = staticmethod(guarded)
-    make_tokens: type[Tokens] = Tokens
-
-    def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
+    def __init__(self, timing: Timing | None, pairing: Pairing | None, variant: Variant) -> None:
         self.timing = timing or Timing()
+        self.guard = variant.guard
         self.deadline = math.inf
         self.lines_done = self.number = 0
         self.held = self.keepalive = True
@@ -55,7 +53,7 @@ class MarlinSender:
         self._complaint = ""
         self.report = b""
         self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
-        self._tokens = self.make_tokens()
+        self._tokens = variant.make_tokens()
         self._awaiting: tuple[int, bytes] | None = None  # taken, its answer is still to come
 
     # --- what the streamer calls -----------------------------------------------------------

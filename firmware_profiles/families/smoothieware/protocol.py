@@ -12,10 +12,14 @@ a UART.
 
 from __future__ import annotations
 
+from typing import Final
+
+from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
+from firmware_profiles.families.marlin.variant import Variant
 
 
 def _classify(text: bytes) -> Reply:
@@ -39,12 +43,16 @@ class _Identity(Tokens):
         return b"FIRMWARE_NAME" in text and self.come_back()
 
 
-class SmoothieProtocol(MarlinProtocol):
-    """See the module."""
+SMOOTHIEWARE: Final = Variant(
+    kill_bytes=b"\x18\nM112\n",
+    question=QUESTION + QUESTION,
+    two_resends=True,
+    classify=_classify,
+    guard=bytes,  # it reads no raw bytes but ^X
+    make_tokens=_Identity,
+)
 
-    kill_bytes: bytes = b"\x18\nM112\n"
-    question: bytes = QUESTION + QUESTION
-    classify = staticmethod(_classify)
-    two_resends: bool = True
-    make_tokens = _Identity
-    guard = staticmethod(bytes)  # it reads no raw bytes but ^X
+
+def smoothie_protocol(timing: Timing | None = None) -> MarlinProtocol:
+    """Return Smoothieware's state machine."""
+    return MarlinProtocol(timing, variant=SMOOTHIEWARE)
