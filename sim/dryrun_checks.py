@@ -22,6 +22,8 @@ from sim.reading.file import kinds_of
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
+_MOST_NAMES: Final = 20
+"""Unknown codes that get a finding of their own."""
 _AXES: Final = ("x", "y", "z")
 
 
@@ -287,8 +289,10 @@ def _strange(
     program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
 ) -> list[Finding]:
     found = []
-    for name in sorted({name for _, name in unknown}):
-        lines = [line for line, other in unknown if other == name]
+    lines_of: dict[str, list[int]] = {}
+    for line, name in unknown:
+        lines_of.setdefault(name, []).append(line)
+    for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
         sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
         what = (
             "isn't a command"

@@ -11,6 +11,7 @@ from firmware_profiles.families import family_of
 from sim.errors import GcodeError, LineError
 from sim.families.registry import translator_of
 from sim.gcode_extended import Named, plain_command
+from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import is_name, read_line, read_words
@@ -97,11 +98,22 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
         if isinstance(read, LineError):
             refused.append((index + 1, read))
             lines[index] = b""
+            if len(refused) == MOST_REFUSED:
+                refused.append((index + 1, _gives_up(text, len(lines))))
+                del lines[index + 1 :]
+                break
         else:
             lines[index] = read.text
             if by_name and is_name(read.code):
                 named.append(Named(index + 1, read.code, dict(read.parameters)))
     return GcodeFile(lines, tuple(refused), tuple(named))
+
+
+def _gives_up(text: bytes, lines: int) -> LineError:
+    return refusal(
+        "too_many", text, f"{MOST_REFUSED} lines up to here are refused, and the rest of the "
+        f"file's {lines} wasn't read; mend them first, or give another file"
+    )  # fmt: skip
 
 
 def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | LineError:

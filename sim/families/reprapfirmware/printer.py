@@ -157,6 +157,8 @@ class DuetPrinter(MarlinPrinter):
     unhomed_words: ClassVar[str] = "Error: G0/G1: insufficient axes homed"
     banner: ClassVar[tuple[str, ...]] = ()
     offsets_by: ClassVar[str] = "G10"
+    motors_run_on: ClassVar[bool] = False
+    whole_percents: ClassVar[bool] = False
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
