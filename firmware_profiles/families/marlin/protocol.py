@@ -78,6 +78,11 @@ class MarlinProtocol:
     # --- what the streamer reads and sets ----------------------------------------------------
 
     @property
+    def timing(self) -> Timing:
+        """Its time limits."""
+        return self.state.timing
+
+    @property
     def deadline(self) -> float:
         """When `tick` is due, s."""
         return self.state.deadline
