@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Span
-from firmware_profiles.families import family_of
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.dryrun_finding import Finding
 from sim.errors import LineError
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
-from sim.gcode_extended import OFFSETS, Named
+from sim.gcode_extended import Named
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.heads import head_findings
 from sim.planner_stepper import LEAST_RATE
@@ -321,13 +322,14 @@ def _strange(
 
 
 def _offset(named: tuple[Named, ...]) -> list[Finding]:
-    """Klipper's offsets: they shift what comes after, and this dry run wouldn't know."""
-    lines = [at.line for at in named if at.name == OFFSETS and _shifts(at.words)]
+    """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
+    offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
+    lines = [at.line for at in offsets if _shifts(at.words)]
     if not lines:
         return []
     text = (
-        f"line {lines[0]}: {OFFSETS} shifts every place after it, and no check here follows it; "
-        "write the places themselves"
+        f"line {lines[0]}: {offsets[0].name} shifts every place after it, and no check here "
+        "follows it; write the places themselves"
     )
     return [Finding(lines[0], "offset", text, count=len(lines))]
 

@@ -131,11 +131,10 @@ def read_with_valve(
         When a command can't be read: what is left of the file would be another part.
     """
     program, text, named, refused = read_written(gcode, printer, start_mm)
-    unread = [(line, error) for line, error in refused if error.sort != "no_command"]
-    if unread:
-        line, error = unread[0]
+    if refused:
+        line, error = refused[0]
         raise GcodeError(
-            f"line {line}: {error} ({len(unread)} lines can't be read; `printctl simulate` tells "
+            f"line {line}: {error} ({len(refused)} lines can't be read; `printctl simulate` tells "
             "them by kind)"
         )
     head = printer.pneumatic

@@ -13,7 +13,7 @@ from pathlib import Path
 import firmware_profiles.families as facts
 import sim.families as twins
 from firmware_profiles import Printer, load
-from firmware_profiles.families import find_family
+from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.gate.rules import rules
 from sim.families import registry
@@ -102,7 +102,7 @@ def installed(folder: Path) -> Iterator[Printer]:
     finally:
         for home, path in paths.items():
             home.__path__.remove(str(path))
-        for remembers in (find_family, registry._part, known, rules):
+        for remembers in (find_family, meanings, registry._part, known, rules):
             remembers.cache_clear()
 
 

@@ -2,6 +2,6 @@
 
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.link_facts import LinkSetup
-from firmware_profiles.families.registry import family_names, family_of, find_family
+from firmware_profiles.families.registry import family_names, family_of, find_family, meanings
 
-__all__ = ["Family", "LinkSetup", "family_names", "family_of", "find_family"]
+__all__ = ["Family", "LinkSetup", "family_names", "family_of", "find_family", "meanings"]

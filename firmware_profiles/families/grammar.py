@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Final, Literal, get_args
 
 TEXT: Final = "text"
 """Of a code whose rest is a text or a file's name."""
 ERule = Literal["with_axes", "alone", "either"]
 E_RULES: Final[tuple[ERule, ...]] = get_args(ERule)
+
+
+class Meaning(Enum):
+    """What a command with a name does, as far as a job's checks go."""
+
+    PLACES = auto()
+    """Tells where the tip stands (``X=``, ``Y=``, ``Z=``), as G92 does."""
+    SHIFTS = auto()
+    """Shifts every place that is named after it."""
+    CHOOSES = auto()
+    """Chooses a head (``EXTRUDER=``), as T does."""
+    HEATS = auto()
+    """Sets the target (``TARGET=``) of a heater (``HEATER=``), °C."""
+    OTHER = auto()
+    """Moves nothing, and heats nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +38,8 @@ class Grammar:
         Commands that it knows by letter and number; T with any number is known to all.
     head_codes : frozenset of str
         Those that it knows beyond them where it was built for several heads.
-    names : frozenset of str
-        Commands with names that it knows.
+    names : mapping of str to Meaning
+        Commands with names that it knows. A name means the same in every family.
     words : mapping of str to str
         Letters that a code knows, separated by blanks: one needs a number; with ``?`` it may stand
         alone. `TEXT` where the rest is a text. A code that isn't here takes any word.
@@ -46,7 +62,7 @@ class Grammar:
 
     codes: frozenset[str]
     head_codes: frozenset[str] = frozenset()
-    names: frozenset[str] = frozenset()
+    names: Mapping[str, Meaning] = field(default_factory=dict)
     words: Mapping[str, str] = field(default_factory=dict)
     whole: frozenset[str] = frozenset()
     named: bool = False

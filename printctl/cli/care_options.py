@@ -37,13 +37,14 @@ ReloadFlag = Annotated[
     bool, typer.Option("--reload", help="Pause for a new syringe where one doesn't last.")
 ]
 SilentLimitOption = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--silent-limit",
         metavar="SECONDS",
         min=10.0,
         max=86_400.0,
-        help="End the print when the printer gives no usable answer for so long, s.",
+        help="End the print when the printer gives no usable answer for so long, s; 60, or 1800 "
+        "for one line of Klipper and RepRapFirmware, which can't be asked.",
     ),
 ]
 NoiseLimitOption = Annotated[

@@ -100,7 +100,7 @@ def print_job(
         bool, typer.Option("--resume", help="Go on with an interrupted print of this file.")
     ] = False,
     checkpoint_every: CheckpointOption = 30.0,
-    silent_limit: SilentLimitOption = 60.0,
+    silent_limit: SilentLimitOption = None,
     noise_limit: NoiseLimitOption = 30,
     wire_log: WireLogOption = "",
     deadman: DeadmanOption = 0.0,

@@ -1,4 +1,4 @@
-"""The firmware's own state against what checks count on: percentages, limits, debug flags, units.
+"""The firmware's own state against what checks count on: percentages, limits, flags, speeds.
 
 What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
 220 %, soft endstops that are off, a dry run in which nothing moves. What is asked, and what is
@@ -14,6 +14,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
+from printctl.gate.speeds import speeds_apart
 
 Answers = Mapping[str, Sequence[str]]
 
@@ -40,11 +41,14 @@ class Difference:
         Command that takes it back; empty where a person must.
     remedy : str
         For a person.
+    tolerated : bool
+        Whether a print starts all the same, with an alarm.
     """
 
     what: str
     reset: str = ""
     remedy: str = ""
+    tolerated: bool = False
 
 
 def questions(printer: Printer) -> tuple[str, ...]:
@@ -72,7 +76,7 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     settings = _settings(answers.get("M503 S0", ()))
     for code, check in _CHECKS.items():
         found += check(settings.get(code), printer)
-    return found
+    return [*found, *_speeds(settings, printer)]
 
 
 def told_settings(answers: Answers) -> dict[str, str]:
@@ -138,6 +142,15 @@ def _flags(answers: Answers) -> list[Difference]:
         Difference(f"debug flags are set: {flags} (M111)", "M111 S0")
         for flags in on
         if flags.lower() not in ("off", "")
+    ]
+
+
+def _speeds(settings: dict[str, dict[str, str]], printer: Printer) -> list[Difference]:
+    """An alarm; a refusal where ink flows by time and the moves are slower than was checked."""
+    remedy = "say so in a copy of the profile and check the job again, or set the firmware right"
+    return [
+        Difference(what, remedy=remedy, tolerated=not (slower and printer.pneumatic))
+        for what, slower in speeds_apart(settings, printer)
     ]
 
 

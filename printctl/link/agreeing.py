@@ -44,7 +44,8 @@ def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> d
         ask(command.encode("ascii"))
     answers = _asked(ask, printer)
     for _ in range(_TRIES):  # a garbled answer differs, too
-        found = differences(answers, printer)
+        every = differences(answers, printer)
+        found = [one for one in every if not one.tolerated]
         if not found:
             break
         for one in found:
@@ -53,7 +54,9 @@ def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> d
                 ask(one.reset.encode("ascii"))
         answers = _asked(ask, printer)
     else:
-        raise HandshakeError(_refusal(differences(answers, printer) or found))
+        raise HandshakeError(_refusal(found))
+    for one in every:
+        note(f"{one.what}: {one.remedy}")
     return told_settings(answers)
 
 

@@ -35,8 +35,9 @@ class Care:
         As `syringe`, of each of several heads.
     head_capacity_mm : tuple of float, mm
         As `capacity_mm`, of each of several heads.
-    silent_limit_s : float, s
-        Without any usable answer for so long a print in progress counts as lost.
+    silent_limit_s : float or None, s
+        Without any usable answer for so long a print in progress counts as lost; None for the
+        firmware family's own: 60 s, or 1800 s for one line of a firmware that can't be asked.
     noise_window, noise_limit : int
         More than ``noise_limit`` lines sent again among ``noise_window``: the print pauses.
     wire_log : str
@@ -57,7 +58,7 @@ class Care:
     head_syringes: tuple[str, ...] = ()
     head_capacity_mm: tuple[float, ...] = ()
     accepted: tuple[str, ...] = ()
-    silent_limit_s: float = 60.0
+    silent_limit_s: float | None = None
     noise_window: int = 500
     noise_limit: int = 30
     wire_log: str = ""

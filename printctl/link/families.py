@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from firmware_profiles import Printer, families
 from firmware_profiles.families import LinkSetup
 from firmware_profiles.families.link_facts import LinkFacts
@@ -58,14 +60,16 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
         For a printer that takes no lines.
     """
     care = care or Care()
-    timing = Timing(
-        quiet_s=quiet_s,
-        silent_limit_s=care.silent_limit_s,
-        noise_window=care.noise_window,
-        noise_limit=care.noise_limit,
-    )
+    facts = link_facts(printer)
+    timing = Timing(quiet_s=quiet_s, noise_window=care.noise_window, noise_limit=care.noise_limit)
+    if care.silent_limit_s is not None:
+        seconds = care.silent_limit_s
+        if facts.remembers:
+            timing = replace(timing, silent_limit_s=seconds)
+        else:
+            timing = replace(timing, busy_limit_s=seconds)
     setup = LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places)
-    return link_facts(printer).make_protocol(setup)
+    return facts.make_protocol(setup)
 
 
 def link_facts(printer: Printer) -> LinkFacts:

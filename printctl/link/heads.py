@@ -10,20 +10,21 @@ import math
 from collections.abc import Sequence
 
 from firmware_profiles import Printer
-from firmware_profiles.families import family_of
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.reading import read_sent
 
 
 def head_chosen(line: bytes) -> int | None:
     """The head that a line chooses; None for any other line."""
-    if line[:1] not in (b"T", b"A"):
+    if line[:1] in (b"G", b"M", b""):
         return None
     read = read_sent(line)
-    if read.code[1:].isdigit():
+    if read.code[:1] == "T" and read.code[1:].isdigit():
         return int(read.code[1:])
     name = read.parameters.get("EXTRUDER", "").lower()
     number = name.removeprefix("extruder")
-    chooses = read.code == "ACTIVATE_EXTRUDER" and name.startswith("extruder")
+    chooses = meanings().get(read.code) is Meaning.CHOOSES and name.startswith("extruder")
     return int(number or 0) if chooses and (not number or number.isdigit()) else None
 
 

@@ -41,6 +41,16 @@ class CarePart(Part):
         default=0.0, description="Ink to push in addition after a pause."
     )
 
+    silent_limit_s: Annotated[float, Field(ge=10, le=86_400)] | None = Field(
+        default=None,
+        description="End the print when the printer gives no usable answer for so long; 60 s by "
+        "default, 1800 s for one line of a firmware that can't be asked (Klipper, RepRapFirmware).",
+    )
+    noise_limit: Annotated[int, Field(ge=1, le=500)] = Field(
+        default=30,
+        description="Pause when more lines than this among 500 had to be sent again.",
+    )
+
     @model_validator(mode="after")
     def _a_budget_has_a_source(self) -> CarePart:
         if (self.viability_min is None) != (self.viability_source is None):

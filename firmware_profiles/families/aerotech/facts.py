@@ -7,7 +7,7 @@ from typing import Final
 from firmware_profiles.families.aerotech.dialect import dialect_of
 from firmware_profiles.families.common_words import MOVE
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.grammar import Grammar, codes
+from firmware_profiles.families.grammar import Grammar, Meaning, codes
 
 _WORDS: Final = {
     "G0": MOVE,
@@ -24,7 +24,7 @@ FAMILY: Final = Family(
     link=None,
     grammar=Grammar(
         codes=codes("G", 0, 1, 4, 20, 21, 90, 91, 92) | codes("M", 105, 400),
-        names=frozenset({"$DO", "DIGITALOUTPUTSET"}),
+        names=dict.fromkeys(("$DO", "DIGITALOUTPUTSET"), Meaning.OTHER),
         words=_WORDS,
     ),
     dialect=dialect_of,

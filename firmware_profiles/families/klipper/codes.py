@@ -10,31 +10,34 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles.families.common_words import MOVE, TEXTS
-from firmware_profiles.families.grammar import codes, to
+from firmware_profiles.families.grammar import Meaning, codes, to
 
 CODES: Final = codes("G", 0, 1, 4, 21, 28, 90, 91, 92) | codes(
     "M", 18, 82, 83, 84, to(104, 107), 109, 110, 112, 114, 115, 119, 140, 190, 204, 220, 221, 400
 )
 
-NAMES: Final = frozenset(
-    {
-        "ACTIVATE_EXTRUDER",
-        "GET_POSITION",
-        "RESTORE_GCODE_STATE",
-        "SAVE_GCODE_STATE",
-        "SET_FAN_SPEED",
-        "SET_GCODE_OFFSET",
-        "SET_HEATER_TEMPERATURE",
-        "SET_IDLE_TIMEOUT",
-        "SET_KINEMATIC_POSITION",
-        "SET_PIN",
-        "SET_PRESSURE_ADVANCE",
-        "SET_VELOCITY_LIMIT",
-        "STATUS",
-        "TEMPERATURE_WAIT",
-        "TURN_OFF_HEATERS",
-    }
-)
+NAMES: Final[dict[str, Meaning]] = {
+    **dict.fromkeys(
+        (
+            "GET_POSITION",
+            "RESTORE_GCODE_STATE",
+            "SAVE_GCODE_STATE",
+            "SET_FAN_SPEED",
+            "SET_IDLE_TIMEOUT",
+            "SET_PIN",
+            "SET_PRESSURE_ADVANCE",
+            "SET_VELOCITY_LIMIT",
+            "STATUS",
+            "TEMPERATURE_WAIT",
+            "TURN_OFF_HEATERS",
+        ),
+        Meaning.OTHER,
+    ),
+    "ACTIVATE_EXTRUDER": Meaning.CHOOSES,
+    "SET_GCODE_OFFSET": Meaning.SHIFTS,
+    "SET_HEATER_TEMPERATURE": Meaning.HEATS,
+    "SET_KINEMATIC_POSITION": Meaning.PLACES,
+}
 
 WORDS: Final[dict[str, str]] = {
     **TEXTS,

@@ -71,6 +71,8 @@ def care_of(context: RunContext) -> Care:
         checkpoint_s=part.care.checkpoint_every_s,
         deadman_s=60.0 * part.care.deadman_min,
         deadman_stops=part.care.deadman_stops,
+        silent_limit_s=part.care.silent_limit_s,
+        noise_limit=part.care.noise_limit,
         syringe=part.heads[0].syringe if part.heads else part.syringe,
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),

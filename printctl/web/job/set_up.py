@@ -78,6 +78,8 @@ class JobSetUp(BaseModel):
             checkpoint_s=self.care.checkpoint_every_s,
             deadman_s=60.0 * self.care.deadman_min,
             deadman_stops=self.care.deadman_stops,
+            silent_limit_s=self.care.silent_limit_s,
+            noise_limit=self.care.noise_limit,
             syringe=names[0],
             capacity_mm=usable[0],
             head_syringes=tuple(names) if several else (),

@@ -25,7 +25,7 @@ import numpy as np
 
 from sim.families.reprapfirmware.printer import DuetPrinter, g92_silent
 from sim.gcode import Command, split_line
-from sim.gcode_extended import CHOOSES, OFFSETS, PLACES, Named, plain_command
+from sim.gcode_extended import Named, plain_command
 from sim.gcode_modal import interpret
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_lines import LineReader
@@ -143,13 +143,13 @@ class KlipperPrinter(DuetPrinter):
         if named is None:
             return super()._work(command)
         name = named[1].decode().upper()
-        if name == PLACES:
+        if name == "SET_KINEMATIC_POSITION":
             self._stand_at(_values(named[2]))
         elif name == "SET_IDLE_TIMEOUT":
             self._set_idle_timeout(named[2].upper())
-        elif name == OFFSETS:
+        elif name == "SET_GCODE_OFFSET":
             self._set_offset(_values(named[2]))
-        elif name == CHOOSES:
+        elif name == "ACTIVATE_EXTRUDER":
             return self._activate(named[2])
         elif name == "SET_VELOCITY_LIMIT":
             self.machine.say(_limits(self))
@@ -189,7 +189,7 @@ class KlipperPrinter(DuetPrinter):
     def _activate(self, words: bytes) -> Iterator[Wait]:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine = self.machine
-        chosen = plain_command(Named(0, CHOOSES, _parameters(words)))
+        chosen = plain_command(Named(0, "ACTIVATE_EXTRUDER", _parameters(words)))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")

@@ -192,7 +192,7 @@ def test_an_open_valve_writes_and_its_flow_gives_the_width():
     ("data", "words"),
     [
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "NUL"),
-        (b"hello\nworld\n", "no move"),
+        (b"hello\nworld\n", "isn't a command"),
         (b"", "no move"),
         (b"G21\nG0 X1\nG1 X2 F600\n", "E never rises"),
     ],

@@ -50,6 +50,36 @@ def test_what_somebody_left_is_reset_and_told_before_the_first_line(tmp_path, di
     assert machine.debug == 0
 
 
+@pytest.mark.parametrize(
+    ("dirty", "why"),
+    [
+        (b"M203 Z2\n", "top speed of Z (M203) is 2 mm/s, slower than the profile's 5 (max_speed"),
+        (b"M201 X9000\n", "acceleration of X (M201) is 9000 mm/s², faster than the profile's 3000"),
+        (b"M204 P500\n", "acceleration (M204 P) is 500 mm/s², slower than the profile's 1000"),
+    ],
+)
+def test_a_board_that_is_slower_or_faster_than_its_profile_is_told_by_name(tmp_path, dirty, why):
+    status, _, alarms = printed(tmp_path, dirty=dirty)
+    assert status.state is LinkState.DONE, status
+    assert any(why in text for text in alarms), alarms
+    assert not printed_clean(tmp_path)
+
+
+def printed_clean(tmp_path) -> list[str]:
+    (tmp_path / "clean").mkdir()
+    return [text for text in printed(tmp_path / "clean")[2] if "the profile's" in text]
+
+
+def test_a_slower_board_is_refused_where_ink_flows_by_time():
+    air = load(Printer, "pneumatic_marlin")
+    speed = f"  M203 X{air.max_speed_mm_s.x / 2:.2f}"
+    (slow,) = differences({"M503 S0": [speed]}, air)
+    assert not slow.tolerated
+    assert "slower than the profile's" in slow.what
+    (fast,) = differences({"M503 S0": [f"  M203 X{air.max_speed_mm_s.x * 2:.2f}"]}, air)
+    assert fast.tolerated
+
+
 def test_a_shifted_homing_is_refused_by_its_name(tmp_path):
     status, printer, _ = printed(tmp_path, dirty=b"M206 X5\n")
     assert (status.state, status.error) == (LinkState.FAILED, HandshakeError.__name__)

@@ -8,7 +8,9 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
 from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
+from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
+from printctl.link.families import protocol_for
 from printctl.link.firmware import parse_firmware
 from printctl.link.journal import Journal, read_journal
 from printctl.link.states import LinkState
@@ -181,3 +183,18 @@ def test_prusas_unknown_code_is_known_as_such():
     reply = classify(b"Unknown M code: M999 S1")
     assert reply.kind is Kind.UNKNOWN_COMMAND
     assert unknown_command(reply.text) == b"M999 S1"
+
+
+@pytest.mark.parametrize(
+    ("profile", "field", "by_default"),
+    [
+        ("generic_marlin", "silent_limit_s", 60.0),
+        ("klipper_bioprinter", "busy_limit_s", 1800.0),
+        ("makergear_m2_duet2", "busy_limit_s", 1800.0),
+    ],
+)
+def test_the_limit_on_silence_can_be_chosen_for_each_family(profile, field, by_default):
+    printer = load(Printer, profile)
+    assert getattr(protocol_for(printer, 0.05).timing, field) == by_default
+    chosen = protocol_for(printer, 0.05, Care(silent_limit_s=300.0)).timing
+    assert getattr(chosen, field) == 300.0

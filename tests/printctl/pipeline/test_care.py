@@ -73,6 +73,8 @@ def test_recipe_that_says_nothing_prints_as_the_command_does_by_default(
         ("checkpoint_every_s", 0, "checkpoint_s", 0.0),
         ("checkpoint_every_s", None, "checkpoint_s", None),
         ("deadman_min", 20, "deadman_s", 1200.0),
+        ("silent_limit_s", 300, "silent_limit_s", 300.0),
+        ("noise_limit", 60, "noise_limit", 60),
     ],
 )
 def test_each_choice_is_given_on(

@@ -133,7 +133,7 @@ def test_layers_heads_and_widths_stand_at_each_move(tmp_path: Path) -> None:
         (b"; only words\n", "no move"),
         (jobs.HEAD + b"G1 X5 F600\nG1 Y5\n", "none of its 2 moves writes"),
         (b"\0\1\2\3", "binary"),
-        (b"M105\n<script>alert(1)</script>\n", "no move"),
+        (b"M105\n<script>alert(1)</script>\n", "isn't a command"),
         (b"G2 X\n<script>alert(1)</script>\n", "line 1: 'G2 X': X has no number"),
         (jobs.HEAD + b"G1 Xnan E1\nG1 X1e400 E2\nG1 X5 E3\n", "line 5.*Xnan.*2 lines"),
     ],
