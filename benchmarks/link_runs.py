@@ -15,12 +15,12 @@ from benchmarks.link_wire import BreakingTroubles, Ledger, Wire
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link import LinkState, Status
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.job import parse_job
 from printctl.link.journal import Journal, read_journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
+from printctl.link.wiring import Wiring
 from sim.executed import ExecutedMotion
 from sim.faults import parse_fault
 from sim.marlin import MarlinPrinter

@@ -1,12 +1,12 @@
 """Facts about printers, needles, syringes, inks, baths, dishes and plates, each with its source."""
 
-from firmware_profiles.controllers import Aerotech
 from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.dishes import Dish
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import Facts, Span
+from firmware_profiles.families.aerotech.controller import Aerotech
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.materials import Bath, Ink, MeasuredLag

@@ -12,13 +12,13 @@ from typing import Final
 
 from firmware_profiles.dishes import Dish
 from firmware_profiles.facts import Facts
+from firmware_profiles.families.registry import family_of
 from firmware_profiles.materials import Bath, Ink
 from firmware_profiles.printers import Printer
 from firmware_profiles.tools import Needle, Syringe
 
 AVR_STEPS_HZ: Final = 40_000.0
 """What Marlin's stepper interrupt does on an ATmega2560 at 16 MHz, all axes together."""
-WITH_TIMEOUT: Final = ("marlin", "prusa", "klipper")
 SMALLEST_DOSE_UL: Final = 0.02
 STEP_SHARE: Final = 0.25
 """A step should be at most this part of the smallest dose."""
@@ -95,8 +95,9 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
                 "(max_acceleration_mm_s2); the firmware would use the lower",
                 False,
             )
-    marlins = printer.firmware in ("marlin", "prusa")
-    if marlins and printer.max_line_bytes > printer.receive_buffer_bytes:
+    link = family_of(printer).link
+    cuts = link is not None and link.cuts_long_lines
+    if cuts and printer.max_line_bytes > printer.receive_buffer_bytes:
         yield Doubt(
             "max_line_bytes",
             f"{printer.max_line_bytes} bytes don't fit into the receive buffer of "
@@ -109,12 +110,12 @@ def _safety(printer: Printer) -> Iterator[Doubt]:
     if not printer.streamed:
         yield Doubt(
             "firmware",
-            "aerotech: the controller's own software runs the file; what a stop switches off, and "
-            "what stays on, is set up there",
+            f"{printer.firmware}: the controller's own software runs the file; what a stop "
+            "switches off, and what stays on, is set up there",
             False,
         )
         return
-    timed = printer.firmware in WITH_TIMEOUT
+    timed = family_of(printer).timeout is not None
     if timed and printer.idle_timeout_s == 0:
         yield Doubt(
             "idle_timeout_s",
@@ -184,11 +185,11 @@ def _heads(printer: Printer) -> Iterator[Doubt]:
                 False,
             )
     steps = {printer.of_head(number).steps_per_mm.e for number in range(printer.head_count)}
-    if len(steps) > 1 and printer.firmware == "marlin":
+    own = family_of(printer).heads
+    if len(steps) > 1 and own and own.note:
         yield Doubt(
             "heads",
-            "their plunger_steps_per_mm differ: Marlin keeps steps for each only if it was built "
-            "with DISTINCT_E_FACTORS; see that it was",
+            f"their plunger_steps_per_mm differ: {own.note}; see that it was",
             False,
         )
 

@@ -12,14 +12,15 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.families.registry import find_family
 
 MOST_HEADS = 8
 Length = Annotated[float, Field(ge=-500, le=500, allow_inf_nan=False)]
 SelectCommand = Annotated[
     str,
-    Field(pattern=r"^(T[0-7]( [SP]\d)?|ACTIVATE_EXTRUDER EXTRUDER=extruder[1-7]?)$"),
+    Field(pattern=r"^[A-Z][A-Z0-9_]*( [A-Za-z0-9_=]+)*$", max_length=64),
 ]
-"""T1 S1 (Marlin: no move), T1 P0 (RepRapFirmware: no macros), or Klipper's command."""
+"""The firmware family says how it must be (`HeadFacts.select`)."""
 
 
 class Offset(BaseModel):
@@ -104,7 +105,8 @@ def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> Non
         raise ValueError(
             f"{len(heads)} heads; name 2 to {MOST_HEADS} of them, or none for a single one"
         )
-    if firmware not in ("marlin", "reprapfirmware", "klipper"):
+    own = find_family(firmware).heads
+    if own is None:
         raise ValueError(f"heads: how {firmware} changes between them isn't known; use one")
     if not plunger:
         raise ValueError("heads: only plungers can be several; a valve is watched over for one")
@@ -117,20 +119,12 @@ def check_heads(heads: tuple[Head, ...], firmware: str, *, plunger: bool) -> Non
         values = [getattr(head, what) for head in heads]
         if len(set(values)) < len(values):
             raise ValueError(f"heads: two have the same {what} ({', '.join(values)})")
-    named = firmware == "klipper"
-    for head in heads:
-        if head.select.startswith("ACTIVATE") != named:
+    for number, head in enumerate(heads):
+        chosen = own.number(head.select)
+        if chosen is None:
             raise ValueError(
                 f"heads: {firmware} isn't told by {head.select!r} which head to use; write "
-                + ("ACTIVATE_EXTRUDER EXTRUDER=extruder1" if named else "T1")
+                f"{own.example}"
             )
-    for number, head in enumerate(heads):
-        if _number(head.select) != number:
+        if chosen != number:
             raise ValueError(f"heads: {head.select!r} doesn't choose head {number}; order them")
-
-
-def _number(select: str) -> int:
-    if select.startswith("T"):
-        return int(select[1])
-    name = select.rpartition("=")[2]
-    return int(name.removeprefix("extruder") or 0)

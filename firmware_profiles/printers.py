@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
-from firmware_profiles.controllers import Aerotech, check_controller
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import CommandName, Facts, NonNegative, Positive, Span
+from firmware_profiles.families.aerotech.controller import Aerotech, check_controller
+from firmware_profiles.families.registry import family_of, find_family
 from firmware_profiles.heads import Head, check_heads
 from firmware_profiles.watching import Watched
+
+
+def _with_a_family(name: str) -> str:
+    """Refuse a firmware that no family is known of."""
+    try:
+        find_family(name)
+    except ProfileError as exc:
+        raise ValueError(str(exc)) from exc
+    return name
 
 
 class Axes(BaseModel):
@@ -33,15 +43,13 @@ class Printer(Facts):
     and the e of its axes is the firmware's own, unused.
     """
 
-    firmware: Literal[
-        "marlin", "prusa", "reprapfirmware", "klipper", "smoothieware", "aerotech"
-    ] = Field(
-        description="Firmware family, which sets the protocol. All but marlin are built after "
-        "public sources and not verified against a real recording. For aerotech jobs are written, "
+    firmware: Annotated[str, AfterValidator(_with_a_family)] = Field(
+        description="Firmware family, which sets the protocol. All but Marlin are built after "
+        "public sources and not verified against a real recording. For Aerotech jobs are written, "
         "and not sent."
     )
     aerotech: Aerotech | None = Field(
-        default=None, description="Which controller; to be said for firmware aerotech alone."
+        default=None, description="Which controller; to be said for Aerotech's firmware alone."
     )
     baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
     x_mm: Span
@@ -133,7 +141,8 @@ class Printer(Facts):
 
     @model_validator(mode="after")
     def _pairs_need_a_count(self) -> Printer:
-        if self.lines_in_flight == 2 and self.firmware not in ("marlin", "prusa"):
+        link = family_of(self).link
+        if self.lines_in_flight == 2 and not (link and link.pairs):
             raise ValueError(
                 f"lines_in_flight 2: {self.firmware} keeps no count of lines that could settle "
                 "which of two it took (or none that was tried); use 1"
@@ -143,7 +152,7 @@ class Printer(Facts):
     @property
     def streamed(self) -> bool:
         """Whether a host sends it a job's lines; else its own software loads the file."""
-        return self.firmware != "aerotech"
+        return family_of(self).link is not None
 
     @property
     def pneumatic(self) -> Pneumatic | None:

@@ -11,11 +11,12 @@ import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
 from sim.bad_line import BadLine
-from sim.dialects import simulated_printer
 from sim.errors import ServeError, SimError
+from sim.families.registry import simulated_printer
 from sim.faults import Fault, FaultFile, load_faults, parse_fault
 from sim.job_lines import JobLines
 from sim.marlin_board import Board
+from sim.pace import Pace
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving
 from sim.warm import warm_printer
@@ -114,6 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
             Board(thermistors=not given.no_thermistors),
             faults,
         )
+        printer.pace = Pace(file.speed)
         printer.bad_line = BadLine(file, np.random.default_rng(file.seed))
         printer.gauges = {gauge.command: gauge for gauge in file.gauges}
         printer.job = JobLines(_read(given.job), printer.machine.printer) if given.job else None

@@ -1,8 +1,9 @@
-"""The cable between a host and the simulated printer: flipped bits, lost oks, late replies.
+"""The cable between a host and the simulated printer: flipped bits, lost and late replies.
 
 Modelled: one bit of a byte flips, each byte by itself at the same chance, or of a burst's bytes
-at the burst's; a bare ``ok`` is lost whole; a reply comes late, and what is behind it no sooner.
-Not modelled: bytes that are lost or invented, framing errors, noise that comes in bursts of its
+at the burst's; a byte is lost; a bare ``ok`` is lost whole; a reply, or each ``ok`` by its own
+delay, comes late, and what is behind it no sooner: so oks come bunched.
+Not modelled: bytes that are invented, framing errors, noise that comes in bursts of its
 own accord, what a USB adapter's packets do to the gaps between bytes.
 
 Whoever owns the cable has the clock: the process that serves the printer real seconds, a
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -21,6 +23,7 @@ import numpy as np
 from sim.faults import Direction, Troubles
 
 _OK: Final = re.compile(rb"(?m)^ok\n")
+_BEGINS_OK: Final = re.compile(rb"(?m)^ok")
 
 
 class BadLine:
@@ -41,6 +44,8 @@ class BadLine:
         self._late: deque[tuple[float, bytes]] = deque()
         self._burst_rate, self._burst_left = 0.0, 0
         self._hold_s = 0.0
+        self._oks = 0
+        self._ok_late_s = self.troubles.ok_delay_up_to_s
 
     def burst(self, rate: float, length_bytes: int) -> None:
         """Garble ``rate`` of the next ``length_bytes``, both ways."""
@@ -49,6 +54,10 @@ class BadLine:
     def hold(self, seconds: float) -> None:
         """Let the next reply come ``seconds`` late."""
         self._hold_s = seconds
+
+    def delay_oks(self, up_to_s: float) -> None:
+        """Let each ok to come be late by chance, up to so many seconds."""
+        self._ok_late_s = up_to_s
 
     def down(self, data: bytes) -> bytes:
         """What of the host's bytes reaches the printer."""
@@ -64,8 +73,30 @@ class BadLine:
         late, self._hold_s = troubles.latency_s + self._hold_s, 0.0
         if troubles.delay and rng.random() < troubles.delay:
             late += troubles.delay_s
-        after = self._late[-1][0] if self._late else 0.0
-        self._late.append((max(after, now + late), self._garble(data, "up")))
+        for part, ok_late in self._by_ok(data):
+            after = self._late[-1][0] if self._late else 0.0
+            self._late.append((max(after, now + late + ok_late), self._garble(part, "up")))
+
+    def _by_ok(self, data: bytes) -> Iterator[tuple[bytes, float]]:
+        """Cut before each ok that is late, and say how much."""
+        if not self.troubles.ok_delays_s and not self._ok_late_s:
+            yield data, 0.0
+            return
+        begin, late = 0, 0.0
+        for found in _BEGINS_OK.finditer(data):
+            if found.start() > begin:
+                yield data[begin : found.start()], late
+            begin, late = found.start(), self._ok_delay()
+        yield data[begin:], late
+
+    def _ok_delay(self) -> float:
+        """Of the next ok, s."""
+        cycle = self.troubles.ok_delays_s
+        self._oks += 1
+        late = cycle[(self._oks - 1) % len(cycle)] if cycle else 0.0
+        if self._ok_late_s:
+            late += float(self._rng.random()) * self._ok_late_s
+        return late
 
     @property
     def next_s(self) -> float:
@@ -82,6 +113,9 @@ class BadLine:
 
     def _garble(self, data: bytes, direction: Direction) -> bytes:
         on = self.troubles.noise_on in ("both", direction)
+        if on and self.troubles.drop_byte:
+            kept = self._rng.random(len(data)) >= self.troubles.drop_byte
+            data = np.frombuffer(data, np.uint8)[kept].tobytes()
         rate = self.troubles.noise if on else 0.0
         if not rate and not self._burst_left:
             return data

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Span
-from sim.cold import REMEDY
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.dryrun_finding import Finding
 from sim.errors import LineError
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
-from sim.gcode_extended import OFFSETS, Named
+from sim.gcode_extended import Named
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.heads import head_findings
 from sim.planner_stepper import LEAST_RATE
@@ -21,6 +22,8 @@ from sim.reading.file import kinds_of
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
+_MOST_NAMES: Final = 20
+"""Unknown codes that get a finding of their own."""
 _AXES: Final = ("x", "y", "z")
 
 
@@ -48,6 +51,7 @@ def check(
     low_at, high_at = tip.argmin(axis=0), tip.argmax(axis=0)
     plunger = np.concatenate([[0.0], program.plunger])
     size = sent_length(program)
+    cold = family_of(printer).cold
     longest = int(size.argmax()) if len(program) else -1
     unknown = _unknown(program, printer, named)
     findings = [
@@ -57,7 +61,7 @@ def check(
         *_too_fast(program, speed, limit, plungers, printer.name),
         *_too_slow(program, printer),
         *_plunger(program, printer),
-        *_cold(program, moves & ~extrudes, REMEDY.get(printer.firmware, "")),
+        *_cold(program, moves & ~extrudes, cold.remedy if cold else ""),
         *_strange(program, unknown, printer),
         *_offset(named),
         *head_findings(program, gcode, printer),
@@ -285,8 +289,10 @@ def _strange(
     program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
 ) -> list[Finding]:
     found = []
-    for name in sorted({name for _, name in unknown}):
-        lines = [line for line, other in unknown if other == name]
+    lines_of: dict[str, list[int]] = {}
+    for line, name in unknown:
+        lines_of.setdefault(name, []).append(line)
+    for name, lines in sorted(lines_of.items())[:_MOST_NAMES]:
         sort = "no_command" if name == code_name(NO_COMMAND) else "unknown_command"
         what = (
             "isn't a command"
@@ -316,13 +322,14 @@ def _strange(
 
 
 def _offset(named: tuple[Named, ...]) -> list[Finding]:
-    """Klipper's offsets: they shift what comes after, and this dry run wouldn't know."""
-    lines = [at.line for at in named if at.name == OFFSETS and _shifts(at.words)]
+    """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
+    offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
+    lines = [at.line for at in offsets if _shifts(at.words)]
     if not lines:
         return []
     text = (
-        f"line {lines[0]}: {OFFSETS} shifts every place after it, and no check here follows it; "
-        "write the places themselves"
+        f"line {lines[0]}: {offsets[0].name} shifts every place after it, and no check here "
+        "follows it; write the places themselves"
     )
     return [Finding(lines[0], "offset", text, count=len(lines))]
 

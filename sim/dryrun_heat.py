@@ -2,7 +2,7 @@
 
 Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while it
 tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink and
-bath alike; Klipper's SET_HEATER_TEMPERATURE.
+bath alike; commands with names (`Meaning.HEATS`).
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from typing import Final, Literal
 
 import numpy as np
 
+from firmware_profiles.families import meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.gcode import Command, Program, code, parse_line
 from sim.gcode_extended import Named
 
 Part = Literal["ink", "bath", "both"]
 _TOOL, _BED, _CHAMBER = ("M104", "M109", "G10", "M568"), ("M140", "M190"), ("M141", "M191")
 _CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
-_SETS: Final = "SET_HEATER_TEMPERATURE"
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[
     gcode : bytes
         What it was read from.
     named : tuple of Named
-        Klipper's commands with names.
+        Commands with names.
     """
     rows = np.flatnonzero(np.isin(program.code, _CODES))
     lines = gcode.splitlines() if len(rows) else []
@@ -58,7 +59,8 @@ def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[
         for number in program.line[rows].tolist()
         for said in _said(parse_line(lines[number - 1]))
     ]
-    found += [Heating(at.line, *said) for at in named if at.name == _SETS for said in _klipper(at)]
+    sets = [at for at in named if meanings().get(at.name) is Meaning.HEATS]
+    found += [Heating(at.line, *said) for at in sets for said in _named(at)]
     return tuple(sorted(found, key=lambda heating: heating.line))
 
 
@@ -73,7 +75,7 @@ def _said(command: Command) -> list[tuple[Part, float]]:
     return [(part, command.values[word]) for word in letters if word in command.values]
 
 
-def _klipper(at: Named) -> list[tuple[Part, float]]:
+def _named(at: Named) -> list[tuple[Part, float]]:
     heater = at.words.get("HEATER", "")
     part: Part = "both"
     if heater.startswith("extruder"):

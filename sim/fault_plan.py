@@ -100,6 +100,18 @@ def _delay(board: MainLoop, fault: Fault) -> None:
     board.bad_line.hold(fault.seconds or 0.0)
 
 
+def _late_oks(board: MainLoop, fault: Fault) -> None:
+    board.bad_line.delay_oks(fault.seconds or 0.0)
+
+
+def _stall(board: MainLoop, fault: Fault) -> None:
+    board.pace.freeze(board.machine.now, fault.seconds or 0.0)
+
+
+def _slow(board: MainLoop, fault: Fault) -> None:
+    board.pace.set_share(board.machine.now, fault.share or 1.0)
+
+
 def _endstop(board: MainLoop, fault: Fault) -> None:
     board.machine.stuck["xyz".index(fault.axis or "x")] = fault.stuck or "open"
 
@@ -112,5 +124,8 @@ _HAPPENINGS: Final[dict[FaultKind, Callable[[MainLoop, Fault], None]]] = {
     "drop_ok": _drop_ok,
     "noise": _noise,
     "delay": _delay,
+    "late_oks": _late_oks,
+    "stall": _stall,
+    "slow": _slow,
     "endstop_stuck": _endstop,
 }

@@ -91,6 +91,11 @@ class Command:
         """Letter and number: ``G92``."""
         return f"{self.letter}{self.number}"
 
+    @property
+    def words(self) -> frozenset[str]:
+        """All letters, with a number or without."""
+        return self.flags | self.values.keys()
+
 
 def parse_line(line: bytes) -> Command:
     """Take one line apart; a comment and the line end may still be there."""
@@ -108,7 +113,8 @@ def command_of(text: bytes, words: Records) -> Command:
     shown = text[int(row["begin"]) :]
     letter = chr(int(row["letter"])) if row["letter"] else ""
     if letter:
-        shown = shown.partition(b"*")[0].rstrip(b" ")
+        head, star, _ = shown.partition(b"*")
+        shown = head.rstrip(b" ") if star else head
     return Command(
         letter=letter,
         number=int(row["number"]),

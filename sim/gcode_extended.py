@@ -1,4 +1,4 @@
-"""Klipper's commands with names, put into the words that the one G-code reader knows.
+"""Commands with names, put into the words that the one G-code reader knows.
 
 ``SET_KINEMATIC_POSITION X=1 Y=2`` says where the tip stands, as G92 does for other firmwares, and
 is read as that; ``ACTIVATE_EXTRUDER EXTRUDER=extruder1`` is T1. ``SET_IDLE_TIMEOUT`` and the rest
@@ -11,10 +11,10 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
+from firmware_profiles.families import meanings
+from firmware_profiles.families.grammar import Meaning
+
 _CHOSEN: Final = re.compile(r"extruder(\d*)")
-CHOOSES: Final = "ACTIVATE_EXTRUDER"
-PLACES: Final = "SET_KINEMATIC_POSITION"
-OFFSETS: Final = "SET_GCODE_OFFSET"
 NOTHING: Final = b"M105"
 
 
@@ -29,10 +29,11 @@ class Named:
 
 def plain_command(named: Named) -> bytes:
     """One named command in G-code."""
-    chosen = _CHOSEN.fullmatch(named.words.get("EXTRUDER", "")) if named.name == CHOOSES else None
-    if chosen is not None:
-        return b"T%d" % int(chosen[1] or 0)
-    if named.name != PLACES:
+    meaning = meanings().get(named.name)
+    if meaning is Meaning.CHOOSES:
+        chosen = _CHOSEN.fullmatch(named.words.get("EXTRUDER", ""))
+        return b"T%d" % int(chosen[1] or 0) if chosen else NOTHING
+    if meaning is not Meaning.PLACES:
         return NOTHING
     places = [f"{axis}{named.words[axis]}" for axis in "XYZ" if axis in named.words]
     return " ".join(["G92", *places]).encode() if places else NOTHING

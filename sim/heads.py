@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Head, Printer
+from firmware_profiles.families import family_of
 from sim.dryrun_finding import Finding
 from sim.gcode import Program, code, parse_line
 from sim.gcode_extended import Named
@@ -25,8 +26,6 @@ from sim.valve import CLOSED, UNKNOWN, Valve, read_switch
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_OFFSETS: Final = {"marlin": ("M218", "T"), "reprapfirmware": ("G10", "P")}
-"""By which command a firmware is told of offsets, and the word for the head."""
 _COUNTS: Final = re.compile(rb"E[-+.\d]")
 
 
@@ -140,21 +139,22 @@ def _uncounted(program: Program, lines: list[bytes]) -> list[Finding]:
 
 def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Finding]:
     """Offsets that the firmware would add to places which have them already."""
-    if printer.firmware not in _OFFSETS:
+    own = family_of(printer).heads
+    if own is None or not own.offset_code:
         return []
-    command, word = _OFFSETS[printer.firmware]
+    command, word = own.offset_code, own.offset_word
     rows = np.flatnonzero(program.code == code(command)).tolist()
     words = {row: parse_line(lines[int(program.line[row]) - 1]).values for row in rows}
     twice = np.zeros(len(program), dtype=np.bool_)
     cleared: dict[int, int] = {}
     for row, values in words.items():
-        if word not in values and command == "G10":
+        if word not in values and own.offset_needs_word:
             continue
         said = [values[axis] for axis in "XYZ" if axis in values]
         twice[row] = any(said)
         if len(said) == 3 and not any(said):
             cleared.setdefault(int(values.get(word, program.tool[row])), row)
-    needed = range(1 if printer.firmware == "marlin" else 0, printer.head_count)
+    needed = range(own.first_offset, printer.head_count)
     unsaid = np.zeros(len(program), dtype=np.bool_)
     for row in np.flatnonzero(program.kind == TOOL).tolist():
         number = int(program.tool[row])

@@ -137,7 +137,7 @@ class MarlinPrinter(MainLoop):
     def finish(self) -> None:
         """Let all accepted moves end, as a printer does whose host has gone."""
         self.settle()
-        while self.machine.blocks and not self.machine.dead:
+        while self.machine.blocks:
             self.run_to(max(self.machine.now, self.machine.next_motion()))
 
     def executed(self) -> ExecutedMotion:
@@ -156,7 +156,9 @@ class MarlinPrinter(MainLoop):
     def _take_plain_moves(self, data: bytes) -> bytes:
         """Take the plain moves at the front of ``data``; returns what is left."""
         wire, machine = self.wire, self.machine
-        if machine.dead or self._tasks or self._queue or len(data) > wire.capacity:
+        if machine.dead or machine.has_least_feeds:
+            return data
+        if self._tasks or self._queue or len(data) > wire.capacity:
             return data
         if not wire.quiet or not self.lines.empty or self.plan.counts_bytes:
             return data
@@ -179,7 +181,7 @@ class MarlinPrinter(MainLoop):
             data,
             expected,
             machine.printer.max_line_bytes - 1,
-            machine.too_cold,
+            machine.too_cold or machine.dry,
             machine.modal,
             self.words,
             machine.planner,

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Final
 
 from sim.gcode import Command
 from sim.gcode_modal import interpret
-from sim.marlin_machine import COLD_C
-from sim.marlin_settings import SETTINGS_HANDLERS
+from sim.marlin_factors import m220, m221
+from sim.marlin_settings import SETTINGS_HANDLERS, tell_settings
+from sim.marlin_stored import load_settings, reset_settings
 from sim.marlin_tells import (
     m31,
     m105,
@@ -27,12 +28,25 @@ from sim.marlin_tells import (
     position_report,
 )
 from sim.marlin_texts import SETTINGS
-from sim.marlin_waits import Steps, g4, g28, limit_homed, m0, m104, m109, m400, m410, m500
+from sim.marlin_waits import (
+    Steps,
+    g4,
+    g28,
+    limit_homed,
+    m0,
+    m81,
+    m104,
+    m109,
+    m400,
+    m410,
+    m500,
+)
 
 if TYPE_CHECKING:
     from sim.marlin_loop import MainLoop
 
 Handler = Callable[["MainLoop", Command], Steps]
+_AT_ONCE_S: Final = 1e-6
 
 
 def g92(board: MainLoop, command: Command) -> None:
@@ -49,11 +63,12 @@ def g92(board: MainLoop, command: Command) -> None:
 def m211(board: MainLoop, command: Command) -> None:
     """Software endstops, which count for homed axes only."""
     machine = board.machine
-    if "S" in command.values:
-        machine.soft_endstops = command.values["S"] != 0
+    if "S" in command.words:
+        machine.soft_endstops = int(command.values.get("S", 1.0)) > 0
         limit_homed(board)
         return
-    low, high = machine.modal["low"][0], machine.modal["high"][0]
+    shift = machine.modal["shift"][0]
+    low, high = machine.modal["low"][0] + shift, machine.modal["high"][0] + shift
     on = machine.soft_endstops
     machine.say(f"  M211 S{int(on)} ; {'ON' if on else 'OFF'}")
     machine.say(
@@ -74,57 +89,58 @@ def m77(board: MainLoop, command: Command) -> None:
 
 def m85(board: MainLoop, command: Command) -> None:
     """Time without motion after which the firmware kills itself."""
-    if "S" in command.values:
-        board.machine.idle_limit_s = command.values["S"]
+    if "S" in command.words:
+        seconds = command.values.get("S", 0.0)
+        # Below 0 the time is over at once: the firmware kills itself.
+        board.machine.idle_limit_s = _AT_ONCE_S if seconds < 0 else seconds
         board.machine.idle_since = board.machine.now
+    else:
+        board.machine.say(f"Inactivity timeout {board.machine.idle_limit_s:.0f} s.")
 
 
 def m112(board: MainLoop, command: Command) -> None:
-    """Kill."""
-    board.kill("M112 Shutdown")
-
-
-def m220(board: MainLoop, command: Command) -> None:
-    """Feed factor."""
-    interpret(board.machine.modal[0], board.words[0])
-    if "S" not in command.values:
-        board.machine.say(f"FR:{board.machine.modal['speed_percent'][0]:.0f}%")
-
-
-def m221(board: MainLoop, command: Command) -> None:
-    """Flow factor."""
-    machine = board.machine
-    interpret(machine.modal[0], board.words[0])
-    percent = float(machine.modal["flow_percent"][0])
-    machine.planner["flow"] = percent * 0.01
-    if "S" not in command.values:
-        machine.say(f"echo:E0 Flow: {percent:.0f}%")
+    """Kill; with the emergency parser only that one does it, from the bytes."""
+    if not board.machine.printer.emergency_parser:
+        board.kill("M112 Shutdown")
 
 
 def m302(board: MainLoop, command: Command) -> None:
     """Whether the plunger may move while the hotend is cold."""
     machine = board.machine
-    if "S" in command.values:
-        machine.coldest_c = command.values["S"]
+    if "S" in command.words:
+        machine.coldest_c = float(int(command.values.get("S", 0.0)))
         machine.cold_allowed = machine.coldest_c == 0
-    if "P" in command.values or "P" in command.flags:
-        machine.cold_allowed = command.values.get("P", 1.0) != 0
-        machine.coldest_c = machine.coldest_c or COLD_C
-    elif "S" not in command.values:
+    if "P" in command.words:
+        machine.cold_allowed = machine.coldest_c == 0 or command.values.get("P", 1.0) != 0
+    elif "S" not in command.words:
         state = "en" if machine.cold_allowed else "dis"
         machine.say(f"echo:Cold extrudes are {state}abled (min temp {machine.coldest_c:.0f}C)")
 
 
 def m501(board: MainLoop, command: Command) -> None:
-    """Load the settings."""
+    """Load the settings that were stored last, and tell them."""
+    load_settings(board.machine)
     board.machine.say(f"echo:V90 stored settings retrieved ({SETTINGS}41")
     board.machine.say("//action:notification Stored settings retrieved")
+    tell_settings(board.machine)
 
 
 def m502(board: MainLoop, command: Command) -> None:
-    """Reset the settings."""
-    board.machine.say("echo:Hardcoded Default Settings Loaded")
+    """Set the settings as they were built."""
+    reset_settings(board.machine)
     board.machine.say("//action:notification Hardcoded Default Settings Loaded")
+    board.machine.say("echo:Hardcoded Default Settings Loaded")
+
+
+def m504(board: MainLoop, command: Command) -> None:
+    """Check the EEPROM."""
+    board.machine.say("echo:EEPROM OK")
+
+
+def m428(board: MainLoop, command: Command) -> None:
+    """Make where the tip stands the home offset; not modelled further than its refusal."""
+    if not all(board.machine.homed):
+        board.machine.say("echo:Home XYZ First", b"\r\n")
 
 
 def m999(board: MainLoop, command: Command) -> None:
@@ -155,6 +171,7 @@ HANDLERS: Final[dict[str, Handler]] = {
     "M75": m75,
     "M76": m77,
     "M77": m77,
+    "M81": m81,
     "M82": interpreted,
     "M83": interpreted,
     "M85": m85,
@@ -183,10 +200,10 @@ HANDLERS: Final[dict[str, Handler]] = {
     "M500": m500,
     "M501": m501,
     "M502": m502,
+    "M428": m428,
+    "M504": m504,
     "M999": m999,
     **SETTINGS_HANDLERS,
-    **dict.fromkeys(
-        ("M17", "M18", "M84", "M106", "M107", "M117", "M149", "M428", "M504", "M876"), nothing
-    ),
+    **dict.fromkeys(("M17", "M18", "M84", "M106", "M107", "M117", "M120", "M121", "M876"), nothing),
 }
 """By letter and number, but for G0 to G3 (`sim.marlin_loop`) and T."""

@@ -26,6 +26,7 @@ from sim.job_lines import JobLines
 from sim.marlin_arc import arc_of
 from sim.marlin_board import Board
 from sim.marlin_commands import HANDLERS, Handler
+from sim.marlin_halt import RunOn
 from sim.marlin_lines import LineReader, Refused
 from sim.marlin_machine import Machine, Place, Task, Wait
 from sim.marlin_tells import advanced_ok, planned_position
@@ -33,6 +34,7 @@ from sim.marlin_texts import BANNER
 from sim.marlin_tools import m218, take_tool
 from sim.marlin_waits import Steps, quickstop
 from sim.marlin_wire import Wire
+from sim.pace import Pace
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
 _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
@@ -57,6 +59,8 @@ class MainLoop:
         After how long it is plugged in again; None for never.
     bad_line : BadLine
         The cable, for whoever owns the port.
+    pace : Pace
+        The board's clock against the host's, for whoever owns the port.
     job : JobLines or None
         The file that is printed, if it is known: it tells its commands from a host's own lines.
     synced : int
@@ -77,6 +81,7 @@ class MainLoop:
         self.unplugged = False
         self.back_after_s: float | None = None
         self.bad_line = BadLine()
+        self.pace = Pace()
         self.synced = 0
         self.plan = FaultPlan(faults)
         self.job: JobLines | None = None
@@ -99,12 +104,32 @@ class MainLoop:
             self.machine.say(line)
 
     def kill(self, reason: str) -> None:
-        """Stop everything and fall silent."""
-        self.machine.stop()
+        """Heaters off, fall silent, and halt: the motors at once, or after the firmware's wait."""
+        if not self.motors_run_on:
+            self.machine.stop()
         self.machine.heaters_off()
         self.say_halted(reason)
         self._forget()
         self.machine.dead = True
+        if self.motors_run_on:
+            self.machine.run_on = RunOn(self.machine)
+
+    @property
+    def halted(self) -> bool:
+        """Whether the firmware is killed and the motors stand."""
+        return self.machine.dead and self.machine.run_on is None
+
+    def _halt_when_due(self) -> float:
+        """Stop the motors of a killed board if it is time; else when to look again, s."""
+        machine = self.machine
+        if machine.run_on is None:
+            return math.inf
+        due = machine.run_on.ends_s(machine)
+        if machine.now < due:
+            return due
+        machine.stop()
+        machine.run_on = None
+        return math.inf
 
     # -- what dialects say otherwise
 
@@ -112,6 +137,8 @@ class MainLoop:
     too_cold_words: ClassVar[str] = "echo: cold extrusion prevented"
     banner: ClassVar[tuple[str, ...]] = BANNER
     offsets_by: ClassVar[str] = "M218"
+    motors_run_on: ClassVar[bool] = True  # after a kill, for `sim.marlin_halt`'s time
+    whole_percents: ClassVar[bool] = True
 
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
@@ -159,10 +186,11 @@ class MainLoop:
 
     def _run(self, until: float) -> None:
         """Work in the order of time until ``until``, or until only the host can go on."""
-        machine = self.machine
+        machine, settles = self.machine, math.isinf(until)
         while machine.now <= until:
             self.wire.deliver(machine.now)
             stalled = machine.now < machine.stalled_until
+            halts_at = self._halt_when_due()
             if machine.dead:
                 self.wire.flush()
             elif not stalled and self._step():
@@ -171,7 +199,7 @@ class MainLoop:
             if stalled:
                 soon = machine.stalled_until
             elif machine.dead:
-                soon = math.inf if at is None else at
+                soon = min(math.inf if at is None else at, math.inf if settles else halts_at)
             elif math.isinf(until) and not self._pending():
                 return
             else:
@@ -212,7 +240,9 @@ class MainLoop:
         machine = self.machine
         machine.roll()
         if self.wire.urgent:
-            self._urgent(self.wire.urgent.pop(0))
+            self._read_line()  # it is looked at before the flag that the interrupt has set
+            if self.wire.urgent:
+                self._urgent(self.wire.urgent.pop(0))
             return True
         if (fault := self.plan.due(machine.now, self.wire.received)) is not None:
             happen(self, fault)
@@ -306,7 +336,7 @@ class MainLoop:
         keepalive = machine.reports.keepalive_s
         self._busy_at = machine.now + keepalive if keepalive > 0 else math.inf
         if machine.debug & 1:
-            machine.say("echo:" + line.decode("latin-1"))
+            machine.say("echo:" + line.decode("latin-1"), b"\r\n")
         self._begin(self._work(command))
 
     def _work(self, command: Command) -> Steps:
@@ -347,7 +377,9 @@ class MainLoop:
         machine.idle_since = machine.now
 
     def _no_extrusion(self, travel_mm: float) -> bool:
-        """Whether the firmware drops the plunger's part of a move; it says why."""
+        """Whether the firmware drops the plunger's part of a move; it says why, but for M111 S8."""
+        if self.machine.dry:
+            return True
         if self.machine.too_cold:
             self.machine.say(self.too_cold_words)
             return True

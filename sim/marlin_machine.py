@@ -15,6 +15,9 @@ from sim.executed_log import executed_motion
 from sim.gcode_modal import new_modal
 from sim.heaters import Heater
 from sim.marlin_board import Board
+from sim.marlin_factors import set_flow
+from sim.marlin_halt import RunOn
+from sim.marlin_stored import Settings, put_settings, settings_of
 from sim.planner import (
     add_move,
     command_time,
@@ -25,6 +28,7 @@ from sim.planner import (
     stop_now,
     take_head,
 )
+from sim.planner_block import to_steps
 from sim.planner_state import LOG, new_planner, new_ring
 
 COLD_C: Final = 170.0
@@ -180,6 +184,7 @@ class Machine:
 
     def __post_init__(self) -> None:
         self.stuck: dict[int, str] = {}  # endstops, by axis; power-up mends none
+        self.stored: Settings | None = None  # the EEPROM
         self.ring = new_ring(self.printer)
         self.log = np.zeros(_FIRST_LOG, LOG)
         self.costs = self.board.costs()
@@ -217,12 +222,21 @@ class Machine:
         self.waits_for_user = False
         self.waits_for_heat = False
         self.sensor_fault_at = math.inf
+        self.run_on: RunOn | None = None
         self.debug = 0
+        self.speed_percent_kept = 100.0
         self.filament_mm = 1.75
+        self.volumetric = False
+        self.least_feed = self.least_travel_feed = 0.0
+        self.told_only: dict[tuple[str, int], float] = {}
         self.home_offset = [0.0, 0.0, 0.0]
         # Kept and told; the heaters' model has no controller.
         self.pid = {"P": 22.20, "I": 1.08, "D": 114.00}
         self.dead = False
+        self.built = settings_of(self)
+        if self.stored is not None:
+            put_settings(self, self.stored)
+            set_flow(self)
 
     # -- words out
 
@@ -265,6 +279,10 @@ class Machine:
     def move_to(self, target_mm: Any, feed: float, line: int) -> None:
         """Put a straight move into the ring, which must have a place."""
         self.roll()
+        if self.has_least_feeds:
+            end = to_steps(target_mm[3], self.state["steps_per_mm"][3])
+            writes = end != self.state["position"][3]
+            feed = max(feed, self.least_feed if writes else self.least_travel_feed)
         if self.now >= self.closed_until:
             add_move(self.planner, self.ring, target_mm, feed, line, self.now)
 
@@ -273,6 +291,10 @@ class Machine:
         self.roll()
         counted(self.planner, self.ring, self.now, self._steps)
         return [int(v) for v in self._steps - self.planner["shift"][0]]
+
+    def events_of_running(self) -> int:
+        """Step events done of the block that runs now."""
+        return int(counted(self.planner, self.ring, self.now, self._steps))
 
     def stop(self) -> None:
         """Drop all moves; the firmware's position becomes where the motors stand."""
@@ -286,6 +308,18 @@ class Machine:
         """Call where an axis stands ``position_mm``, as homing does that finds its switch."""
         set_axis(self.planner, axis, position_mm)
         self.modal["position"][0, axis] = position_mm
+
+    @property
+    def has_least_feeds(self) -> bool:
+        """Whether M205 has set a speed below which nothing moves."""
+        return self.least_feed > 0 or self.least_travel_feed > 0
+
+    def count_anew(self) -> None:
+        """Count where the last block ends in the steps/mm as they are now; no motor moves."""
+        state = self.state
+        state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
+        for axis in range(4):
+            set_axis(self.planner, axis, float(self.modal["position"][0, axis]))
 
     def set_plunger(self, position_mm: float) -> None:
         """Call the plunger's planned position ``position_mm``."""
@@ -325,6 +359,11 @@ class Machine:
         if self.hotend.powered:
             return _NO_ALARM
         return HeatAlarm(self.hotend.runs_away_at(), "Thermal Runaway", "THERMAL RUNAWAY")
+
+    @property
+    def dry(self) -> bool:
+        """Whether M111 S8 keeps heaters and plunger off."""
+        return bool(self.debug & 8)
 
     @property
     def too_cold(self) -> bool:

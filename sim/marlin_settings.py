@@ -1,39 +1,47 @@
-"""Settings of the firmware: M92, M201 to M206, M200, M301, and all of them in M503."""
+"""Settings of the firmware: M92, M201 to M206, M200, M301, and all of them in M503.
+
+A step count, speed or acceleration of 0 or less is told as it was set, as Marlin tells it, but not
+kept to: what Marlin makes of it isn't modelled.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from sim.gcode import Command
+from sim.marlin_factors import filament_line, m200
+from sim.marlin_tells import planned_position
 
 if TYPE_CHECKING:
     from sim.marlin_loop import MainLoop
     from sim.marlin_machine import Machine
 
 _AXES: Final = "XYZE"
+_NETFABB_STEPS: Final = 20.0
 
 
-def _four(letter_values: Any) -> str:
-    pairs = zip(_AXES, letter_values, strict=True)
-    return " ".join(f"{axis}{float(value):.2f}" for axis, value in pairs)
+def _axes(machine: Machine, field: str) -> str:
+    values = [
+        machine.told_only.get((field, axis), float(value))
+        for axis, value in enumerate(machine.state[field])
+    ]
+    return " ".join(f"{letter}{value:.2f}" for letter, value in zip(_AXES, values, strict=True))
 
 
 def line_of(machine: Machine, name: str) -> str:
     """One setting as the command that would set it, without indent."""
     state = machine.state
-    kept = machine.filament_mm
     home = zip("XYZ", machine.home_offset, strict=True)
     written, retract, travel = (float(value) for value in state["acceleration"])
     lines = {
-        "M92": f"M92 {_four(state['steps_per_mm'])}",
-        "M200": f"M200 S0 D{kept:.2f}",
-        "M201": f"M201 {_four(state['max_acceleration'])}",
-        "M203": f"M203 {_four(state['max_speed'])}",
+        "M92": f"M92 {_axes(machine, 'steps_per_mm')}",
+        "M200": filament_line(machine),
+        "M201": f"M201 {_axes(machine, 'max_acceleration')}",
+        "M203": f"M203 {_axes(machine, 'max_speed')}",
         "M204": f"M204 P{written:.2f} R{retract:.2f} T{travel:.2f}",
-        "M205": f"M205 B{float(state['min_segment_us']):.2f} S0.00 T0.00 "
+        "M205": f"M205 B{float(state['min_segment_us']):.2f} "
+        f"S{machine.least_feed:.2f} T{machine.least_travel_feed:.2f} "
         f"J{float(state['junction_deviation']):.2f}",
         "M206": "M206 " + " ".join(f"{axis}{value:.2f}" for axis, value in home),
         "M301": "M301 " + " ".join(f"{key}{value:.2f}" for key, value in machine.pid.items()),
@@ -56,36 +64,52 @@ _HEADINGS: Final = {
 
 def m503(board: MainLoop, command: Command) -> None:
     """All settings; S0 leaves out headings and the echo: before each line."""
-    bare = command.values.get("S") == 0
+    tell_settings(board.machine, command.values.get("S") == 0)
+
+
+def tell_settings(machine: Machine, bare: bool = False) -> None:
+    """Say all settings, each with its heading; ``bare`` without, and without echo:."""
     rows = [("Linear Units:", "G21 ; (mm)"), ("Temperature Units:", "M149 C ; Units in Celsius")]
-    rows += [(heading, line_of(board.machine, name)) for name, heading in _HEADINGS.items()]
+    rows += [(heading, line_of(machine, name)) for name, heading in _HEADINGS.items()]
     for heading, line in rows:
         if not bare:
-            board.machine.say(f"echo:; {heading}")
-        board.machine.say(f"  {line}" if bare else f"echo:  {line}")
+            heading = heading.replace(" (Disabled):", "") if machine.volumetric else heading
+            machine.say(f"echo:; {heading}")
+        machine.say(f"  {line}" if bare else f"echo:  {line}")
 
 
-def _change_axes(field: str) -> Callable[[MainLoop, Command], bool]:
-    def change(board: MainLoop, command: Command) -> bool:
-        found = False
-        for axis, letter in enumerate(_AXES):
-            if command.values.get(letter, 0.0) > 0:
-                board.machine.state[field][axis] = command.values[letter]
-                found = True
-        return found
-
-    return change
-
-
-def _change_steps(board: MainLoop, command: Command) -> bool:
-    changed = _change_axes("steps_per_mm")(board, command)
-    if changed:
-        state = board.machine.state
-        state["mm_per_step"] = np.float32(1) / state["steps_per_mm"]
-    return changed
+def _set_axes(machine: Machine, field: str, values: dict[str, float]) -> None:
+    for axis, letter in enumerate(_AXES):
+        if letter not in values:
+            continue
+        machine.told_only.pop((field, axis), None)
+        if values[letter] > 0:
+            machine.state[field][axis] = values[letter]
+        else:
+            machine.told_only[field, axis] = values[letter]
 
 
-def _change_acceleration(board: MainLoop, command: Command) -> bool:
+def _change_speeds(board: MainLoop, command: Command) -> None:
+    _set_axes(board.machine, "max_speed", command.values)
+
+
+def _change_accelerations(board: MainLoop, command: Command) -> None:
+    _set_axes(board.machine, "max_acceleration", command.values)
+
+
+def _change_steps(board: MainLoop, command: Command) -> None:
+    """Set steps/mm; where the motors stand is then counted in the new ones.
+
+    Below 20 on E, Marlin takes it for a change of units and scales E's greatest speed with it.
+    """
+    machine, values = board.machine, command.values
+    if 0 < values.get("E", 0.0) < _NETFABB_STEPS:
+        machine.state["max_speed"][3] *= float(machine.state["steps_per_mm"][3]) / values["E"]
+    _set_axes(machine, "steps_per_mm", values)
+    machine.count_anew()
+
+
+def _change_acceleration(board: MainLoop, command: Command) -> None:
     field = board.machine.state["acceleration"]
     values = command.values
     if "S" in values:
@@ -93,56 +117,55 @@ def _change_acceleration(board: MainLoop, command: Command) -> bool:
     for index, letter in enumerate("PRT"):
         if letter in values:
             field[index] = values[letter]
-    return bool(values.keys() & set("SPRT"))
 
 
-def _change_advanced(board: MainLoop, command: Command) -> bool:
-    state, values = board.machine.state, command.values
+def _change_advanced(board: MainLoop, command: Command) -> None:
+    machine, values = board.machine, command.values
     if "B" in values:
-        state["min_segment_us"] = values["B"]
-    if 0.01 <= values.get("J", 0.0) <= 0.3:
-        state["junction_deviation"] = values["J"]
-    return bool(values)
+        machine.state["min_segment_us"] = values["B"]
+    machine.least_feed = values.get("S", machine.least_feed)
+    machine.least_travel_feed = values.get("T", machine.least_travel_feed)
+    if 0.01 <= values.get("J", 0.01) <= 0.3:
+        machine.state["junction_deviation"] = values.get("J", machine.state["junction_deviation"])
+    else:
+        machine.say("Error:?J out of range (0.01 to 0.3)")
 
 
-def _change_home(board: MainLoop, command: Command) -> bool:
+def _change_home(board: MainLoop, command: Command) -> None:
+    machine = board.machine
     for axis, letter in enumerate("XYZ"):
-        board.machine.home_offset[axis] = command.values.get(
-            letter, board.machine.home_offset[axis]
-        )
-    return bool(command.values)
+        machine.home_offset[axis] = command.values.get(letter, machine.home_offset[axis])
+    machine.say(planned_position(board))
 
 
-def _change_filament(board: MainLoop, command: Command) -> bool:
-    board.machine.filament_mm = command.values.get("D", board.machine.filament_mm)
-    return bool(command.values)
-
-
-def _change_pid(board: MainLoop, command: Command) -> bool:
+def _change_pid(board: MainLoop, command: Command) -> None:
     pid = board.machine.pid
     pid.update({key: value for key, value in command.values.items() if key in pid})
-    return bool(command.values)
 
 
-_CHANGES: Final[dict[str, Callable[[MainLoop, Command], bool]]] = {
-    "M92": _change_steps,
-    "M200": _change_filament,
-    "M201": _change_axes("max_acceleration"),
-    "M203": _change_axes("max_speed"),
-    "M204": _change_acceleration,
-    "M205": _change_advanced,
-    "M206": _change_home,
-    "M301": _change_pid,
+_CHANGES: Final[dict[str, tuple[str, Callable[[MainLoop, Command], None]]]] = {
+    "M92": ("XYZE", _change_steps),
+    "M201": ("XYZE", _change_accelerations),
+    "M203": ("XYZE", _change_speeds),
+    "M204": ("SPRT", _change_acceleration),
+    "M205": ("", _change_advanced),
+    "M206": ("", _change_home),
+    "M301": ("PID", _change_pid),
 }
+"""By code: the letters of which one changes something (none: any), and the change."""
 
 
 def _setting(board: MainLoop, command: Command) -> None:
-    """Change a setting; without values, tell it."""
-    if not _CHANGES[command.name](board, command):
+    """Change a setting; without one of its words, tell it."""
+    letters, change = _CHANGES[command.name]
+    if command.words & set(letters) if letters else command.words:
+        change(board, command)
+    else:
         board.machine.say(f"  {line_of(board.machine, command.name)}")
 
 
 SETTINGS_HANDLERS: Final[dict[str, Callable[[MainLoop, Command], None]]] = {
     **dict.fromkeys(_CHANGES, _setting),
+    "M200": m200,
     "M503": m503,
 }

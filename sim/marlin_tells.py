@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from sim.marlin_machine import Machine
 
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
+_M118: Final = re.compile(rb"M *0*118 *")
+_PREFIX: Final = re.compile(rb"([EA](?=1)|P(?=\d)). *")
 
 
 def position_report(board: MainLoop, counts: list[int]) -> str:
@@ -73,16 +75,16 @@ def m111(board: MainLoop, command: Command) -> None:
     """Debug flags."""
     machine = board.machine
     if "S" in command.values:
-        machine.debug = int(command.values["S"])
+        machine.debug = min(max(int(command.values["S"]), 0), 255)
     names = ("ECHO", "INFO", "ERRORS", "DRYRUN", "COMMUNICATION")
     on = [name for bit, name in enumerate(names) if machine.debug >> bit & 1]
-    machine.say("echo:DEBUG:" + (",".join(on) if on else "Off"))
+    machine.say("echo:DEBUG:" + (",".join(on) if machine.debug else "off"))
 
 
 def m113(board: MainLoop, command: Command) -> None:
     """Interval of the busy message."""
     if "S" in command.values:
-        board.machine.reports.keepalive_s = min(max(command.values["S"], 0.0), 60.0)
+        board.machine.reports.keepalive_s = float(min(max(int(command.values["S"]), 0), 60))
     else:
         board.machine.say(f"echo:M113 S{board.machine.reports.keepalive_s:g}")
 
@@ -99,13 +101,13 @@ def m115(board: MainLoop, command: Command) -> None:
 
 
 def m118(board: MainLoop, command: Command) -> None:
-    """Say the text: E1 puts echo: before it, A1 makes it an action."""
-    text = command.text.lstrip(b"Mm").lstrip(b"0")[3:].lstrip(b" ")
-    prefix = b""
-    while text[:1] in (b"E", b"A", b"P") and text[1:2].isdigit():
-        if text[1:2] != b"0":
-            prefix += {b"E": b"echo:", b"A": b"//"}.get(text[:1], b"")
-        text = text[2:].lstrip(b" ")
+    """Say the text: E1 puts echo: before it, A1 makes it an action, P with a digit is dropped."""
+    text = _M118.sub(b"", command.text, count=1)
+    words = b""
+    while (found := _PREFIX.match(text)) is not None:
+        words += found[1]
+        text = text[found.end() :]
+    prefix = b"echo:" * (b"E" in words) + b"//" * (b"A" in words)
     board.machine.say(prefix + text, b"\r\n")
 
 

@@ -6,12 +6,14 @@ A function is a generator that yields what it waits for, or does its work at onc
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 from sim.gcode import Command
 from sim.gcode_modal import dwell_s
 from sim.marlin_machine import QUICKSTOP_S, Still, Until, User, Wait
+from sim.marlin_stored import store_settings
 from sim.marlin_tells import planned_position
 from sim.marlin_texts import SETTINGS
 
@@ -25,6 +27,9 @@ _HOMING_Z_MM_S: Final = 4.0
 _RESIDENCE_S: Final = 10.0
 _WINDOW_C: Final = 1.0
 _LOOK_S: Final = 0.25
+_POWER_OFF_S: Final = 1.0
+_TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
+"""Behind a code and words with a number."""
 _SENSOR_FAULT_S: Final = 0.034
 
 
@@ -74,7 +79,8 @@ def limit_homed(board: MainLoop) -> None:
 def m0(board: MainLoop, command: Command) -> Iterator[Wait]:
     """Wait for the user: M108, or the time of S or P."""
     machine = board.machine
-    message = command.text.partition(b" ")[2].decode("latin-1").strip()
+    found = _TEXT.fullmatch(command.text.strip())
+    message = found[1].decode("latin-1") if found else ""
     seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
     yield Still()
     if message:
@@ -93,7 +99,7 @@ def m104(board: MainLoop, command: Command) -> None:
     """Target of the hotend, or (M140) of the bed."""
     heater = board.machine.hotend if command.number in (104, 109) else board.machine.bed
     target = command.values.get("S", command.values.get("R"))
-    if target is not None:
+    if target is not None and not board.machine.dry:
         heater.set_target(board.machine.now, target)
         if not heater.wired and target > 0:
             board.machine.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
@@ -125,6 +131,13 @@ def m109(board: MainLoop, command: Command) -> Iterator[Wait]:
     machine.waits_for_heat = False
 
 
+def m81(board: MainLoop, command: Command) -> Iterator[Wait]:
+    """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
+    board.machine.heaters_off()
+    yield Still()
+    yield Until(board.machine.now + _POWER_OFF_S)
+
+
 def m400(board: MainLoop, command: Command) -> Iterator[Wait]:
     """Wait until the motors stand."""
     yield Still()
@@ -145,6 +158,7 @@ def quickstop(board: MainLoop) -> Iterator[Wait]:
 
 def m500(board: MainLoop, command: Command) -> Iterator[Wait]:
     """Store the settings; the processor waits for the EEPROM."""
+    store_settings(board.machine)
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
     yield Until(board.machine.stalled_until)

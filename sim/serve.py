@@ -2,10 +2,11 @@
 
 The loop: what the host sends goes to the firmware (`sim.marlin`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
-to K times real time.
+to K times real time. A board that its faults make slow, or stall, is so at speed K; at speed 0 a
+stall holds up what it says.
 
 The record of what moved is written before the answer to each M400 leaves, when the firmware is
-killed, when the host goes away (its accepted moves are run first, as a printer does) and at the
+halted, when the host goes away (its accepted moves are run first, as a printer does) and at the
 end.
 """
 
@@ -78,7 +79,7 @@ class Server:
         self._boots_at: float | None = None
         self._plugs_in_at = math.inf
         self._synced = 0
-        self._was_dead = False
+        self._was_halted = False
         self._stop = False
         self._parent = os.getppid()
         self._zero = time.monotonic()
@@ -119,7 +120,7 @@ class Server:
                 self._stop |= self._orphaned()
 
     def _patience_s(self) -> float:
-        paced = self._serving.speed > 0 and not self._printer.dead
+        paced = self._serving.speed > 0 and not self._printer.halted
         if paced or self._boots_at is not None or not math.isinf(self._plugs_in_at):
             return _TICK_S
         return min(_WATCH_S, max(self._printer.bad_line.next_s - time.monotonic(), 0.0))
@@ -164,13 +165,16 @@ class Server:
         printer = self._printer
         if self._serving.speed > 0:
             printer.receive(data)
-            printer.run_to((time.monotonic() - self._zero) * self._serving.speed)
+            host_s = (time.monotonic() - self._zero) * self._serving.speed
+            printer.run_to(printer.pace.board_time(host_s))
         elif data:
             printer.bad_line.up(printer.exchange(data), time.monotonic())
+            if printer.dead:
+                printer.finish()
         printer.bad_line.up(printer.take_output(), time.monotonic())
-        if printer.synced != self._synced or printer.dead != self._was_dead:
+        if printer.synced != self._synced or printer.halted != self._was_halted:
             self._synced = printer.synced
-            self._was_dead = printer.dead
+            self._was_halted = printer.halted
             self._save()
 
     def _unplug(self) -> None:

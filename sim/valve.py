@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
-from sim.dialect_aerotech import output_of
 from sim.errors import GcodeError
 from sim.executed import ExecutedMotion
 from sim.gcode import Program, parse_line
 from sim.gcode_extended import Named
 from sim.gcode_modal import DWELL
+from sim.outputs import output_of
 from sim.written import read_written
 
 FloatArray = NDArray[np.float64]

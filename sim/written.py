@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.errors import GcodeError, LineError
+from sim.errors import LineError
 from sim.gcode import Program, read_gcode
 from sim.gcode_extended import Named
 from sim.reading.file import read_file
@@ -50,16 +50,12 @@ def read_written(gcode: bytes, printer: Printer, start_mm: tuple[float, float, f
     Raises
     ------
     GcodeError
-        When the bytes aren't text, or the profile doesn't say which Aerotech controller it is for.
+        When the bytes aren't text, or the profile doesn't say in which language they are.
     """
-    if printer.firmware == "aerotech" and printer.aerotech is None:
-        raise GcodeError(
-            f"{printer.name} doesn't say which controller it is (aerotech: controller)"
-        )
     file = read_file(gcode, printer)
     text = file.in_g_code
     program = read_gcode(text, start_mm, printer.head_count)
-    if printer.aerotech is not None:
+    if file.per_second is not None:
         program = _timed(program, file.per_second)
     return Written(program, text, file.named, file.refused)
 

@@ -2,9 +2,9 @@
 
 A number is read as avr-libc reads it: its digits as a whole number, then multiplied by powers of
 ten in single precision, so that 0.321 becomes the float below the nearest one. Marlin keeps E as a
-float, in mm, and moves the motor to the nearest step of each move's end. ``G92 E`` renumbers the
-planner's count to the nearest step of the new value, so the part of a step that was pending is
-dropped: over hundreds of G92 this walks away from the sum of the file's mm.
+32-bit float, in mm, and moves the motor to the nearest step of each move's end.
+``G92 E`` renumbers the planner's count to the nearest step of the new value, so the part of a step
+that was pending is dropped: over hundreds of G92 this walks away from the sum of the file's mm.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Firmware families: a folder for each, with its facts and its link protocol."""
 
-from firmware_profiles.families.family import Family, LinkSetup
-from firmware_profiles.families.registry import family_names, family_of, find_family
+from firmware_profiles.families.family import Family
+from firmware_profiles.families.link_facts import LinkSetup
+from firmware_profiles.families.registry import family_names, family_of, find_family, meanings
 
-__all__ = ["Family", "LinkSetup", "family_names", "family_of", "find_family"]
+__all__ = ["Family", "LinkSetup", "family_names", "family_of", "find_family", "meanings"]

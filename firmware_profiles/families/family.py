@@ -3,57 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from firmware_profiles.families.link_protocol import LinkProtocol, Places
-from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.dialect import Dialect
+from firmware_profiles.families.gate_facts import GateFacts
+from firmware_profiles.families.grammar import Grammar
+from firmware_profiles.families.job_facts import ByHand, ColdExtrusion, HeadFacts, IdleTimeout
+from firmware_profiles.families.link_facts import LinkFacts
+from firmware_profiles.families.probe_facts import ProbeFacts
 
-
-@dataclass(frozen=True)
-class LinkSetup:
-    """Everything that a link protocol is made from.
-
-    Attributes
-    ----------
-    timing : Timing
-    lines_in_flight : int
-        1, or 2 where two lines may leave together.
-    receive_buffer_bytes : int
-        Of the board.
-    places : callable
-        See `firmware_profiles.families.link_protocol.Places`.
-    """
-
-    timing: Timing
-    lines_in_flight: int
-    receive_buffer_bytes: int
-    places: Places
+if TYPE_CHECKING:
+    from firmware_profiles.printers import Printer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Family:
-    """A firmware family.
+    """A firmware family: all in which it differs from others.
 
     Attributes
     ----------
-    says : str
-        What its FIRMWARE_NAME (M115) contains, in small letters.
-    make_protocol : callable or None
-        Makes the state machine that speaks to it; None where a host sends it no lines.
-    verified : bool
-        Whether a real one's transcripts were replayed against the state machine.
-    keepalive : bool
-        Whether it can be told to say that it is busy (M113).
-    tells_steps : bool
-        Whether M92 tells the steps per mm.
-    remembers : bool
-        Whether it can be asked which line it took last, so that a print can be gone on with
-        after the host died.
+    link : LinkFacts or None
+        How a host speaks to it; None where a host sends it no lines.
+    grammar : Grammar
+        How it reads a line, and which commands it knows.
+    dialect : callable
+        What a job begins and ends with, for a printer's profile. Raises ProfileError where the
+        profile doesn't say enough.
+    gate : GateFacts
+        What may be sent beyond what all take, and what is asked and reset before a start.
+    probe : ProbeFacts
+        What it is asked for its settings.
+    timeout : IdleTimeout or None
+        Its own switch-off, where a job can set it.
+    cold : ColdExtrusion or None
+        How it is told to push without a hot end; None where it always does.
+    heads : HeadFacts or None
+        How it changes between several heads; None where that isn't known.
+    by_hand : ByHand or None
+        What a person must see to in its configuration.
+    advance : bytes
+        Pattern of the command that sets pressure advance, its group the value, s; empty for none.
+    advances_across_only : bool
+        Whether it advances the plunger in moves along x or y alone.
     """
 
-    says: str
-    make_protocol: Callable[[LinkSetup], LinkProtocol] | None = None
-    verified: bool = False
-    keepalive: bool = True
-    tells_steps: bool = True
-    remembers: bool = True
+    link: LinkFacts | None
+    grammar: Grammar
+    dialect: Callable[[Printer], Dialect]
+    gate: GateFacts = field(default_factory=GateFacts)
+    probe: ProbeFacts = field(default_factory=ProbeFacts)
+    timeout: IdleTimeout | None = None
+    cold: ColdExtrusion | None = None
+    heads: HeadFacts | None = None
+    by_hand: ByHand | None = None
+    advance: bytes = b""
+    advances_across_only: bool = False

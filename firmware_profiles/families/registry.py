@@ -10,6 +10,7 @@ from typing import Protocol
 
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.families.family import Family
+from firmware_profiles.families.grammar import Meaning
 
 
 class HasFirmware(Protocol):
@@ -42,6 +43,16 @@ def find_family(name: str) -> Family:
         )
     family: Family = import_module(f"{__package__}.{name}").FAMILY
     return family
+
+
+@cache
+def meanings() -> dict[str, Meaning]:
+    """Return what commands with names do, of all families together."""
+    return {
+        name: meaning
+        for family in family_names()
+        for name, meaning in find_family(family).grammar.names.items()
+    }
 
 
 def family_of(printer: HasFirmware) -> Family:

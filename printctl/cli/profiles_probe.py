@@ -13,7 +13,7 @@ import yaml
 from design.files import write_text
 from firmware_profiles import Printer, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.probing import Row, ask_settings, compare, corrected
 
 
@@ -40,7 +40,7 @@ def probe(
     printer = load(Printer, profile)
     told = ask_settings(port, printer, baud)
     rows = compare(told, printer)
-    kin = family_of(printer).says in told.firmware.lower()
+    kin = link_facts(printer).says in told.firmware.lower()
     differs = [row for row in rows if not row.same]
     if as_json:
         print_json(

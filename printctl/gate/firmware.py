@@ -1,12 +1,8 @@
 """The firmware's own state against what checks count on: percentages, limits, flags, speeds.
 
 What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
-220 %, soft endstops that are off, a dry run in which nothing moves. Replies are read as
-
-- Marlin, Prusa: M503 S0, M211, M220 (``FR:100%``), M221 (``E0 Flow: 100%``), M111
-  (``DEBUG:DRYRUN``); the recorded bugfix-2.1.x;
-- RepRapFirmware 3.5 ``GCodes2.cpp``: M220 and M221 (a number and ``%``), M564, M290;
-- Klipper and Smoothieware don't tell: what would be reset is reset.
+220 %, soft endstops that are off, a dry run in which nothing moves. What is asked, and what is
+reset because it isn't told, is the family's (`GateFacts`); replies are read whoever gives them.
 """
 
 from __future__ import annotations
@@ -17,20 +13,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from printctl.gate.speeds import speeds_apart
 
 Answers = Mapping[str, Sequence[str]]
 
 _FACTORS: Final = {"M220": "the speed factor", "M221": "the flow factor"}
-_QUESTIONS: Final[dict[str, tuple[str, ...]]] = {
-    "marlin": ("M503 S0", "M211", "M220", "M221", "M111", "M302"),
-    "prusa": ("M503 S0", "M211", "M220", "M221", "M111"),
-    "reprapfirmware": ("M220", "M221", "M564", "M290"),
-}
-_BLINDLY: Final[dict[str, tuple[str, ...]]] = {
-    "klipper": ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0"),
-    "smoothieware": ("M220 S100", "M221 S100"),
-}
 _PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
 _FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
 _SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
@@ -65,13 +53,13 @@ class Difference:
 
 def questions(printer: Printer) -> tuple[str, ...]:
     """What a firmware is asked before a start; none of it sets anything."""
-    asked = _QUESTIONS.get(printer.firmware, ())
+    asked = family_of(printer).gate.questions
     return tuple(one for one in asked if not (printer.pneumatic and one in ("M221", "M302")))
 
 
 def blind_resets(printer: Printer) -> tuple[str, ...]:
     """What is reset unasked, because the firmware doesn't tell it."""
-    resets = _BLINDLY.get(printer.firmware, ())
+    resets = family_of(printer).gate.resets
     return tuple(one for one in resets if not (printer.pneumatic and one.startswith("M221")))
 
 

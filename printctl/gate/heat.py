@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
+from firmware_profiles.families.gate_facts import HeatNamed
 from printctl.gate.known import Known
 from printctl.gate.verdict import Act, Allowed, NotAllowed
 from sim.reading import GcodeLine
@@ -17,7 +19,6 @@ HEATERS: Final = {
     "M191": "chamber",
 }
 _KINDS: Final = frozenset({"nozzle", "bed", "chamber"})
-_KLIPPERS: Final = {"heater_bed": "bed", "extruder": "nozzle"}
 
 
 def check_heat(known: Known, heater: str, celsius: float) -> None:
@@ -70,23 +71,34 @@ def wait_for(line: GcodeLine, known: Known) -> Allowed:
     return Allowed(line.text.decode("ascii"))
 
 
-def set_named(line: GcodeLine, known: Known) -> Allowed:
-    """Judge Klipper's SET_HEATER_TEMPERATURE and TEMPERATURE_WAIT.
+@dataclass(frozen=True, eq=False)
+class NamedTarget:
+    """Judge of commands that set, or wait for, the target of a heater told by its name."""
 
-    Raises
-    ------
-    NotAllowed
-    """
-    name = line.parameters.get("HEATER", line.parameters.get("SENSOR", ""))
-    heater = _KLIPPERS.get(name)
-    if heater is None and name.startswith("extruder") and name[8:].isdigit():
-        heater = f"nozzle {int(name[8:])}"
-    if heater is None:
-        raise NotAllowed(f"{name or 'no heater'} is neither extruder nor heater_bed")
-    for key in ("TARGET", "MINIMUM", "MAXIMUM"):
-        if key in line.parameters:
-            check_heat(known, heater, _number(line.parameters[key], key))
-    return Allowed(line.text.decode("ascii"))
+    facts: HeatNamed
+
+    def __call__(self, line: GcodeLine, known: Known) -> Allowed:
+        """Judge a line.
+
+        Raises
+        ------
+        NotAllowed
+        """
+        heater = self._heater(line)
+        for key in self.facts.targets:
+            if key in line.parameters:
+                check_heat(known, heater, _number(line.parameters[key], key))
+        return Allowed(line.text.decode("ascii"))
+
+    def _heater(self, line: GcodeLine) -> str:
+        facts = self.facts
+        name = next((line.parameters[key] for key in facts.keys if key in line.parameters), "")
+        number = name.removeprefix(facts.numbered)
+        if name in facts.heaters:
+            return facts.heaters[name]
+        if name.startswith(facts.numbered) and number.isdigit():
+            return f"nozzle {int(number)}"
+        raise NotAllowed(f"{name or 'no heater'} is neither {' nor '.join(facts.heaters)}")
 
 
 def _number(text: str, key: str) -> float:

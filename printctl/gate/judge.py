@@ -13,7 +13,7 @@ from firmware_profiles import Printer
 from printctl.gate.known import Door, Known
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
-from printctl.gate.rules import OF_THE_MOMENT, rule, rules
+from printctl.gate.rules import of_the_moment, rule, rules
 from printctl.gate.verdict import NOT_BY_HAND, Allowed, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
 from sim.firmware_codes import is_known_line
@@ -58,7 +58,7 @@ def foreseen(typed: str, printer: Printer) -> Verdict:
         line = _read(typed, printer)
     except (NotAllowed, GcodeError):
         return verdict
-    later = rule(line, printer.firmware, Door.CONSOLE) in OF_THE_MOMENT
+    later = of_the_moment(rule(line, printer.firmware, Door.CONSOLE))
     return Allowed(line.text.decode("ascii")) if later else verdict
 
 

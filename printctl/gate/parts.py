@@ -54,7 +54,7 @@ def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> 
     """
 
     def judge(line: GcodeLine, known: Known) -> Allowed:
-        given = {**line.words, **{key: _float(text) for key, text in line.parameters.items()}}
+        given = {**line.words, **{key: as_number(text) for key, text in line.parameters.items()}}
         wrong = [key for key, value in given.items() if key not in also and (
             key not in values or value != values[key])]  # fmt: skip
         if wrong or not given.keys() & values.keys():
@@ -113,7 +113,8 @@ def _only(line: GcodeLine, letters: str) -> None:
         raise NotAllowed(f"{' '.join(beyond)} isn't looked at by any check; take it out")
 
 
-def _float(text: str) -> float | None:
+def as_number(text: str) -> float | None:
+    """Return a key's number; None where it isn't one."""
     try:
         return float(text)
     except ValueError:

@@ -11,10 +11,11 @@ import math
 from functools import cache
 from typing import Final
 
-from printctl.gate.heat import set_named, set_target, wait_for
+from firmware_profiles.families import family_of, find_family, gate_facts
+from printctl.gate.heat import NamedTarget, set_target, wait_for
 from printctl.gate.known import Door, Known, Phase
 from printctl.gate.motion import home, move
-from printctl.gate.parts import Judge, asks, at_most, only_with, passes, within
+from printctl.gate.parts import Judge, as_number, asks, at_most, only_with, passes, within
 from printctl.gate.verdict import Allowed, NotAllowed
 from sim.reading import GcodeLine
 
@@ -32,7 +33,7 @@ def _still(line: GcodeLine, known: Known) -> Allowed:
 
 def _speed(known: Known, letter: str) -> tuple[float, str]:
     axes = known.printer.max_speed_mm_s
-    per = 60.0 if known.printer.firmware == "reprapfirmware" else 1.0  # M203 in mm/min
+    per = family_of(known.printer).gate.speed_per_s
     return _HIGHEST if letter == "T" else (getattr(axes, letter.lower()) * per, "max_speed_mm_s")
 
 
@@ -50,31 +51,44 @@ def _any(known: Known, letter: str) -> tuple[float, str]:
     return _HIGHEST
 
 
-def _advance(line: GcodeLine, known: Known) -> Allowed:
-    """Pressure advance as the profile has it."""
-    own = known.printer.advance_s
-    said = line.parameters.get("ADVANCE", "")
-    value = line.number("K") if line.code == "M900" else float(said or math.nan)
-    if value is None or abs(value - own) > 1e-9 or set(line.words) - {"K"}:
-        raise NotAllowed(
-            f"pressure advance is {own:g} s (advance_s of {known.printer.name}), and checks count "
-            "on it; correct the profile"
-        )
-    return Allowed(line.text.decode("ascii"))
+def _advance(key: str) -> Judge:
+    """Let pressure advance pass as the profile has it."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        own = known.printer.advance_s
+        said = line.parameters.get(key)
+        if said is None and not line.code[1:].isdigit():
+            return Allowed(line.text.decode("ascii"))  # by its name alone it asks
+        value = line.number(key) if said is None else as_number(said)
+        if value is None or not abs(value - own) <= 1e-9 or set(line.words) - {key}:
+            raise NotAllowed(
+                f"pressure advance is {own:g} s (advance_s of {known.printer.name}), and checks "
+                "count on it; correct the profile"
+            )
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
 
 
-def _offset(line: GcodeLine, known: Known) -> Allowed:
-    """RepRapFirmware's G10 P: a head's offset taken back."""
-    if "P" not in line.words or any(value for key, value in line.words.items() if key != "P"):
-        raise NotAllowed("only an offset of a head that is taken back passes: G10 P1 X0 Y0 Z0")
-    return Allowed(line.text.decode("ascii"))
+def _offset_taken_back(head: str) -> Judge:
+    """Let a head's offset of 0 pass."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        if head not in line.words or any(mm for key, mm in line.words.items() if key != head):
+            raise NotAllowed(
+                f"only an offset of a head that is taken back passes: {line.code} {head}1 X0 Y0 Z0"
+            )
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
 
 
 def _head(line: GcodeLine, known: Known) -> Allowed:
     """A head that the printer has, chosen without the macros of a change of tools."""
-    printer = known.printer
-    if printer.firmware == "reprapfirmware" and line.words.get("P") != 0:
-        raise NotAllowed(f"macros of the board may move it; write {line.code} P0")
+    own = family_of(known.printer).heads
+    free = own.macro_free if own else ""
+    if free and line.words.get(free[0]) != float(free[1:]):
+        raise NotAllowed(f"macros of the board may move it; write {line.code} {free}")
     return Allowed(line.text.decode("ascii"))
 
 
@@ -147,36 +161,30 @@ _JOB: Final[Rules] = {
     "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),
     "M221": only_with({"S": 100}, "TD", "doses are the job's: correct flow_factor or the ink"),
     "M302": at_most(_any, "PS"),
-    "M900": _advance,
+    "M900": _advance("K"),
 }
 
-_KLIPPER_ASKED: Final[Rules] = {
-    **{name: asks() for name in ["GET_POSITION", "STATUS"]},
-    **{name: asks() for name in ["SET_VELOCITY_LIMIT", "SET_PRESSURE_ADVANCE"]},
-    "TURN_OFF_HEATERS": asks(),
-    "SET_HEATER_TEMPERATURE": set_named,
-}
-_OWN: Final[dict[tuple[str, Door], Rules]] = {
-    ("reprapfirmware", Door.CONSOLE): {
-        **{code: asks() for code in ["M208", "M290", "M408", "M564", "M566", "M572"]},
-        "M409": asks("KF"),
-    },
-    ("reprapfirmware", Door.JOB): {"G10": _offset},
-    ("klipper", Door.CONSOLE): _KLIPPER_ASKED,
-    ("klipper", Door.JOB): {
-        **_KLIPPER_ASKED,
-        "ACTIVATE_EXTRUDER": passes(),
-        "SET_FAN_SPEED": passes(),
-        "SET_GCODE_OFFSET": only_with({"X": 0, "Y": 0, "Z": 0}, "", "write the places themselves"),
-        "SET_IDLE_TIMEOUT": passes(),
-        "SET_KINEMATIC_POSITION": passes(),
-        "SET_PRESSURE_ADVANCE": _advance,
-        "TEMPERATURE_WAIT": set_named,
-    },
-}
 
-OF_THE_MOMENT: Final = frozenset({move, home, set_target, set_named})
-"""Rules that depend on what is known when a line is sent."""
+def _judge(own: gate_facts.Rule) -> Judge:
+    """Make the judge of a family's own rule."""
+    match own:
+        case gate_facts.Ask():
+            return asks(own.letters)
+        case gate_facts.Pass():
+            return passes()
+        case gate_facts.OnlyWith():
+            return only_with(own.values, "", own.remedy)
+        case gate_facts.TakeOffsetBack():
+            return _offset_taken_back(own.head)
+        case gate_facts.Advance():
+            return _advance(own.key)
+        case gate_facts.HeatNamed():
+            return NamedTarget(own)
+
+
+def of_the_moment(judge: Judge | None) -> bool:
+    """Whether a rule depends on what is known when a line is sent."""
+    return isinstance(judge, NamedTarget) or judge in (move, home, set_target)
 
 
 @cache
@@ -189,8 +197,9 @@ def rules(family: str, door: Door) -> Rules:
         The profile's ``firmware``.
     door : Door
     """
-    common = _JOB if door is Door.JOB else _CONSOLE
-    return {**common, **_OWN.get((family, door), {})}
+    facts = find_family(family).gate
+    common, own = (_JOB, facts.job) if door is Door.JOB else (_CONSOLE, facts.console)
+    return {**common, **{code: _judge(one) for code, one in own.items()}}
 
 
 def rule(line: GcodeLine, family: str, door: Door) -> Judge | None:

@@ -12,11 +12,10 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Self
 
 from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
-from printctl.link.channel import EARLY
 from printctl.link.connection import ANSWER_LIMIT_S, Connection
 from printctl.link.detaching import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
@@ -27,28 +26,52 @@ from printctl.link.reach import gone, stays_alive, what_is_known
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
-from printctl.link.states import PrintOutcome, Status
+from printctl.link.states import EARLY, PrintOutcome, Status
 
 _PATIENCE_S: Final = 60.0
 """For an answer to a manual command, which waits for the line in flight."""
 
 
-class PrintClient(Connection):
+class PrintClient:
     """One client of one print; made by `start_print` or `attach`.
 
     It lets go of its connection when it has heard of the end, on `detach`, and at the end of a
     ``with`` block; the print goes on.
+
+    Parameters
+    ----------
+    folder : Path
+    record : LinkRecord
     """
+
+    def __init__(self, folder: Path, record: LinkRecord) -> None:
+        self.folder = folder
+        self._connection = Connection(folder, record)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.detach()
+
+    @property
+    def record(self) -> LinkRecord:
+        """What the link process told of itself."""
+        return self._connection.record
+
+    def detach(self) -> None:
+        """Leave; the print goes on."""
+        self._connection.detach()
 
     # --- what a client may ask for ---------------------------------------------------------
 
     def stop(self) -> None:
         """Ask for a controlled stop: end the line in flight, relieve the plunger, lift."""
-        self._send("stop")
+        self._connection.send("stop")
 
     def kill(self) -> None:
         """Halt the firmware at once; afterwards the position is unknown."""
-        self._send("kill")
+        self._connection.send("kill")
 
     def pause(self, after: MarkKind | None = None) -> None:
         """Ask for a pause: relieve the plunger, lift, hold.
@@ -63,7 +86,7 @@ class PrintClient(Connection):
         Refused
             When the job marks no such end ahead.
         """
-        self._ask("pause", after=after)
+        self._connection.ask("pause", after=after)
 
     def reload(self, head: int | None = None) -> None:
         """Ask for a change of syringe: at the next reload point, or here when it is paused.
@@ -75,20 +98,22 @@ class PrintClient(Connection):
         Refused
             When the job marks no reload point ahead.
         """
-        self._ask("reload", head=head)
+        self._connection.ask("reload", head=head)
 
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
-        """Go on after a pause; `printctl.link.pausing.Pausing.resume` says what may be told.
+        """Go on after a pause; `PrintRequests.resume` says what may be told.
 
         Raises
         ------
         Refused
         """
-        self._ask("resume", change=asdict(change) if change else None, unchanged=unchanged)
+        self._connection.ask(
+            "resume", change=asdict(change) if change else None, unchanged=unchanged
+        )
 
     def alive(self) -> None:
         """Confirm that somebody is there: the dead-man's time begins anew."""
-        self._ask("alive")
+        self._connection.ask("alive")
 
     def command(self, text: str) -> list[str]:
         """Send a manual command between two lines of the job; give the printer's reply.
@@ -100,10 +125,9 @@ class PrintClient(Connection):
         LinkError
             When the print ends first.
         """
-        self._send("command", text=text)
-        for message in self._messages(_PATIENCE_S):
-            if message["event"] == "status":
-                self._last = Status.from_dict(message)
+        self._connection.send("command", text=text)
+        for message in self._connection.messages(_PATIENCE_S):
+            self._connection.take(message)
             if message["event"] == "reply" and message["command"] == text.strip():
                 return list(message["lines"])
             if message["event"] == "refused":
@@ -121,38 +145,40 @@ class PrintClient(Connection):
         NoLink
             When a link process is alive but doesn't answer.
         """
-        if self._last is not None and self._last.ended:
-            return self._last
-        self._send("status")
-        for message in self._messages(ANSWER_LIMIT_S):
-            if message["event"] == "status":
-                self._last = Status.from_dict(message)
-                if self._last.ended:
-                    self.detach()
-                if message.get("asked") or self._last.ended:
-                    return self._last
-        if self._reach():
+        connection = self._connection
+        if connection.last is not None and connection.last.ended:
+            return connection.last
+        connection.send("status")
+        for message in connection.messages(ANSWER_LIMIT_S):
+            status = self._take(message)
+            if status is not None and (message.get("asked") or status.ended):
+                return status
+        if connection.reach():
             raise NoLink(f"the link process of {self.folder} doesn't answer; see {LOG}")
-        self._last = what_is_known(self.folder)
-        return self._last
+        return connection.keep(what_is_known(self.folder))
 
     def events(self) -> Iterator[Status]:
         """Give each status as it comes; the last one has ended."""
-        if self._last is not None and self._last.ended:
-            self.detach()
-            yield self._last
+        connection = self._connection
+        if connection.last is not None and connection.last.ended:
+            connection.detach()
+            yield connection.last
             return
-        while self._reach():
-            for message in self._messages(None):
-                if message["event"] == "status":
-                    self._last = Status.from_dict(message)
-                    if self._last.ended:
-                        self.detach()
-                    yield self._last
-                    if self._last.ended:
+        while connection.reach():
+            for message in connection.messages(None):
+                status = self._take(message)
+                if status is not None:
+                    yield status
+                    if status.ended:
                         return
-        self._last = what_is_known(self.folder)
-        yield self._last
+        yield connection.keep(what_is_known(self.folder))
+
+    def _take(self, message: dict[str, Any]) -> Status | None:
+        """Return the status that a message tells; let go of the connection at the end."""
+        status = self._connection.take(message)
+        if status is not None and status.ended:
+            self._connection.detach()
+        return status
 
     def wait(self, timeout: float | None = None) -> PrintOutcome:
         """Wait for the end of the print.
@@ -162,22 +188,22 @@ class PrintClient(Connection):
         TimeoutError
             When it isn't over after ``timeout`` s.
         """
+        connection, last = self._connection, self._connection.last
         limit = math.inf if timeout is None else time.monotonic() + timeout
-        while self._last is None or not self._last.ended:
-            if not self._reach():
-                self._last = what_is_known(self.folder)
+        while last is None or not last.ended:
+            if not connection.reach():
+                last = connection.keep(what_is_known(self.folder))
                 break
-            for message in self._messages(None if timeout is None else limit - time.monotonic()):
-                if message["event"] == "status":
-                    self._last = Status.from_dict(message)
-                    if self._last.ended:
-                        self.detach()
-                        break
+            left = None if timeout is None else limit - time.monotonic()
+            for message in connection.messages(left):
+                last = self._take(message) or last
+                if last is not None and last.ended:
+                    break
             else:
                 if time.monotonic() >= limit:
                     raise TimeoutError(f"the print in {self.folder} isn't over after {timeout} s")
-        self.detach()
-        return PrintOutcome.of(self._last)
+        connection.detach()
+        return PrintOutcome.of(last)
 
 
 def start_print(

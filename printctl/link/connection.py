@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from printctl.link.detaching import START_LIMIT_S
 from printctl.link.errors import Refused
@@ -25,20 +25,19 @@ class Connection:
     ----------
     folder : Path
     record : LinkRecord
+
+    Attributes
+    ----------
+    last : Status or None
+        The last one heard, or kept.
     """
 
     def __init__(self, folder: Path, record: LinkRecord) -> None:
         self.folder, self.record = folder, record
+        self.last: Status | None = None
         self._socket: socket.socket | None = None
         self._heard = b""
-        self._last: Status | None = None
-        self._reach()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.detach()
+        self.reach()
 
     def detach(self) -> None:
         """Leave; the print goes on."""
@@ -46,7 +45,7 @@ class Connection:
             self._socket.close()
             self._socket = None
 
-    def _reach(self) -> bool:
+    def reach(self) -> bool:
         """Connect, or connect again; False when the print is over."""
         limit = time.monotonic() + START_LIMIT_S
         while self._socket is None and time.monotonic() < limit:
@@ -61,23 +60,34 @@ class Connection:
                 time.sleep(0.02)
         return self._socket is not None
 
-    def _send(self, do: str, **values: Any) -> None:
+    def send(self, do: str, **values: Any) -> None:
         """Send a wish; without effect when the print is over, which `wait` tells."""
         if not self._post(do, **values):
             self.detach()
-            if self._reach():
+            if self.reach():
                 self._post(do, **values)
 
-    def _ask(self, do: str, **values: Any) -> None:
+    def ask(self, do: str, **values: Any) -> None:
         """Send a wish and hear that it was understood; without effect when the print is over."""
-        self._send(do, answer=True, **values)
-        for message in self._messages(ANSWER_LIMIT_S):
-            if message["event"] == "status":
-                self._last = Status.from_dict(message)
+        self.send(do, answer=True, **values)
+        for message in self.messages(ANSWER_LIMIT_S):
+            self.take(message)
             if message["event"] == "refused":
                 raise Refused(message["message"])
             if message["event"] == "heard" and message["do"] == do:
                 return
+
+    def take(self, message: dict[str, Any]) -> Status | None:
+        """Keep and return the status that a message tells; None for another message."""
+        if message["event"] != "status":
+            return None
+        self.last = Status.from_dict(message)
+        return self.last
+
+    def keep(self, status: Status) -> Status:
+        """Keep and return what is known of the print without its process."""
+        self.last = status
+        return status
 
     def _post(self, do: str, **values: Any) -> bool:
         message = {"do": do, "token": self.record.token, **values}
@@ -88,7 +98,7 @@ class Connection:
             return False
         return self._socket is not None
 
-    def _messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
+    def messages(self, timeout: float | None) -> Iterator[dict[str, Any]]:
         """Give messages until the connection or the time is at its end."""
         limit = None if timeout is None else time.monotonic() + timeout
         while (connection := self._socket) is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from firmware_profiles import Printer, families
-from firmware_profiles.families import Family, LinkSetup
+from firmware_profiles.families import LinkSetup
+from firmware_profiles.families.link_facts import LinkFacts
 from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.link_timing import Timing
 from printctl.link.care import Care
@@ -27,15 +28,19 @@ def refuse_unsent(printer: Printer, job: str = "the G-code file", then: str = ""
     Raises
     ------
     Refused
-        For an Aerotech controller.
+        For a controller that runs a program file by itself.
     """
     if not printer.streamed:
-        raise Refused(
-            f"{printer.name} can't be driven from here: an Aerotech controller runs a program file "
-            f"by itself and takes no lines from a host. Load {job} in the controller's own "
-            "software and run it there; pause, stop and the record of the print are that "
-            "software's, too" + (f". {then}" if then else "")
-        )
+        raise _unsent(printer, job, then)
+
+
+def _unsent(printer: Printer, job: str = "the G-code file", then: str = "") -> Refused:
+    return Refused(
+        f"{printer.name} can't be driven from here: its controller runs a program file "
+        f"by itself and takes no lines from a host. Load {job} in the controller's own "
+        "software and run it there; pause, stop and the record of the print are that "
+        "software's, too" + (f". {then}" if then else "")
+    )
 
 
 def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> LinkProtocol:
@@ -54,28 +59,28 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
     Refused
         For a printer that takes no lines.
     """
-    refuse_unsent(printer)
     care = care or Care()
-    family = family_of(printer)
+    facts = link_facts(printer)
     timing = Timing(quiet_s=quiet_s, noise_window=care.noise_window, noise_limit=care.noise_limit)
     if care.silent_limit_s is not None:
         seconds = care.silent_limit_s
-        if family.remembers:
+        if facts.remembers:
             timing = replace(timing, silent_limit_s=seconds)
         else:
             timing = replace(timing, busy_limit_s=seconds)
-    make = family.make_protocol
-    assert make is not None  # or it would have been refused
-    return make(LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places))
+    setup = LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places)
+    return facts.make_protocol(setup)
 
 
-def family_of(printer: Printer) -> Family:
-    """The family that a profile names.
+def link_facts(printer: Printer) -> LinkFacts:
+    """Return what the link knows of the family that a profile names.
 
     Raises
     ------
     Refused
         For a printer that takes no lines.
     """
-    refuse_unsent(printer)
-    return families.family_of(printer)
+    link = families.family_of(printer).link
+    if link is None:
+        raise _unsent(printer)
+    return link

@@ -5,11 +5,11 @@ one may reset a board. Where not exactly one port matches the profile the choice
 the candidates are listed. The one that matches is
 then asked: by the print's own handshake, or here where the baud rate is to be found as well.
 
-What is asked here is the link's own question (`marlin_doubt.QUESTION`): a line with a number far
-too high. Marlin and Smoothieware refuse it, RepRapFirmware and Klipper tell their temperatures;
-nothing moves. At a wrong baud rate it arrives as other bytes, none of which reads as a command
-(`tests/printctl/link/test_finding.py` samples its waveform at every other rate). The port is
-opened once, so that a board resets once at most; the rate is changed while it is open.
+What is asked here is the link's own question: a line with a number far too high. Some families
+refuse it, others tell their temperatures; nothing moves. At a wrong baud rate it arrives as other
+bytes, none of which reads as a command (`tests/printctl/link/test_finding.py` samples its waveform
+at every other rate). The port is opened once, so that a board resets once at most; the rate is
+changed while it is open.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_profiles import Printer
-from firmware_profiles.families.marlin.doubt import QUESTION
+from firmware_profiles.families.question import QUESTION
 from printctl.link.clock import Clock, RealClock
 from printctl.link.errors import HandshakeError, PortError, PortMissing
 from printctl.link.ports import PortInfo, list_ports

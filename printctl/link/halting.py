@@ -14,14 +14,9 @@ M112, but its second would hold M112 up, with heaters on and moves let in: M112 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 from firmware_profiles import Printer
-
-RUN_ON_S: Final = 0.67
-"""Longest time for which Marlin's motors go on after a kill, s."""
-QUICKSTOP: Final = b"\nM410\n"
-_MARLINS: Final = frozenset({"marlin", "prusa"})
+from printctl.link.families import link_facts
 
 
 @dataclass(frozen=True)
@@ -72,9 +67,8 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     emergency_parser : bool
         Whether it looks at M410 and M112 at once: what it says of itself, else its profile.
     """
-    if printer.firmware not in _MARLINS:
-        return Halting((), kill)
-    if not emergency_parser:
-        return Halting((), kill, runs_on_s=RUN_ON_S)
-    first = ((QUICKSTOP, 0.5), (QUICKSTOP, 1.3))
-    return Halting(first, kill, "M410 and M112", stops_at_once=True, runs_on_s=RUN_ON_S)
+    link = link_facts(printer)
+    if not link.quickstop or not emergency_parser:
+        return Halting((), kill, runs_on_s=link.run_on_s)
+    first = ((link.quickstop, 0.5), (link.quickstop, 1.3))
+    return Halting(first, kill, "M410 and M112", stops_at_once=True, runs_on_s=link.run_on_s)

@@ -1,8 +1,7 @@
 """Heads of a job: which one its text has in use, which are raised, and what chooses one.
 
 A command that chooses a head or raises one states a target: sent twice it does no harm. Whether the
-firmware chose it, Marlin says (``Active Extruder: 1``), and so does Klipper; RepRapFirmware is
-silent.
+firmware chose it, some families say (`HeadFacts.confirms`), others are silent.
 """
 
 from __future__ import annotations
@@ -11,19 +10,21 @@ import math
 from collections.abc import Sequence
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of, meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.reading import read_sent
 
 
 def head_chosen(line: bytes) -> int | None:
     """The head that a line chooses; None for any other line."""
-    if line[:1] not in (b"T", b"A"):
+    if line[:1] in (b"G", b"M", b""):
         return None
     read = read_sent(line)
-    if read.code[1:].isdigit():
+    if read.code[:1] == "T" and read.code[1:].isdigit():
         return int(read.code[1:])
     name = read.parameters.get("EXTRUDER", "").lower()
     number = name.removeprefix("extruder")
-    chooses = read.code == "ACTIVATE_EXTRUDER" and name.startswith("extruder")
+    chooses = meanings().get(read.code) is Meaning.CHOOSES and name.startswith("extruder")
     return int(number or 0) if chooses and (not number or number.isdigit()) else None
 
 
@@ -43,13 +44,9 @@ def choose(printer: Printer, number: int) -> bytes:
 
 def confirms(replies: Sequence[bytes], printer: Printer, number: int) -> bool:
     """Whether the firmware says that it uses that head; true of one that says nothing of it."""
-    if printer.firmware == "marlin":
-        return any(text.endswith(b"Active Extruder: %d" % number) for text in replies)
-    if printer.firmware == "klipper":
-        name = b"extruder%b" % (b"%d" % number if number else b"")
-        wanted = (b"Activating extruder " + name, b"Extruder %b already active" % name)
-        return any(text.endswith(wanted) for text in replies)
-    return True
+    own = family_of(printer).heads
+    ways = own.confirms(number) if own else ()
+    return not ways or any(text.endswith(ways) for text in replies)
 
 
 def keep_raised(lines: Sequence[bytes], done: int, printer: Printer) -> list[bytes]:

@@ -1,157 +1,199 @@
-"""Where a print stands: its state, what its clients are told of it, and what its journal gets."""
+"""State, alarms and complaints of a print: told to its clients, written into its journal."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
-from firmware_profiles import Printer
-from firmware_profiles.families.link_protocol import LinkProtocol
-from printctl.gate import Bounds, Known
-from printctl.link.clock import Clock
 from printctl.link.errors import JournalError
-from printctl.link.job import Job
-from printctl.link.journal import Journal
-from printctl.link.made import Made
-from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState, Status
-from printctl.link.transport import Transport
+from printctl.link.gating import is_of_the_line
+from printctl.link.progress import JobProgress
+from printctl.link.states import EARLY, LinkState, PrintEnded, Status
+from printctl.link.wiring import Wiring
 
 NOTE_S: Final = 0.25
 """Interval of progress records and progress events."""
 
 
-class Over(Exception):  # noqa: N818
-    """The print is over, in this state and for this reason."""
-
-    def __init__(self, state: LinkState, message: str, known: bool = True, error: str = "") -> None:
-        super().__init__(message)
-        self.state, self.message, self.known, self.error = state, message, known, error
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """What a streamer is given.
-
-    Attributes
-    ----------
-    transport : Transport
-    protocol : LinkProtocol
-    clock : Clock
-    journal : Journal
-    printer : Printer
-    retreat : Retreat
-    fresh : bool
-        Whether the port has just been opened, so that the board may be starting.
-    on_status : callable
-        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
-    room : callable or None
-        What a station knows of the room around the tip, and of heat.
-    """
-
-    transport: Transport
-    protocol: LinkProtocol
-    clock: Clock
-    journal: Journal
-    printer: Printer
-    retreat: Retreat = field(default_factory=Retreat)
-    fresh: bool = True
-    on_status: Callable[[Status], None] = lambda status: None
-    room: Callable[[], Known] | None = None
-
-    def limits(self) -> Known:
-        """What the gate judges by: a station's knowledge, or the profile alone."""
-        return self.room() if self.room is not None else Known(Bounds(self.printer))
+def _as_it_is(status: Status) -> Status:
+    return status
 
 
 class Logbook:
-    """State of one print, told and written down.
+    """State of one print, told and written down; the only one that writes to the journal.
 
     Parameters
     ----------
     wiring : Wiring
-    job : Job
+    progress : JobProgress
+    details : callable
+        Adds to a status what other parts know.
+    unrecorded : frozenset of str
+        Sorts of records that aren't written down.
+
+    Attributes
+    ----------
+    next_note : float, s
+        When `note` is due.
+    resumed : bool
+        Whether the print was begun by a process that died.
     """
 
-    def __init__(self, wiring: Wiring, job: Job) -> None:
-        self.wiring, self.job = wiring, job
-        self.protocol = wiring.protocol
-        self._made = Made(job.lines, wiring.printer)
+    def __init__(
+        self,
+        wiring: Wiring,
+        progress: JobProgress,
+        details: Callable[[Status], Status] = _as_it_is,
+        unrecorded: frozenset[str] = frozenset(),
+    ) -> None:
+        self.progress = progress
+        self._wiring, self._details, self._unrecorded = wiring, details, unrecorded
         self._state, self._message = LinkState.CONNECTING, ""
-        self._next_note = 0.0
         self._noted = self._alarms = 0
         self._fault = ""
         self._final: Status | None = None
         self._journal_lost = False
+        self.next_note = 0.0
+        self.resumed = False
+
+    # --- as it stands, for any thread ------------------------------------------------------------
+
+    @property
+    def state(self) -> LinkState:
+        """Where the print stands."""
+        return self._state
+
+    @property
+    def begun(self) -> bool:
+        """Whether the printer may have lines of the job."""
+        return self.resumed or self._state not in EARLY
+
+    @property
+    def fault(self) -> str:
+        """The first complaint, of the printer or the journal, that ends the print; or empty."""
+        return self._fault
 
     @property
     def status(self) -> Status:
         """The print as it stands."""
         if self._final is not None:
             return self._final
-        done = self.protocol.lines_done
-        return Status(
-            state=self._state,
-            lines_done=done,
-            lines_executed=self._made.after(done),
-            lines_total=len(self.job),
-            file_line=self.job.file_line(done),
-            message=self._message,
-            line_errors=self.protocol.line_errors,
-            alarms=self._alarms,
+        progress, done = self.progress, self.progress.done
+        return self._details(
+            Status(
+                state=self._state,
+                lines_done=done,
+                lines_executed=progress.executed(done),
+                lines_total=len(progress.job),
+                file_line=progress.job.file_line(done),
+                message=self._message,
+                line_errors=self._wiring.protocol.line_errors,
+                alarms=self._alarms,
+            )
         )
 
-    def _progress(self) -> str:
-        done = self.protocol.lines_done
-        file_line = self.job.file_line(done)
-        return f"{done} of {len(self.job)} lines were acknowledged (line {file_line} of the file)"
+    # --- state -----------------------------------------------------------------------------------
 
-    def _enter(self, state: LinkState, message: str) -> None:
-        self._note(self.wiring.clock.now())
+    def go_on(self) -> None:
+        """Take notice that the print was begun by a process that died."""
+        self.resumed = True
+
+    def enter(self, state: LinkState, message: str) -> None:
+        """Pass to a state; write it down and tell the clients."""
+        self.note(self._wiring.clock.now())
         self._state, self._message = state, message
-        self._record("state", state=state, message=message)
-        self.wiring.on_status(self.status)
+        self.record("state", state=state, message=message)
+        self._wiring.on_status(self.status)
 
-    def _note(self, now: float) -> None:
-        """Write down progress and tell the clients."""
-        self._next_note = now + NOTE_S
-        done = self.protocol.lines_done
-        if done != self._noted:
-            self._record("ack" if done > self._noted else "back", done=done)
-            self._noted = done
-            self.wiring.on_status(self.status)
+    def enter_unrecorded(self, state: LinkState) -> None:
+        """Pass to a state that nobody is told of."""
+        self._state = state
 
-    def _record(self, sort: str, **values: Any) -> None:
-        """Add to the journal; a full disk is a fault that ends the print by a controlled stop."""
-        if self._journal_lost:
-            return
-        try:
-            self.wiring.journal.add(sort, **values)
-        except JournalError as exc:
-            self._journal_lost, self._fault = True, str(exc)
-
-    def _alarm(self, text: str) -> None:
-        self._alarms += 1
-        self._record("alarm", text=text)
-
-    def _record_end(self, over: Over) -> Status:
+    def end(self, ended: PrintEnded) -> Status:
+        """Write down how the print ended; return the last status."""
         # Whoever asks meanwhile must see the print either running or ended with all that is known.
         status = replace(
             self.status,
-            state=over.state,
-            message=over.message,
-            position_known=over.known,
-            error=over.error,
+            state=ended.state,
+            message=ended.message,
+            position_known=ended.known,
+            error=ended.error,
         )
-        self._state, self._final = over.state, status
+        self._state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters
-        self._record(
+        self.record(
             "end",
             state=status.state,
             message=status.message,
             done=status.lines_done,
-            error=over.error,
-            position_known=over.known,
+            error=ended.error,
+            position_known=ended.known,
         )
         return status
+
+    # --- the journal -----------------------------------------------------------------------------
+
+    def record(self, sort: str, **values: Any) -> None:
+        """Add to the journal; a full disk is a fault that ends the print by a controlled stop."""
+        if self._journal_lost or sort in self._unrecorded:
+            return
+        try:
+            self._wiring.journal.add(sort, **values)
+        except JournalError as exc:
+            self._journal_lost, self._fault = True, str(exc)
+
+    def record_control(self, number: int, command: bytes) -> None:
+        """Write down a command between two lines of the job, before it is sent."""
+        self.record("control", n=number, command=command.decode("ascii"))
+
+    def note(self, now: float) -> None:
+        """Write down progress and tell the clients."""
+        self.next_note = now + NOTE_S
+        done = self.progress.done
+        if done != self._noted:
+            self.record("ack" if done > self._noted else "back", done=done)
+            self._noted = done
+            self._wiring.on_status(self.status)
+
+    def record_back(self, number: int, controls: Sequence[bytes]) -> None:
+        """Write down that the last line taken was ``number``, and which commands go again."""
+        self._noted = self.progress.done
+        self.record("back", done=self._noted, n=number)
+        for count, command in enumerate(controls, number + 1):
+            self.record_control(count, command)
+
+    def alarm(self, text: str) -> None:
+        """Write down what a person must see."""
+        self._alarms += 1
+        self.record("alarm", text=text)
+
+    def notice(self, text: str) -> None:
+        """Write down what needs no action."""
+        self.record("notice", text=text)
+
+    # --- complaints ------------------------------------------------------------------------------
+
+    def complain(self, text: str) -> None:
+        """Keep a complaint that ends the print; the first one counts."""
+        self._fault = self._fault or text
+
+    def take_fault(self) -> str:
+        """Return the complaint, and forget it."""
+        text, self._fault = self._fault, ""
+        return text
+
+    def excuse(self, before: str) -> str:
+        """Forget a complaint about one line, not about the print; return it.
+
+        Parameters
+        ----------
+        before : str
+            The complaint before that line was sent.
+        """
+        return "" if before or not is_of_the_line(self._fault) else self.take_fault()
+
+    def excuse_all(self) -> None:
+        """Forget what the printer complained of; a journal that is lost stays a fault."""
+        if not self._journal_lost:
+            self._fault = ""

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 from firmware_profiles import Printer
+from printctl.link.families import link_facts
 from sim.reading import is_motion
 
 
@@ -40,9 +41,9 @@ def surely_moved(lines: Sequence[bytes], taken: int, queued: float, least: int =
 def moves_ahead(printer: Printer) -> float:
     """Most moves that a printer may have taken and not made.
 
-    Infinite for Klipper, which plans by time: short moves are ahead by the hundred.
+    Infinite for a firmware that plans by time: short moves are ahead by the hundred.
     """
-    if printer.firmware == "klipper":
+    if link_facts(printer).plans_by_time:
         return math.inf
     return printer.planner_blocks + printer.command_queue
 

@@ -20,7 +20,6 @@ from typing import Final
 from firmware_profiles import Printer, ProfileError, load
 from printctl.gate import Known
 from printctl.link.care import Care
-from printctl.link.channel import Wiring
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
 from printctl.link.families import protocol_for, refuse_unsent
@@ -39,6 +38,7 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport, open_port
 from printctl.link.wire_log import FILE, LoggedTransport, WireLog
+from printctl.link.wiring import Wiring
 
 _LOCK_PATIENCE_S: Final = 0.3
 _HISTORY_PATIENCE_S: Final = 5.0

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
+from firmware_profiles.families import meanings
+from firmware_profiles.families.grammar import Meaning
 from printctl.link.errors import LinkError
 from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
@@ -142,7 +144,7 @@ def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
 def _places(line: bytes) -> dict[str, float]:
     """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
     code = code_of(line)
-    if code not in (b"G92", b"SET_KINEMATIC_POSITION"):
+    if code != b"G92" and meanings().get(code.decode("ascii")) is not Meaning.PLACES:
         return {}
     read = read_sent(line)
     named = {axis: float(read.parameters[axis]) for axis in "XYZ" if axis in read.parameters}

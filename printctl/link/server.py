@@ -18,8 +18,8 @@ from printctl.link.door import Door, forget, listen
 from printctl.link.door_places import Guest
 from printctl.link.errors import Refused
 from printctl.link.marks import MarkKind
-from printctl.link.pausing import Pausing
 from printctl.link.states import Status
+from printctl.link.streamer import Streamer
 
 __all__ = ["Server", "forget", "listen"]
 
@@ -30,18 +30,18 @@ class Server(Door):
 
     Attributes
     ----------
-    channel : Pausing
+    streamer : Streamer
     """
 
-    channel: Pausing
+    streamer: Streamer
 
     def kill(self) -> None:
         """Halt the printer."""
-        self.channel.kill()
+        self.streamer.kill()
 
     def told(self) -> dict[str, Any]:
         """The print's status."""
-        return self.channel.status.to_dict()
+        return self.streamer.status.to_dict()
 
     def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
         """What else may be wished of a print."""
@@ -59,24 +59,24 @@ class Server(Door):
         self.tell_all(status.to_dict())
 
     def _do_stop(self, guest: Guest, wish: dict[str, Any]) -> None:
-        self.channel.stop()
+        self.streamer.stop()
 
     def _do_pause(self, guest: Guest, wish: dict[str, Any]) -> None:
         after = wish.get("after")
-        self.channel.pause(MarkKind(after) if after else None)
-        self.publish(self.channel.status)
+        self.streamer.pause(MarkKind(after) if after else None)
+        self.publish(self.streamer.status)
 
     def _do_reload(self, guest: Guest, wish: dict[str, Any]) -> None:
         head = wish.get("head")
-        self.channel.reload(*(() if head is None else (int(head),)))
-        self.publish(self.channel.status)
+        self.streamer.reload(*(() if head is None else (int(head),)))
+        self.publish(self.streamer.status)
 
     def _do_resume(self, guest: Guest, wish: dict[str, Any]) -> None:
         change = wish.get("change")
-        self.channel.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
+        self.streamer.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
 
     def _do_alive(self, guest: Guest, wish: dict[str, Any]) -> None:
-        self.channel.alive()
+        self.streamer.alive()
 
     def _do_command(self, guest: Guest, wish: dict[str, Any]) -> None:
         text = str(wish["text"])
@@ -88,4 +88,4 @@ class Server(Door):
         def refused(why: str) -> None:
             self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
 
-        self.channel.typed(text, done, refused)
+        self.streamer.typed(text, done, refused)

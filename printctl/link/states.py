@@ -40,6 +40,8 @@ ENDED: Final = frozenset(
     }
 )
 """States that nothing follows."""
+EARLY: Final = frozenset({LinkState.CONNECTING, LinkState.CHECKING})
+"""States in which the printer hasn't got the job's first line."""
 
 
 @dataclass(frozen=True)
@@ -143,3 +145,21 @@ class PrintOutcome:
             status.error,
             status.position_known,
         )
+
+
+class PrintEnded(Exception):  # noqa: N818
+    """The end of a print, in a state and for a reason; raised where it is found.
+
+    Attributes
+    ----------
+    state : LinkState
+    message : str
+    known : bool
+        Whether the printer's position is known.
+    error : str
+        Name of the `LinkError` behind it; empty for none.
+    """
+
+    def __init__(self, state: LinkState, message: str, known: bool = True, error: str = "") -> None:
+        super().__init__(message)
+        self.state, self.message, self.known, self.error = state, message, known, error

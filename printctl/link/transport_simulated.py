@@ -1,7 +1,7 @@
 """A wire to the simulated printer inside this process: for tests, benchmarks and rehearsals.
 
-Clock and printer move together: what the host waits, the printer lives through. What the cable
-does to the bytes is `sim.bad_line`'s.
+Clock and printer move together: what the host waits, the printer lives through, by its own pace
+(`sim.pace`). What the cable does to the bytes is `sim.bad_line`'s.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from printctl.link.errors import PortLost
 from sim.bad_line import BadLine
 from sim.faults import Troubles
 from sim.marlin import MarlinPrinter
+from sim.pace import Pace
 
 
 class HostDiedError(BaseException):
@@ -44,6 +45,8 @@ class SimulatedTransport:
         self.name = "simulated"
         self.printer, self.clock = printer, clock
         self.line = printer.bad_line = BadLine(troubles, rng)
+        if troubles is not None:
+            printer.pace = Pace(troubles.speed)
         self._writes_left, self._last_part = 0, 1.0
 
     def die_at(self, write: int, part: float = 1.0) -> None:
@@ -64,7 +67,7 @@ class SimulatedTransport:
         dies = self._writes_left == 0
         if dies:
             data = data[: round(len(data) * self._last_part)]
-        self.printer.run_to(self.clock.now())
+        self._run_printer()
         self.printer.receive(self.on_the_way(data))
         if dies:
             self.printer.settle()
@@ -90,7 +93,7 @@ class SimulatedTransport:
         self.printer.settle()
         said = self.printer.take_output()
         if said:
-            self.clock.move_to(self.printer.now)
+            self.clock.move_to(self.printer.pace.host_time(self.printer.now))
             self.line.up(said, self.clock.now())
         self._check()
         at = self.line.next_s
@@ -98,8 +101,12 @@ class SimulatedTransport:
             self.clock.move_to(at)
             return self.line.due(at)
         self.clock.move_to(until)
-        self.printer.run_to(self.clock.now())
+        self._run_printer()
         return b""
+
+    def _run_printer(self) -> None:
+        """Let the printer live up to now, by its own pace."""
+        self.printer.run_to(self.printer.pace.board_time(self.clock.now()))
 
     def _check(self) -> None:
         if self.printer.unplugged:

@@ -53,6 +53,18 @@ class Watch:
         self.confirmed = now
         self._checkpoint_due = now + (self.care.checkpoint_s or 0.0)
 
+    def confirm(self, now: float) -> None:
+        """Take notice that somebody is there; from any thread."""
+        self.confirmed = now
+
+    def pause_after(self, kind: MarkKind | None) -> None:
+        """Have the print held after the next mark of a kind; None for no longer."""
+        self.after = kind
+
+    def plan(self, reload_at: tuple[int, ...], reload_heads: tuple[int, ...]) -> None:
+        """Plan the changes of syringe that are still to come."""
+        self.reload_at, self.reload_heads = reload_at, reload_heads
+
     def deadman_left(self, now: float) -> float | None:
         """Seconds until somebody must confirm; None for an attended print."""
         if not self.care.deadman_s:

@@ -1,10 +1,7 @@
 """What the firmware does by itself: switch off when the host is dead, and let the plunger move.
 
-A killed host can switch nothing off. Marlin and Prusa's fork kill themselves after M85's time
-without motion; Klipper switches heaters and motors off after its idle timeout; RepRapFirmware (M85
-does nothing there, M84 S lowers the idle motors' current only) and Smoothieware have nothing of the
-sort. Sources: `design.toolpath.gcode.dialect`, which writes these commands; this module reads them
-by itself.
+A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
+off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.
 """
 
 from __future__ import annotations
@@ -16,13 +13,14 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
+from firmware_profiles.families import family_of
+from firmware_profiles.families.job_facts import IdleTimeout
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import code
 from sim.gcode_modal import DWELL, MOVE
 
-_TIMEOUT: Final = {"marlin": "M85 S600", "prusa": "M85 S600", "klipper": "SET_IDLE_TIMEOUT"}
 _NAME: Final = "the firmware's own switch-off"
 
 
@@ -45,7 +43,9 @@ def _run_by_hand(printer: Printer) -> Check:
         "off, and see that its units are mm, its ramps as in the profile, and that its stop shuts "
         "the valve or halts the plunger: nothing from here can"
     )
-    return Check("asked of you", 0, 0, "", False, f"{printer.name}: aerotech", remedy, "warns")
+    return Check(
+        "asked of you", 0, 0, "", False, f"{printer.name}: {printer.firmware}", remedy, "warns"
+    )
 
 
 def _safe_state(printer: Printer) -> list[Check]:
@@ -75,7 +75,7 @@ def _known(
 ) -> list[Check]:
     if not commands:
         return []
-    named = printer.firmware == "klipper"
+    named = family_of(printer).grammar.named
     strange = []
     for command in commands:
         name = command.partition(" ")[0]
@@ -92,16 +92,16 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
 
     Without one a job that heats is refused where the firmware has such a command.
     """
-    command = _TIMEOUT.get(printer.firmware)
+    timeout = family_of(printer).timeout
     heats = any(heat.celsius > 0 for heat in run.heats)
-    if command is None:
+    if timeout is None:
         remedy = (
             f"{printer.firmware} has none that a job can set: if the host dies, heaters and motors "
             "stay as they are until somebody comes; don't leave the print alone, or have the "
             "board's own configuration watch it"
         )
         return Check(_NAME, 0, 0, "", False, f"{printer.name}: firmware", remedy, "warns")
-    seconds, line = _least_timeout(run, printer.firmware)
+    seconds, line = _least_timeout(run, timeout)
     dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
         return Check(
@@ -111,8 +111,8 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             "s",
             False,
             f"line {line} switches it off" if line else "before the first move",
-            f"the job doesn't set it, so a dead host leaves everything on; begin it with {command} "
-            f"(profile: idle_timeout_s {printer.idle_timeout_s:g})",
+            f"the job doesn't set it, so a dead host leaves everything on; begin it with "
+            f"{timeout.example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
             "refuses" if heats else "warns",
         )
     return Check(
@@ -133,7 +133,7 @@ def _longest_dwell(run: DryRun) -> tuple[float, int]:
     return (float(seconds[row]), int(run.program.line[row])) if row >= 0 else (0.0, 0)
 
 
-def _least_timeout(run: DryRun, firmware: str) -> tuple[float, int]:
+def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:
     """Shortest timeout in force from the first move on, s, and its line; 0 for none.
 
     0 stands for none at all (line 0 where it was never set) and is the least of all.
@@ -141,18 +141,18 @@ def _least_timeout(run: DryRun, firmware: str) -> tuple[float, int]:
     program = run.program
     moves = np.flatnonzero(program.kind == MOVE)
     first = int(program.line[moves[0]]) if len(moves) else math.inf
-    said = _timeouts(run, firmware)
+    said = _timeouts(run, timeout)
     before = [at for at in said if at[1] < first][-1:] or [(0.0, 0)]
     return min([*before, *(at for at in said if at[1] > first)])
 
 
-def _timeouts(run: DryRun, firmware: str) -> list[tuple[float, int]]:
+def _timeouts(run: DryRun, timeout: IdleTimeout) -> list[tuple[float, int]]:
     """Each setting of the timeout, s, and its line; a question is none."""
-    if firmware == "klipper":
-        those = [at for at in run.named if at.name == "SET_IDLE_TIMEOUT" and "TIMEOUT" in at.words]
-        return [(_number(at.words["TIMEOUT"]), at.line) for at in those]
+    if timeout.key:
+        those = [at for at in run.named if at.name == timeout.code and timeout.key in at.words]
+        return [(_number(at.words[timeout.key]), at.line) for at in those]
     program = run.program
-    rows = np.flatnonzero((program.code == code("M85")) & ~np.isnan(program.value))
+    rows = np.flatnonzero((program.code == code(timeout.code)) & ~np.isnan(program.value))
     return list(zip(program.value[rows].tolist(), program.line[rows].tolist(), strict=True))
 
 
@@ -167,27 +167,16 @@ def _configured(run: DryRun, printer: Printer) -> list[Check]:
     """Things that stand in the firmware's configuration, where nothing tells them."""
     if run.plunger_max_mm <= 0:
         return []
-    asked = {
-        "klipper": (
-            "printer.cfg",
-            "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
-            "there with enable_force_move, else it refuses the first move; see that they are",
-        ),
-        "reprapfirmware": (
-            "config.g",
-            "a tool must be selected (T0), else the board refuses to push; the job selects none, "
-            "since that may run macros that move; see that it is",
-        ),
-    }
-    if printer.firmware not in asked or (printer.heads and printer.firmware == "reprapfirmware"):
-        return []  # a job of several heads chooses one itself, without its macros
-    place, remedy = asked[printer.firmware]
-    return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]
+    asked = family_of(printer).by_hand
+    if asked is None or (printer.heads and not asked.several_heads):
+        return []
+    return [Check("asked of you", 0, 0, "", False, asked.place, asked.remedy, "warns")]
 
 
 def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
-    """Klipper refuses a move that pushes more ink per length than its limit: say what it needs."""
-    if printer.firmware != "klipper":
+    """Tell the limit that a firmware needs which refuses to push more ink per length."""
+    asked = family_of(printer).by_hand
+    if asked is None or not asked.widest_push:
         return []
     program = run.program
     before = np.vstack([program.start, program.target[:-1]])[: len(program)]
@@ -204,5 +193,5 @@ def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[C
         f"max_extrude_cross_section (section extruder) must be above {widest:.3g} mm² with "
         f"filament_diameter {syringe.inner_mm:g}; see that it is"
     )
-    place = f"line {int(program.line[at])}, printer.cfg"
+    place = f"line {int(program.line[at])}, {asked.place}"
     return [Check("asked of you", 0, 0, "", False, place, remedy, "warns")]

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from firmware_profiles import Printer, ProfileError, load
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError, NoLink, Refused
-from printctl.link.families import family_of
+from printctl.link.families import link_facts
 from printctl.link.history import data_folder
 from printctl.link.job import load_job
 from printctl.link.ports import SIMULATED
@@ -160,7 +160,7 @@ def refuse_forgotten(folder: Path, port: str, printer: Printer) -> None:
         raise Refused(
             "the simulated printer ended with the process that ran it; print the job anew"
         )
-    if not family_of(printer).remembers:
+    if not link_facts(printer).remembers:
         raise Refused(
             f"a printer with {printer.firmware} can't tell which line it took last, so the print "
             "can't be gone on with; see Recover (`printctl recover`)"

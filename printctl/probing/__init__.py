@@ -2,10 +2,9 @@
 
 from printctl.probing.ask import ask_settings
 from printctl.probing.compare import Row, compare, corrected
-from printctl.probing.settings import QUESTIONS, Settings, read_settings
+from printctl.probing.settings import Settings, read_settings
 
 __all__ = [
-    "QUESTIONS",
     "Row",
     "Settings",
     "ask_settings",

@@ -11,50 +11,56 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware_profiles import Printer
-from printctl.link.channel import Over, Wiring
+from firmware_profiles.families import family_of
+from printctl.link.channel import Channel
 from printctl.link.clock import RealClock
+from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
 from printctl.link.families import protocol_for, refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.job import Job
 from printctl.link.journal import Journal
-from printctl.link.streamer import Streamer
+from printctl.link.logbook import Logbook
+from printctl.link.print_events import print_channel
+from printctl.link.progress import JobProgress
+from printctl.link.requests import RequestQueue
+from printctl.link.states import PrintEnded
 from printctl.link.transport import open_port
-from printctl.probing.settings import QUESTIONS, Settings, read_settings
+from printctl.link.wiring import Wiring
+from printctl.probing.settings import Settings, read_settings
 
 _TRIES = 3
 
 
-class Asker(Streamer):
-    """A streamer that never streams: connects, asks, ends."""
+def _answers(wiring: Wiring, questions: Sequence[bytes]) -> dict[bytes, Sequence[bytes]]:
+    """Return what the printer says to each question.
 
-    def answers(self, questions: Sequence[bytes]) -> dict[bytes, tuple[bytes, ...]]:
-        """What the printer says to each question.
+    Raises
+    ------
+    LinkError
+        When nobody answers, or the printer halts.
+    """
+    logbook = Logbook(wiring, JobProgress(wiring, Job([], [], "", "questions")))
+    channel = print_channel(wiring, logbook, RequestQueue())
+    try:
+        connect(channel)
+        return {question: _answer(channel, question) for question in questions}
+    except PrintEnded as ended:
+        raise LinkError(f"the printer couldn't be asked: {ended.message}") from ended
 
-        Raises
-        ------
-        LinkError
-            When nobody answers, or the printer halts.
-        """
-        try:
-            self._connect()
-            return {question: self._asked(question) for question in questions}
-        except Over as over:
-            raise LinkError(f"the printer couldn't be asked: {over.message}") from over
 
-    def _asked(self, question: bytes) -> tuple[bytes, ...]:
-        for _ in range(_TRIES):
-            replies = self._command(question, journalled=False)
-            if replies:
-                return replies
-        return ()
+def _answer(channel: Channel, question: bytes) -> tuple[bytes, ...]:
+    for _ in range(_TRIES):
+        replies = channel.ask(question)
+        if replies:
+            return replies
+    return ()
 
 
 def ask_wired(wiring: Wiring) -> Settings:
     """Ask over a wire that is open already."""
-    nothing = Job([], [], "", "questions")
-    family = wiring.printer.firmware
-    return read_settings(family, dict(Asker(wiring, nothing).answers(QUESTIONS[family])))
+    family = family_of(wiring.printer)
+    return read_settings(family, _answers(wiring, family.probe.questions))
 
 
 def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:

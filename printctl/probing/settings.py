@@ -4,9 +4,7 @@ Only questions: none of these commands sets anything. Answers are read as
 
 - Marlin, Prusa: M115, M503 (M92, M201, M203, M204, M205 in it), M211;
 - RepRapFirmware: M115, M92, M201, M203 (mm/min), M208, M302, as ``GCodes2.cpp`` (3.5) words them;
-- Klipper: SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their
-  present values (``toolhead.py``, ``idle_timeout.py``, ``extruder.py``); its steps, limits and
-  min_extrude_temp it doesn't tell on its terminal;
+- by a family's own phrases (`ProbeFacts.phrases`);
 - Smoothieware: M115, M503.
 """
 
@@ -17,26 +15,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from firmware_profiles.families import Family
 from printctl.link.firmware import parse_firmware
-
-QUESTIONS: Final[dict[str, tuple[bytes, ...]]] = {
-    "marlin": (b"M115", b"M503", b"M211"),
-    "prusa": (b"M115", b"M503", b"M211"),
-    "smoothieware": (b"M115", b"M503"),
-    "reprapfirmware": (b"M115", b"M92", b"M201", b"M203", b"M208", b"M302"),
-    "klipper": (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),
-}
-"""By the profile's ``firmware``."""
 
 _SETTING: Final = re.compile(r"\b(M\d+(?:\.\d+)?)((?: [A-Z]-?\d+(?:\.\d+)?)+)")
 _PAIR: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 _LISTED: Final = re.compile(r"\b([XYZE]): ?(-?\d+(?:\.\d+)?)")
 _SPAN: Final = re.compile(r"\b([XYZ]) ?(-?\d+(?:\.\d+)?):(-?\d+(?:\.\d+)?)")
 _ENDS: Final = re.compile(r"Min: (.*?)Max: (.*)")
-_KLIPPER: Final = {
-    "max_accel": "acceleration_mm_s2",
-    "idle_timeout: Timeout set to": "idle_timeout_s",
-}
 _LISTS: Final = (
     ("Steps/mm:", "steps_per_mm", 1.0),
     ("Accelerations (mm/sec^2):", "max_acceleration_mm_s2", 1.0),
@@ -64,8 +50,8 @@ class Settings:
     notes: tuple[str, ...] = ()
 
 
-def read_settings(family: str, answers: dict[bytes, Sequence[bytes]]) -> Settings:
-    """Read the answers to a family's `QUESTIONS`."""
+def read_settings(family: Family, answers: dict[bytes, Sequence[bytes]]) -> Settings:
+    """Read the answers to a family's questions (`ProbeFacts`)."""
     told = parse_firmware(answers.get(b"M115", ()))
     values: dict[str, float | bool] = {}
     notes: list[str] = []
@@ -80,12 +66,12 @@ def read_settings(family: str, answers: dict[bytes, Sequence[bytes]]) -> Setting
     return Settings(told.name, values, tuple(notes))
 
 
-def _read(family: str, text: str) -> Iterator[tuple[str, float | bool]]:
-    if family == "klipper":
-        for words, key in _KLIPPER.items():
-            found = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
-            if found:
-                yield key, float(found[1])
+def _read(family: Family, text: str) -> Iterator[tuple[str, float | bool]]:
+    for words, key in family.probe.phrases.items():
+        found = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
+        if found:
+            yield key, float(found[1])
+    if family.probe.phrases:
         return
     for begin, key, factor in _LISTS:
         if text.startswith(begin):

@@ -9,6 +9,7 @@ from typing import Any, Final
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.care import Care
 from printctl.link.errors import Refused
+from printctl.link.families import link_facts
 from printctl.link.job import Job
 from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
@@ -20,7 +21,6 @@ from sim.reading import code_of
 
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
-_SILENT: Final = frozenset({"marlin", "prusa"})
 
 
 def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
@@ -94,4 +94,4 @@ def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
 def leaves_motors_on(job: Job, done: int, printer: Printer) -> bool:
     """Whether the motors have power after so many lines, so that the count keeps its meaning."""
     off = last_of(job.lines, done, (b"M84", b"M18"))
-    return off is None or (b"S" in off and printer.firmware in _SILENT)
+    return off is None or (b"S" in off and link_facts(printer).m84_sets_timeout)

@@ -18,10 +18,10 @@ from printctl.link.errors import LinkError, NoLink
 from printctl.link.families import refuse_unsent
 from printctl.link.journal import Journal
 from printctl.link.process import ignore_signals, only_one
-from printctl.station.desk import Desk
 from printctl.station.knowledge import Knowledge
 from printctl.station.record import JOURNAL, LOCK, SOCKET, StationRecord, load_station
 from printctl.station.server import StationServer, forget, listen
+from printctl.station.station_loop import StationLoop
 from printctl.station.status import Mounted, Place, StationState, StationStatus
 from printctl.station.wire import Socket
 
@@ -121,36 +121,36 @@ def _open(
     socket = Socket(
         opening.profile, printer, opening.port, opening.baud, opening.folder, opening.sim_speed
     )
-    desk = Desk(socket, known, journal, opening.start_mm)
+    loop = StationLoop(socket, known, journal, opening.start_mm)
     listener, address, token = listen(opening.folder, SOCKET)
-    server = StationServer(listener, token, desk)
-    keeper = _Keeper(replace(record, address=address, token=token), opening.folder, desk, server)
+    server = StationServer(listener, token, loop)
+    keeper = _Keeper(replace(record, address=address, token=token), opening.folder, loop, server)
     try:
-        signal.signal(signal.SIGTERM, lambda *_: desk.leave())
+        signal.signal(signal.SIGTERM, lambda *_: loop.leave())
         server.start()
-        keeper.save(desk.status)
-        desk.on_change = keeper.tell
-        desk.connect()
-        desk.run()
+        keeper.save(loop.status)
+        loop.subscribe(keeper.tell)
+        loop.connect()
+        loop.run()
     finally:
         server.finish()
         forget(address)
         journal.close()
-    return keeper.latest(desk.status), desk.status
+    return keeper.latest(loop.status), loop.status
 
 
 class _Keeper:
     """Tells the clients of each change, and writes down what must outlive the process."""
 
     def __init__(
-        self, record: StationRecord, folder: Path, desk: Desk, server: StationServer
+        self, record: StationRecord, folder: Path, loop: StationLoop, server: StationServer
     ) -> None:
-        self._record, self._folder, self._desk, self._server = record, folder, desk, server
+        self._record, self._folder, self._loop, self._server = record, folder, loop, server
         self._kept: tuple[object, ...] = ()
 
     def tell(self, status: StationStatus) -> None:
         self._server.tell_all(status.to_dict())
-        kept = (status.state, status.mounted, status.plunger_mm, self._desk.known.part_in_dish)
+        kept = (status.state, status.mounted, status.plunger_mm, self._loop.known.part_in_dish)
         if kept != self._kept:
             self._kept = kept
             self.save(status)
@@ -165,6 +165,6 @@ class _Keeper:
         return replace(
             self._record,
             status=status.to_dict(),
-            plunger_mm=self._desk.known.plunger_mm,
-            part_in_dish=self._desk.known.part_in_dish,
+            plunger_mm=self._loop.known.plunger_mm,
+            part_in_dish=self._loop.known.part_in_dish,
         )

@@ -21,8 +21,8 @@ __all__ = ["StationServer", "forget", "listen"]
 Say = Callable[[dict[str, Any]], None]
 
 
-class Desk(Protocol):
-    """What a door is in front of."""
+class RequestTaker(Protocol):
+    """The station behind a door."""
 
     @property
     def status(self) -> StationStatus:
@@ -49,23 +49,23 @@ class StationServer(Door):
 
     Attributes
     ----------
-    desk : Desk
+    station : RequestTaker
     """
 
-    desk: Desk
+    station: RequestTaker
 
     def kill(self) -> None:
         """Halt the printer."""
-        self.desk.kill()
+        self.station.kill()
 
     def told(self) -> dict[str, Any]:
         """The station's status."""
-        return self.desk.status.to_dict()
+        return self.station.status.to_dict()
 
     def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
-        """Every wish goes to the desk."""
-        return {name: partial(self._hand_on, name) for name in self.desk.names}
+        """Return what takes each request: the station."""
+        return {name: partial(self._hand_on, name) for name in self.station.names}
 
     def _hand_on(self, name: str, guest: Guest, wish: dict[str, Any]) -> None:
         wish.pop("answer", None)  # the reply is the answer
-        self.desk.ask(name, wish, partial(self.post, guest))
+        self.station.ask(name, wish, partial(self.post, guest))

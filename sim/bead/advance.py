@@ -16,23 +16,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from sim.dryrun import DryRun
 from sim.gcode import Program
 
 FloatArray = NDArray[np.float64]
-
-_COMMANDS: Final = {
-    "marlin": rb"M900\b[^;]*?K\s*([0-9.]+)",
-    "prusa": rb"M900\b[^;]*?K\s*([0-9.]+)",
-    "reprapfirmware": rb"M572\b[^;]*?S\s*([0-9.]+)",
-    "klipper": rb"SET_PRESSURE_ADVANCE\b[^;]*?\bADVANCE=([0-9.]+)",
-}
 
 
 @dataclass(frozen=True)
@@ -57,7 +50,7 @@ def advance_of(run: DryRun, gcode: bytes, printer: Printer) -> Advance:
     factor = _factors(program, gcode, printer)
     if not factor.any() or not len(executed):
         return Advance(np.zeros(len(executed)), 0.0)
-    ratio = _plunger_per_mm(program, across=printer.firmware == "klipper") * factor
+    ratio = _plunger_per_mm(program, across=family_of(printer).advances_across_only) * factor
     row = np.searchsorted(program.command, executed.line)
     known = (executed.line >= 0) & (row < len(program))
     way = np.linalg.norm(executed.end - executed.start, axis=1)
@@ -69,8 +62,8 @@ def advance_of(run: DryRun, gcode: bytes, printer: Printer) -> Advance:
 def _factors(program: Program, gcode: bytes, printer: Printer) -> FloatArray:
     """K at each row of the program, s."""
     lines, values = [0], [printer.advance_s]
-    pattern = _COMMANDS.get(printer.firmware)
-    if pattern is not None and re.search(pattern, gcode, re.IGNORECASE):
+    pattern = family_of(printer).advance
+    if pattern and re.search(pattern, gcode, re.IGNORECASE):
         for number, line in enumerate(gcode.splitlines(), start=1):
             found = re.match(rb"\s*(?:N\d+\s*)?" + pattern, line, re.IGNORECASE)
             if found:

@@ -7,6 +7,8 @@ from typing import Final
 from sim.errors import LineError
 
 _SHOWN: Final = 60
+MOST_REFUSED: Final = 1_000
+"""Refused lines after which the rest of a file isn't read."""
 
 SORTS: Final[dict[str, str]] = {
     "not_text": "characters that can't be sent",
@@ -20,6 +22,7 @@ SORTS: Final[dict[str, str]] = {
     "unknown_axis": "axes that the machine hasn't",
     "repeated_word": "words that stand twice in a line",
     "ambiguous": "words that firmwares read differently",
+    "too_many": "places where reading was given up",
 }
 """Sort to what it is, in the plural."""
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
-from sim.dialect_aerotech import translated
+from firmware_profiles.families import family_of
 from sim.errors import GcodeError, LineError
+from sim.families.registry import translator_of
 from sim.gcode_extended import Named, plain_command
+from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import is_name, read_line, read_words
@@ -36,15 +38,16 @@ class GcodeFile:
     refused : tuple of (int, LineError)
         Line, from 1, and what is wrong with it.
     named : tuple of Named
-        Commands with names (Klipper, Aerotech).
-    per_second : tuple of (int, bool)
-        An Aerotech's lines from which on F is told per second, or per minute.
+        Commands with names.
+    per_second : tuple of (int, bool) or None
+        Lines from which on F is told per second, or per minute, and it is per second before; None
+        where it is per minute throughout.
     """
 
     lines: list[bytes]
     refused: tuple[tuple[int, LineError], ...]
     named: tuple[Named, ...]
-    per_second: tuple[tuple[int, bool], ...] = ()
+    per_second: tuple[tuple[int, bool], ...] | None = None
 
     @property
     def in_g_code(self) -> bytes:
@@ -66,8 +69,9 @@ def read_file(gcode: bytes, printer: Printer) -> GcodeFile:
         When the bytes hold a NUL, as no text does.
     """
     check_text(gcode)
-    if printer.aerotech is not None:
-        written = translated(gcode, printer.aerotech)
+    translate = translator_of(printer)
+    if translate is not None:
+        written = translate(gcode, printer)
         read = _read_lines(written.gcode, printer, read_words)
         return replace(read, named=written.named, per_second=written.per_second)
     return _read_lines(gcode, printer, read_line)
@@ -77,6 +81,7 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
     lines = gcode.splitlines()
     is_plain = PLAIN_MOVE.fullmatch
     others = [index for index, text in enumerate(lines) if not is_plain(text)]
+    by_name = family_of(printer).grammar.named
     refused: list[tuple[int, LineError]] = []
     named: list[Named] = []
     seen: dict[bytes, GcodeLine | LineError] = {}
@@ -93,11 +98,22 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
         if isinstance(read, LineError):
             refused.append((index + 1, read))
             lines[index] = b""
+            if len(refused) == MOST_REFUSED:
+                refused.append((index + 1, _gives_up(text, len(lines))))
+                del lines[index + 1 :]
+                break
         else:
             lines[index] = read.text
-            if printer.firmware == "klipper" and is_name(read.code):
+            if by_name and is_name(read.code):
                 named.append(Named(index + 1, read.code, dict(read.parameters)))
     return GcodeFile(lines, tuple(refused), tuple(named))
+
+
+def _gives_up(text: bytes, lines: int) -> LineError:
+    return refusal(
+        "too_many", text, f"{MOST_REFUSED} lines up to here are refused, and the rest of the "
+        f"file's {lines} wasn't read; mend them first, or give another file"
+    )  # fmt: skip
 
 
 def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | LineError:

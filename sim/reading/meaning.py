@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from firmware_profiles.families import find_family
 from sim.reading.faults import refusal
-from sim.reading.words import MOTION, WHOLE
+from sim.reading.words import MOTION
 
 Words = Mapping[str, float | None]
 
@@ -68,7 +69,7 @@ def _of_numbers(code: str, words: Words, family: str) -> str:
     head = words.get("T") if code in _HEAD_CODES else None
     if head is not None and (head < 0 or head != int(head)):
         return f"T{head:g} isn't the number of a head; write 0, 1, ..."
-    if code in WHOLE.get(family, ()):
+    if code in find_family(family).grammar.whole:
         for letter, value in words.items():
             if value is not None and value != int(value):
                 return f"{family} cuts {letter}{value:g} to a whole number; write one"

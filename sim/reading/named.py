@@ -1,17 +1,19 @@
-"""Klipper's commands with names: ``SET_PIN PIN=valve VALUE=1``."""
+"""Commands with names: ``SET_PIN PIN=valve VALUE=1``."""
 
 from __future__ import annotations
 
 import re
 from typing import Final
 
+from firmware_profiles.families import meanings
+from firmware_profiles.families.grammar import Meaning
 from sim.reading.faults import refusal
 from sim.reading.line import GcodeLine
 
 _NAME: Final = re.compile(rb"([A-Za-z][A-Za-z_][A-Za-z0-9_]*)(?:[ \t]+|$)")
 _PARAMETER: Final = re.compile(rb"([A-Za-z_][A-Za-z0-9_]*)=(\"[^\"]*\"|[^ \t\"'#=*]+)(?:[ \t]+|$)")
 _NUMBER: Final = re.compile(rb"-?\d{1,6}(?:\.\d{1,9})?")
-_PLACING: Final = (b"SET_KINEMATIC_POSITION", b"SET_GCODE_OFFSET")
+_PLACING: Final = (Meaning.PLACES, Meaning.SHIFTS)
 _PLACES: Final = ("X", "Y", "Z", "X_ADJUST", "Y_ADJUST", "Z_ADJUST")
 
 
@@ -29,6 +31,7 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
     name, at = found[1].upper(), found.end()
     parameters: dict[str, str] = {}
     parts = [name]
+    placing = meanings().get(name.decode()) in _PLACING
     while at < len(command):
         word = _PARAMETER.match(command, at)
         if word is None:
@@ -38,7 +41,7 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
         key = word[1].decode().upper()
         if key in parameters:
             raise refusal("repeated_word", text, f"{key} stands twice; keep one")
-        if name in _PLACING and key in _PLACES and not _NUMBER.fullmatch(word[2]):
+        if placing and key in _PLACES and not _NUMBER.fullmatch(word[2]):
             raise refusal(
                 "bad_number", text, f"{key}={word[2].decode()!r} isn't a decimal number of at most "
                 "6 and 9 digits; write one"

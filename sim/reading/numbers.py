@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from firmware_profiles.families import find_family
 from sim.reading.faults import refusal
 
 MOST_DIGITS: Final = 15
@@ -48,7 +49,7 @@ def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
             raise _not_a_word(rest[at:], text)
         letter = found[1].upper()
         if found[4] is not None:
-            if family != "reprapfirmware":
+            if not find_family(family).grammar.quoted_words:
                 raise refusal("bad_number", text, f"{letter.decode()} has a text in quotes, which "
                               f"{family} doesn't know here; give a number")  # fmt: skip
             yield letter.decode(), None, letter + found[4]
@@ -76,8 +77,7 @@ def _no_exponents(rest: bytes, text: bytes, family: str) -> None:
     found = _EXPONENT.search(rest)
     if found is None:
         return
-    powers = family in ("reprapfirmware", "smoothieware")
-    if powers or b"e" in found[0]:
+    if find_family(family).grammar.powers_of_ten or b"e" in found[0]:
         raise refusal(
             "bad_number", text, f"{found[0].decode()!r} is a power of ten to some firmwares and an "
             "E word to others; write the number out, and a blank before a word of E"

@@ -6,6 +6,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import LineError
+from sim.reading.faults import MOST_REFUSED
 from sim.reading.line import GcodeLine
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import read_line
@@ -19,6 +20,8 @@ _MOVES: Final = frozenset({"G0", "G1"})
 def other_lines(gcode: bytes, printer: Printer) -> Others:
     """Read a file's lines that aren't moves; those that can't be read are left out.
 
+    After so many of these as `read_file` bears (`MOST_REFUSED`) the rest is left out, too.
+
     Parameters
     ----------
     gcode : bytes
@@ -28,21 +31,25 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
     is_plain = PLAIN_MOVE.fullmatch
     found: list[tuple[int, GcodeLine]] = []
     kept: dict[bytes, GcodeLine | None] = {}
+    refused = 0
     for number, text in enumerate(gcode.splitlines(), 1):
         if is_plain(text) or text[:1] == b";":
             continue
         if text not in kept:
             kept[text] = _read(text, printer)
         line = kept[text]
-        if line:
+        if line is None:
+            refused += 1
+            if refused == MOST_REFUSED:
+                break
+        elif line and line.code not in _MOVES:
             found.append((number, line))
     return tuple(found)
 
 
 def _read(text: bytes, printer: Printer) -> GcodeLine | None:
-    """Read one line; None for a move, and for one that is refused elsewhere."""
+    """Read one line; None for one that is refused elsewhere."""
     try:
-        line = read_line(text, printer)
+        return read_line(text, printer)
     except LineError:
         return None
-    return None if line.code in _MOVES else line

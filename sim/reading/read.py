@@ -6,7 +6,8 @@ import re
 from typing import Final
 
 from firmware_profiles import Printer
-from sim.dialect_aerotech import translated
+from firmware_profiles.families import find_family
+from sim.families.registry import Translate, translator_of
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.meaning import check_meaning
@@ -19,9 +20,6 @@ from sim.reading.words import AXES, MOTION, Known, known
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
 _SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
 _MOST_CODE: Final = 9999
-_LOWER_TAKEN: Final = ("marlin", "klipper", "reprapfirmware", "aerotech")
-"""Marlin, where it was built so (GCODE_CASE_INSENSITIVE); what is sent is in capitals."""
-_UPPER_ONLY: Final = ("prusa", "smoothieware")
 
 
 def read_line(text: bytes, printer: Printer) -> GcodeLine:
@@ -50,23 +48,22 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
     plain = PLAIN_MOVE.fullmatch(text)
     if plain is not None:
         return plain_move(plain)
-    if printer.aerotech is not None:
-        return _of_aerotech(text, printer)
+    translate = translator_of(printer)
+    if translate is not None:
+        return _translated(text, printer, translate)
     return read_words(text, printer)
 
 
-def _of_aerotech(text: bytes, printer: Printer) -> GcodeLine:
-    """Read a line of AeroBasic or AeroScript; what isn't G-code comes with its name."""
-    if printer.aerotech is None:
-        return BLANK
-    written = translated(text.rstrip(b"\r\n"), printer.aerotech)
+def _translated(text: bytes, printer: Printer, translate: Translate) -> GcodeLine:
+    """Read a line in another language; what isn't G-code comes with its name."""
+    written = translate(text.rstrip(b"\r\n"), printer)
     for named in written.named:
         return GcodeLine(named.name, {}, text.strip(), named.words)
     return read_words(written.gcode, printer)
 
 
 def read_words(text: bytes, printer: Printer) -> GcodeLine:
-    """Read a line of G-code; `read_line` without a plain move's short road, or Aerotech's words."""
+    """Read a line of G-code; `read_line` without a plain move's short road, or another language."""
     family = printer.firmware
     command = command_in(text, family)
     if not command:
@@ -95,7 +92,7 @@ def _code_of(found: re.Match[bytes], text: bytes, family: str) -> str:
             "bad_code", text, f"{letter}{found[2].decode()[:24]} is no code: numbers end at "
             f"{_MOST_CODE}, and Marlin counts from 0 again above 65535; correct it"
         )  # fmt: skip
-    if letter.islower() and family in _UPPER_ONLY:
+    if letter.islower() and not find_family(family).grammar.lower_case:
         raise refusal(
             "bad_code", text, f"{family} reads capitals only; write {letter.upper()}{number}"
         )
@@ -108,7 +105,7 @@ def _without_code(command: bytes, text: bytes, family: str) -> GcodeLine:
             "bad_code", text, "a code with a point is another command to some builds of a "
             "firmware, and the one before the point to others; take it out"
         )  # fmt: skip
-    named = named_line(command, text) if family == "klipper" else None
+    named = named_line(command, text) if find_family(family).grammar.named else None
     if named is None:
         raise refusal(
             "no_command", text, "isn't a command: G, M or T with a number must come first; take it "

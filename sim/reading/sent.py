@@ -6,9 +6,9 @@ import re
 from functools import lru_cache
 from typing import Final
 
+from firmware_profiles.families.common_words import TEXT_CODES
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.plain import PLAIN_MOVE, plain_move
-from sim.reading.words import TEXT_CODES
 
 _CODE: Final = re.compile(rb"[GMT]\d+")
 _NUMBER: Final = re.compile(rb"-?\d+(?:\.\d+)?")

@@ -14,6 +14,7 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
+from firmware_profiles.families import find_family
 from sim.reading.faults import refusal
 
 _PARENTHESES: Final = re.compile(rb"\([^()]*\)")
@@ -85,7 +86,7 @@ def _check(body: bytes, rest: bytes, text: bytes, family: str) -> None:
             "take it out"
         )  # fmt: skip
     said = int(found[1]) if len(found[1]) <= _CRC_DIGITS else -1
-    crc = family == "reprapfirmware" and len(found[1]) == _CRC_DIGITS
+    crc = find_family(family).grammar.crc16 and len(found[1]) == _CRC_DIGITS
     right = crc_hqx(body, 0) if crc else reduce(xor, body, 0)
     if said != right:
         raise refusal(

@@ -23,7 +23,7 @@ def error_classes() -> set[str]:
     while grown := {name for name, of in bases.items() if of & known} - known:
         known |= grown
     # What carries no message for people (a stop that was asked for) is no error.
-    return {name for name in known & set(bases) if not name.startswith("_")} - {"Over"}
+    return {name for name in known & set(bases) if not name.startswith("_")} - {"PrintEnded"}
 
 
 def entries() -> set[str]:

@@ -9,10 +9,10 @@ from design.toolpath import MoveKind
 from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Aerotech, Plunger, Printer, Syringe, load
-from sim.dialect_aerotech import translated
-from sim.dialects import simulated_printer
 from sim.dryrun import dry_run
 from sim.errors import GcodeError, ServeError
+from sim.families.aerotech.reading import translate
+from sim.families.registry import simulated_printer
 from sim.gcode_modal import DWELL, MOVE, SYNC
 from sim.valve import BETWEEN, CLOSED, OPEN
 from tests.design.toolpath.shapes import as_solid, block
@@ -110,7 +110,7 @@ def test_an_output_between_and_another_one() -> None:
 
 
 def test_lines_keep_their_numbers() -> None:
-    written = translated(FILE, Aerotech(controller="a3200"))
+    written = translate(FILE, A3200)
     assert written.gcode.count(b"\n") == FILE.count(b"\n")
     assert written.gcode.splitlines()[14] == b";LAYER_END:1"
 

@@ -6,15 +6,15 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.ack_protocol import Sort
 from firmware_profiles.families.reprapfirmware.crc16 import crc16 as crc_of_the_link
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from sim.dialect_duet import DuetPrinter, crc16
-from sim.dialects import simulated_printer
+from printctl.link.wiring import Wiring
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
+from sim.families.registry import simulated_printer
+from sim.families.reprapfirmware.printer import DuetPrinter, crc16
 from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol

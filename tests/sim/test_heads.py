@@ -7,11 +7,11 @@ import pytest
 
 from firmware_profiles import Head, Offset, Printer, load
 from sim.deposit import deposit, deposit_of_heads, united
-from sim.dialect_duet import DuetPrinter
-from sim.dialect_klipper import KlipperPrinter
 from sim.dryrun import dry_run
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
+from sim.families.klipper.printer import KlipperPrinter
+from sim.families.reprapfirmware.printer import DuetPrinter
 from sim.gcode import read_gcode
 from sim.marlin import MarlinPrinter
 from sim.reading.file import read_file

@@ -118,16 +118,16 @@ def test_a_reopened_port_resets_the_board_unless_the_hang_up_flag_is_off(serve, 
     assert served.ask("M114")[0].startswith(b"X:0.00")
 
 
-def test_a_print_over_tcp_at_a_pace_is_stopped_at_once_by_m112(serve, tmp_path):
+def test_a_print_over_tcp_at_a_pace_is_halted_by_m112(serve, tmp_path):
     record = tmp_path / "moved.npz"
     served = serve("--tcp", "0", "--speed", "5", "--record", str(record)).open()
     assert served.address.startswith("socket://127.0.0.1:")
     served.send("G1 X100 F600")
     served.port.write(b"M112\n")
     served.until(b"//action:poweroff")
-    executed = ExecutedMotion.load(record)
-    assert executed.end[-1, 0] < 50 if len(executed) else True
     assert served.end() == 0
+    executed = ExecutedMotion.load(record)
+    assert 6 < executed.end[-1, 0] < 50  # its motors go on for 0.64 s, as a real Marlin's
 
 
 def test_an_unplugged_printer_ends_what_it_has_and_keeps_the_record(serve, tmp_path):

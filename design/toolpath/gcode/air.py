@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import Stops, per_axis
-from design.toolpath.gcode.dialect import Dialect
 from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.gcode.marks import Marks
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 from firmware_profiles import Pneumatic, Printer
+from firmware_profiles.families.dialect import Dialect
 
 _DWELL = 4
 _TOLERANCE = 1e-9

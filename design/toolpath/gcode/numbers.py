@@ -10,9 +10,6 @@ from firmware_profiles import Printer
 
 FLOAT32_DIGITS: Final = 2**23
 """A float32 holds whole quanta exactly up to this many, and four times as finely to a quarter."""
-FEED_DECIMALS: Final = 3
-WORDS: Final = b"XYZEFP"
-"""Letters of a move's words, in the order in which they are written."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.gcode.numbers import WORDS
 from design.toolpath.toolpath import IntArray
+from firmware_profiles.families.dialect import WORDS
 from kernels import jit
 
 Bytes = NDArray[np.uint8]

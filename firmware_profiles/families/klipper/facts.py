@@ -1,18 +1,120 @@
-"""Facts about Klipper."""
+"""Facts about Klipper.
+
+Sources: ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics/extruder.py``,
+``toolhead.py``, docs/Kinematics.md (pressure advance).
+
+- SET_IDLE_TIMEOUT sets its own switch-off.
+- Cold extrusion is allowed in printer.cfg alone (``min_extrude_temp``).
+- G92 X Y Z moves the origin and homes nothing; SET_KINEMATIC_POSITION (section ``force_move``) says
+  where the tip is. SET_GCODE_OFFSET adds to every place until it is set to 0. M200 isn't known.
+- ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
+- What M220 and M221 have set it doesn't tell, so it is reset.
+- SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their present
+  values; its steps, limits and min_extrude_temp it doesn't tell on its terminal.
+"""
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
-from firmware_profiles.families.family import Family, LinkSetup
+from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.family import Family
+from firmware_profiles.families.gate_facts import (
+    Advance,
+    Ask,
+    GateFacts,
+    HeatNamed,
+    OnlyWith,
+    Pass,
+    Rule,
+)
+from firmware_profiles.families.grammar import Grammar
+from firmware_profiles.families.job_facts import (
+    ByHand,
+    ColdExtrusion,
+    HeadFacts,
+    IdleTimeout,
+    m302_by_p,
+)
+from firmware_profiles.families.klipper.codes import CODES, NAMES, WORDS
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
+from firmware_profiles.families.link_facts import LinkFacts, LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol
+from firmware_profiles.families.probe_facts import ProbeFacts
+
+_CLEAN: Final = ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0")
+_HEAT: Final = HeatNamed(
+    keys=("HEATER", "SENSOR"),
+    heaters={"extruder": "nozzle", "heater_bed": "bed"},
+    numbered="extruder",
+    targets=("TARGET", "MINIMUM", "MAXIMUM"),
+)
+_ASKED: Final[dict[str, Rule]] = {
+    "GET_POSITION": Ask(),
+    "STATUS": Ask(),
+    "SET_VELOCITY_LIMIT": Ask(),
+    "SET_PRESSURE_ADVANCE": Ask(),
+    "TURN_OFF_HEATERS": Ask(),
+    "SET_HEATER_TEMPERATURE": _HEAT,
+}
 
 
 def _make_protocol(setup: LinkSetup) -> LinkProtocol:
     return KlipperProtocol(setup.timing)
 
 
+def _confirms(number: int) -> tuple[bytes, ...]:
+    name = b"extruder%b" % (b"%d" % number if number else b"")
+    return b"Activating extruder " + name, b"Extruder %b already active" % name
+
+
 FAMILY: Final = Family(
-    "klipper", _make_protocol, keepalive=False, tells_steps=False, remembers=False
+    link=LinkFacts(says="klipper", make_protocol=_make_protocol, plans_by_time=True),
+    grammar=Grammar(codes=CODES, names=NAMES, words=WORDS, named=True),
+    dialect=always(
+        Dialect(
+            "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
+            clean=_CLEAN,
+            declares="SET_KINEMATIC_POSITION X={x} Y={y} Z={z}",
+            zero_is_off=False,
+        )
+    ),
+    gate=GateFacts(
+        console=_ASKED,
+        job={
+            **_ASKED,
+            "ACTIVATE_EXTRUDER": Pass(),
+            "SET_FAN_SPEED": Pass(),
+            "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
+            "SET_IDLE_TIMEOUT": Pass(),
+            "SET_KINEMATIC_POSITION": Pass(),
+            "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
+            "TEMPERATURE_WAIT": _HEAT,
+        },
+        resets=_CLEAN,
+    ),
+    probe=ProbeFacts(
+        (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),
+        {"max_accel": "acceleration_mm_s2", "idle_timeout: Timeout set to": "idle_timeout_s"},
+    ),
+    timeout=IdleTimeout("SET_IDLE_TIMEOUT", "TIMEOUT", "SET_IDLE_TIMEOUT"),
+    cold=ColdExtrusion(
+        "set min_extrude_temp to 0 in printer.cfg (extruder), then "
+        "cold_extrusion_configured in the profile: no command does it",
+        m302_by_p,
+    ),
+    heads=HeadFacts(
+        select=re.compile(r"ACTIVATE_EXTRUDER EXTRUDER=extruder([1-7]?)"),
+        example="ACTIVATE_EXTRUDER EXTRUDER=extruder1",
+        confirms=_confirms,
+    ),
+    by_hand=ByHand(
+        "printer.cfg",
+        "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
+        "there with enable_force_move, else it refuses the first move; see that they are",
+        widest_push=True,
+    ),
+    advance=rb"SET_PRESSURE_ADVANCE\b[^;]*?\bADVANCE=([0-9.]+)",
+    advances_across_only=True,
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
+from firmware_profiles.families import question
 from firmware_profiles.families.marlin.replies import (
     ORDER_ERROR,
     Kind,
@@ -14,10 +15,7 @@ from firmware_profiles.families.marlin.replies import (
     unknown_command,
 )
 
-QUESTION: Final = b"\n" + frame(99_999_999, b"M105")
-"""Starts with a line end, to end what noise may have left open. Any tail of it that survives a
-flush reads M105 or an unknown command, both harmless."""
-
+QUESTION: Final = question.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 
 

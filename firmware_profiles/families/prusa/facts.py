@@ -1,10 +1,60 @@
-"""Facts about Prusa-Firmware, a fork of Marlin."""
+"""Facts about Prusa-Firmware, a fork of Marlin 1; not verified on a board.
+
+Source: ``Marlin_main.cpp``. M85 as Marlin's; M302 knows S alone, 0 where it isn't given.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
+from firmware_profiles.families.dialect import Dialect, always
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.marlin.facts import make_protocol
+from firmware_profiles.families.gate_facts import GateFacts
+from firmware_profiles.families.grammar import Grammar, codes
+from firmware_profiles.families.job_facts import ColdExtrusion
+from firmware_profiles.families.link_facts import LinkFacts
+from firmware_profiles.families.marlin import codes as marlins
+from firmware_profiles.families.marlin.facts import (
+    ADVANCE,
+    QUICKSTOP,
+    RUN_ON_S,
+    TIMEOUT,
+    make_protocol,
+)
+from firmware_profiles.families.probe_facts import ProbeFacts
 
-FAMILY: Final = Family("prusa", make_protocol)
+_MISSING: Final = codes("M", 113, 154, 428, 876)
+_OWN: Final = codes("G", 10, 11, 80) | codes("M", 42, 73, 80, 81, 201, 207, 226, 300, 600, 900)
+
+
+def _m302(words: Mapping[str, float]) -> int:
+    return 1 if words.get("S", 0.0) == 0 else -1
+
+
+FAMILY: Final = Family(
+    link=LinkFacts(
+        says="prusa",
+        make_protocol=make_protocol,
+        keepalive=True,
+        tells_steps=True,
+        remembers=True,
+        pairs=True,
+        cuts_long_lines=True,
+        m84_sets_timeout=True,
+        run_on_s=RUN_ON_S,
+        quickstop=QUICKSTOP,
+    ),
+    grammar=Grammar(
+        codes=(marlins.CODES - _MISSING) | _OWN,
+        words={**marlins.WORDS, "G28": "X? Y? Z? W?", "M113": "S"},
+        whole=marlins.WHOLE,
+        lower_case=False,
+    ),
+    dialect=always(Dialect("M85 S{seconds}", "M302 S0")),
+    gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111")),
+    probe=ProbeFacts((b"M115", b"M503", b"M211")),
+    timeout=TIMEOUT,
+    cold=ColdExtrusion("send M302 S0 before", _m302),
+    advance=ADVANCE,
+)

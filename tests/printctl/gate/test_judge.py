@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from design.toolpath.gcode.dialect import DIALECTS
+from design.toolpath.gcode.dialect import dialect_of
 from firmware_profiles import Dish, Needle, Printer, load
 from printctl.gate import Act, Allowed, Bounds, Door, Known, Phase, Refusal, foreseen, judge
 
@@ -119,7 +119,7 @@ def test_a_valve_is_opened_by_a_print_alone():
 
 @pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET, PNEUMATIC])
 def test_every_line_of_our_own_header_passes_the_jobs_door(printer):
-    dialect = DIALECTS[printer.firmware]
+    dialect = dialect_of(printer)
     for line in [*dialect.header(printer, ("1", "2", "3")), *dialect.footer(), dialect.dwell(0.5)]:
         assert allowed(line, Known.of_job(printer), Door.JOB)
 

@@ -11,7 +11,6 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.job import Job
 from printctl.link.journal import History, Journal
@@ -19,6 +18,7 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport import Transport
+from printctl.link.wiring import Wiring
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeMarlin
 from tests.printctl.link.jobs import parse_job

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import threading
-from dataclasses import replace
 
 import pytest
 
-from printctl.link import channel
+from printctl.link import kill
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost, Refused
@@ -95,10 +94,9 @@ class FullWire(FakeTransport):
 
 
 def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(channel, "KILL_REPEAT_S", 0.001)
+    monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
     printer = FakeMarlin()
     transport = FullWire(printer, VirtualClock())
-    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path)
     threads: list[threading.Thread] = []
 
     def on_status(status: Status) -> None:
@@ -107,7 +105,7 @@ def test_kill_is_tried_again_on_a_wire_that_takes_nothing(tmp_path, monkeypatch)
             threads[0].start()
             threads[0].join(0.05)
 
-    streamer.wiring = replace(streamer.wiring, on_status=on_status)
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, on_status)
     status = streamer.run()
     threads[0].join(10)
     assert transport.refusals < 0
@@ -167,14 +165,14 @@ def test_print_whose_journal_misses_records_is_not_gone_on_with(tmp_path):
 def test_controlled_stop_never_lowers_a_needle_that_stands_higher_than_the_job_says(tmp_path):
     printer = FakeMarlin()
     job = job_of([b"G92 E0", b"G1 Z5 F300", *zigzag(3000)])
-    streamer = streamer_of(job, FakeTransport(printer, VirtualClock()), tmp_path)
 
     def on_status(status: Status) -> None:
         if status.lines_done > 50 and status.state is LinkState.PRINTING:
             printer.at["Z"] = 60.0  # a garbled line sent it there
             streamer.stop()
 
-    streamer.wiring = replace(streamer.wiring, on_status=on_status)
+    transport = FakeTransport(printer, VirtualClock())
+    streamer = streamer_of(job, transport, tmp_path, on_status)
     status = streamer.run()
     assert status.state is LinkState.STOPPED
     assert "G1 Z80.00000 F300" in printer.executed[-4:]

@@ -9,7 +9,6 @@ from firmware_profiles.families import find_family
 from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.care import Care
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.firmware import parse_firmware
@@ -17,6 +16,7 @@ from printctl.link.journal import Journal, read_journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
 from tests.printctl.link.jobs import parse_job, with_codes
@@ -171,12 +171,12 @@ def test_names_of_all_families_are_read():
     }
     for text, family in replies.items():
         firmware = parse_firmware([text])
-        assert firmware.is_a(find_family(family).says), text
+        assert firmware.is_a(find_family(family).link.says), text
         assert ":" not in firmware.name.replace("03:35:05", "")
 
 
 def test_only_marlin_is_called_verified():
-    assert [name for name in STREAMED if find_family(name).verified] == ["marlin"]
+    assert [name for name in STREAMED if find_family(name).link.verified] == ["marlin"]
 
 
 def test_prusas_unknown_code_is_known_as_such():

@@ -14,7 +14,6 @@ import yaml
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link import LinkState, resume_print, start_print
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from printctl.link.families import protocol_for
@@ -22,8 +21,9 @@ from printctl.link.journal import Journal
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import SimulatedTransport
-from sim.dialects import simulated_printer
+from printctl.link.wiring import Wiring
 from sim.executed import ExecutedMotion
+from sim.families.registry import simulated_printer
 from sim.fault_plan import FaultPlan
 from sim.faults import Fault, FaultFile
 from sim.marlin import MarlinPrinter

@@ -18,12 +18,12 @@ from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.link.jobs import parse_job

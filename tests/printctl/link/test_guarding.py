@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
@@ -35,13 +33,12 @@ def written_in_a_print(tmp_path) -> list[bytes]:
     printer, clock = FakeMarlin(), VirtualClock()
     transport = FakeTransport(printer, clock)
     job = job_of([b"M104 S37", b"M400", b"M114", *zigzag(20)])
-    streamer = streamer_of(job, transport, tmp_path)
 
     def on_status(status):
         if status.state is LinkState.PAUSED:
             streamer.resume()
 
-    streamer.wiring = replace(streamer.wiring, on_status=on_status)
+    streamer = streamer_of(job, transport, tmp_path, on_status)
     streamer.pause()
     assert streamer.run().state is LinkState.DONE
     lines = {line + b"\n" for line in bytes(transport.written).split(b"\n") if line}

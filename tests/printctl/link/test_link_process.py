@@ -245,8 +245,7 @@ def test_client_that_never_reads_holds_nobody_up(tmp_path, profile):
     with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         assert served.held.wait(10)
-        with attach(tmp_path / "run") as mute:
-            mute._send("subscribe")
+        with attach(tmp_path / "run"):  # subscribed by that; reads nothing
             served.gate.set()
             assert client.wait(30).state is LinkState.DONE
 
@@ -304,7 +303,7 @@ def test_client_whose_connection_broke_finds_the_print_again(tmp_path, profile):
     with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")
         assert served.held.wait(10)
-        client._socket.shutdown(socket.SHUT_RDWR)
+        client._connection._socket.shutdown(socket.SHUT_RDWR)
         client.stop()
         served.gate.set()
         assert client.wait(30).state is LinkState.STOPPED

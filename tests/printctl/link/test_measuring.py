@@ -10,8 +10,8 @@ from firmware_profiles import Printer, Watched
 from printctl.cli.status import watched
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
+from printctl.link.gauges import Gauge
 from printctl.link.journal import read_journal, read_records
-from printctl.link.measuring import Gauge
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.transport_simulated import HostDiedError

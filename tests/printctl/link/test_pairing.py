@@ -13,12 +13,12 @@ from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
 from sim.dryrun import dry_run
 from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job

@@ -345,7 +345,7 @@ def test_host_killed_in_a_pause_after_a_layer_goes_on_exactly(tmp_path, last):
 
     def status(one):
         if one.state is LinkState.PRINTING and not script.armed and script.streamer:
-            script.streamer.watch.after = MarkKind.LAYER
+            script.streamer.parts.watch.pause_after(MarkKind.LAYER)
         pause_at_once(one)
 
     script.status = status  # type: ignore[method-assign]

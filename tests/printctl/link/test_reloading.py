@@ -15,6 +15,7 @@ from printctl.link.errors import LinkError
 from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.reloading import plan_reloads, plunger_travel
+from printctl.link.requests import Request
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
@@ -103,7 +104,7 @@ def test_resuming_without_a_word_about_the_syringe_is_refused(tmp_path):
             with pytest.raises(LinkError, match="paused for a change of syringe"):
                 streamer.resume()
             refused.append(True)
-            streamer._wishes.append("resume")  # the printer's own button
+            streamer.parts.queue.add(Request.RESUME)  # the printer's own button
         else:
             assert "not resumed" in streamer.status.message
             streamer.resume(unchanged=True)

@@ -13,13 +13,14 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal, read_journal
 from printctl.link.retreat import Retreat
+from printctl.link.slips import SOONEST_LINES
 from printctl.link.states import LinkState, Status
-from printctl.link.streamer import SOONEST_LINES, Streamer
+from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
+from printctl.link.wiring import Wiring
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.faults import parse_fault

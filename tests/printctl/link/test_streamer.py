@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
-from printctl.link import channel
-from printctl.link.channel import Wiring
+from printctl.link import kill
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import JournalError, PortLost
 from printctl.link.job import Job
@@ -20,6 +19,7 @@ from printctl.link.journal import Journal, read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.link.jobs import parse_job
 
@@ -32,15 +32,16 @@ def streamer_of(
     job: Job,
     transport: FakeTransport | ScriptedTransport,
     path: Path,
-    seen: list[Status] | None = None,
+    on_status: Callable[[Status], None] = lambda status: None,
+    journal: Journal | None = None,
 ) -> Streamer:
     wiring = Wiring(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(path / "journal.log"),
+        journal=journal or Journal(path / "journal.log"),
         printer=load(Printer, "generic_marlin"),
-        on_status=seen.append if seen is not None else lambda status: None,
+        on_status=on_status,
     )
     return Streamer(wiring, job)
 
@@ -112,7 +113,7 @@ def test_printer_that_falls_silent_fails_at_its_limit_and_alarms_long_before(tmp
                 printer.mute = True
                 silent_from.append(clock.now())
 
-    status = streamer_of(job_of(zigzag(3000)), transport, tmp_path, Muting()).run()
+    status = streamer_of(job_of(zigzag(3000)), transport, tmp_path, Muting().append).run()
     assert status.state is LinkState.FAILED
     assert not status.position_known
     assert "may or may not have been taken" in status.message
@@ -125,15 +126,13 @@ def test_many_line_errors_pause_the_print(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
     transport = FakeTransport(printer, clock, np.random.default_rng(3), noise=0.004)
     seen: list[Status] = []
-    streamer = streamer_of(job_of(zigzag(2000)), transport, tmp_path, seen)
 
-    class Stopping(list):
-        def append(self, status: Status) -> None:
-            seen.append(status)
-            if status.state is LinkState.PAUSED:
-                streamer.stop()
+    def stopping(status: Status) -> None:
+        seen.append(status)
+        if status.state is LinkState.PAUSED:
+            streamer.stop()
 
-    streamer.wiring = replace(streamer.wiring, on_status=Stopping().append)
+    streamer = streamer_of(job_of(zigzag(2000)), transport, tmp_path, stopping)
     status = streamer.run()
     assert LinkState.PAUSED in [one.state for one in seen]
     assert status.state is LinkState.STOPPED
@@ -142,7 +141,6 @@ def test_many_line_errors_pause_the_print(tmp_path):
 
 def test_full_disk_ends_in_a_controlled_stop(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
-    streamer = streamer_of(job_of(zigzag(3000)), FakeTransport(printer, clock), tmp_path)
 
     class FullDisk(Journal):
         def add(self, sort: str, **values: object) -> None:
@@ -150,7 +148,8 @@ def test_full_disk_ends_in_a_controlled_stop(tmp_path):
                 raise JournalError("journal can't be written: disk full; free space on the disk")
             super().add(sort, **values)
 
-    streamer.wiring = replace(streamer.wiring, journal=FullDisk(tmp_path / "other.log"))
+    transport, journal = FakeTransport(printer, clock), FullDisk(tmp_path / "other.log")
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, journal=journal)
     status = streamer.run()
     assert status.state is LinkState.FAILED
     assert "disk full" in status.message
@@ -204,18 +203,16 @@ def test_kill_leaves_while_a_write_is_stuck(tmp_path):
 
 
 def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(channel, "KILL_REPEAT_S", 0.001)
+    monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
     printer, clock = FakeMarlin(), VirtualClock()
     transport = FakeTransport(printer, clock)
-    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path)
 
-    class Killing(list):
-        def append(self, status: Status) -> None:
-            if status.lines_done > 50:
-                printer.mute = True
-                streamer.kill()
+    def killing(status: Status) -> None:
+        if status.lines_done > 50:
+            printer.mute = True
+            streamer.kill()
 
-    streamer.wiring = replace(streamer.wiring, on_status=Killing().append)
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, killing)
     status = streamer.run()
     assert status.state is LinkState.KILLED
     assert "reset line" in status.message
@@ -233,14 +230,12 @@ def test_stop_after_homing_asks_where_the_needle_is(tmp_path):
     printer, clock = FakeMarlin(), VirtualClock()
     printer.at.update(Z=3.0, E=1.0)
     job = job_of([b"G28", *[b"M105"] * 3000])
-    streamer = streamer_of(job, FakeTransport(printer, clock), tmp_path)
 
-    class Stopping(list):
-        def append(self, status: Status) -> None:
-            if status.lines_done > 10:
-                streamer.stop()
+    def stopping(status: Status) -> None:
+        if status.lines_done > 10:
+            streamer.stop()
 
-    streamer.wiring = replace(streamer.wiring, on_status=Stopping().append)
+    streamer = streamer_of(job, FakeTransport(printer, clock), tmp_path, stopping)
     assert streamer.run().state is LinkState.STOPPED
     assert printer.numbered[-3:] == ["G1 E0.90000 F30", "G1 Z23.00000 F300", "M400"]
 
@@ -325,14 +320,13 @@ def test_command_that_was_not_taken_after_all_is_counted_where_it_was(tmp_path, 
     lines = zigzag(100)
     if breaks:
         transport.breaks_at = lines[60]
-    streamer = streamer_of(job_of(lines), transport, tmp_path)
     asked: list[Status] = []
 
     def pause_once(status: Status) -> None:
         if status.state is LinkState.PAUSED:
             streamer.resume()
 
-    streamer.wiring = replace(streamer.wiring, on_status=pause_once)
+    streamer = streamer_of(job_of(lines), transport, tmp_path, pause_once)
     take = printer._take
 
     def taking(line: str) -> bytes:

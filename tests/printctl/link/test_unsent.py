@@ -13,7 +13,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
 from printctl.link.errors import Refused
-from printctl.link.families import family_of, protocol_for, refuse_unsent
+from printctl.link.families import link_facts, protocol_for, refuse_unsent
 from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.pipeline.stages import printing
@@ -60,7 +60,7 @@ def test_a_print_is_refused_before_a_port_is_looked_for(
 
 
 def test_no_state_machine_and_no_question_is_for_it() -> None:
-    for ask in (lambda: protocol_for(PRINTER, 0.05), lambda: family_of(PRINTER)):
+    for ask in (lambda: protocol_for(PRINTER, 0.05), lambda: link_facts(PRINTER)):
         with pytest.raises(Refused, match="takes no lines from a host"):
             ask()
     with pytest.raises(Refused, match="takes no lines from a host"):

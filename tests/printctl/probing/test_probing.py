@@ -11,14 +11,14 @@ import yaml
 
 from firmware_profiles import Axes, Printer, Span, load
 from firmware_profiles.families import find_family
-from printctl.link.channel import Wiring
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortInUse
 from printctl.link.journal import Journal
 from printctl.link.transport import open_port
+from printctl.link.wiring import Wiring
 from printctl.probing import Settings, ask_settings, compare, corrected, read_settings
 from printctl.probing.ask import ask_wired
-from sim.dialects import simulated_printer
+from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
 from tests.sim_process import printer_process
@@ -62,7 +62,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
 def test_just_what_differs_is_found(firmware: str, differs: set[str], tmp_path: Path) -> None:
     settings, profile = asked(firmware, tmp_path)
     rows = compare(settings, profile)
-    assert find_family(firmware).says in settings.firmware.lower()
+    assert find_family(firmware).link.says in settings.firmware.lower()
     assert {row.key for row in rows if not row.same} == differs
     found = {row.key: row.printer for row in rows}
     if firmware != "klipper":
@@ -81,7 +81,7 @@ def test_asking_changes_nothing_and_moves_nothing(tmp_path: Path) -> None:
 
 def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
     settings = read_settings(
-        "reprapfirmware",
+        find_family("reprapfirmware"),
         {
             b"M115": (
                 b"FIRMWARE_NAME: RepRapFirmware for Duet 2 WiFi/Ethernet FIRMWARE_VERSION: 3",
@@ -102,7 +102,7 @@ def test_rrf_answers_of_a_real_board_s_wording_are_read() -> None:
 
 def test_smoothie_s_list_is_read() -> None:
     settings = read_settings(
-        "smoothieware",
+        find_family("smoothieware"),
         {
             b"M503": (
                 b";Steps per unit:",
@@ -118,7 +118,7 @@ def test_smoothie_s_list_is_read() -> None:
 
 def test_endstops_that_are_off_are_told() -> None:
     replies = (b"  M211 S0 ; OFF", b"  Min:  X0.00 Y0.00 Z0.00   Max:  X200.00 Y200.00 Z200.00")
-    settings = read_settings("marlin", {b"M211": replies})
+    settings = read_settings(find_family("marlin"), {b"M211": replies})
     assert "endstops are off" in settings.notes[0]
     assert settings.values["x_mm.high"] == 200
 

@@ -1,0 +1,66 @@
+"""Dialect of Aerotech's controllers; not verified on a machine.
+
+The file is loaded by the controller's own software. Automation1's help
+(help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in seconds, so that F is mm/s;
+G0 moves each axis at its own rate, not along a line, so travels are G1 here; ``//`` begins a
+comment. A3200: mecode's own program text (github.com/jminardi/mecode, header.txt and footer.txt):
+``$DO0.0=0``, ``G4 P0.15`` in seconds; ORNL Slicer 2, aerobasic_writer.cpp: ``VELOCITY ON`` keeps
+the head from stopping at each move's end, ``$DO[0].X=1``, F in mm/s; G71 and G92 as in the programs
+of others. ``;`` begins a comment in mecode's files, but would part two statements in AeroScript, so
+it isn't used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from firmware_profiles.errors import ProfileError
+from firmware_profiles.families.aerotech.controller import Aerotech
+from firmware_profiles.families.dialect import WORDS, Dialect
+
+if TYPE_CHECKING:
+    from firmware_profiles.printers import Printer
+
+_COMMON: Final = Dialect(
+    clean=(),
+    modes=("G71", "G76", "G90"),
+    absolute_e=(),
+    feed_s=1.0,
+    feed_decimals=5,
+    dwell_decimals=3,
+    travels=1,
+    comment="//",
+    counts_anew=False,
+)
+_BLENDING: Final = {"a3200": "VELOCITY ON", "automation1": "G108"}
+_WAITS: Final = {"a3200": "WAIT MOVEDONE {}", "automation1": "WaitForMotionDone([{}])"}
+
+
+def dialect_of(printer: Printer) -> Dialect:
+    """Return the dialect of the printer's controller.
+
+    Raises
+    ------
+    ProfileError
+        When the profile doesn't say which it is.
+    """
+    if printer.aerotech is None:
+        raise ProfileError(
+            f"profile {printer.name!r} doesn't say which Aerotech controller it is for; give it "
+            "(aerotech: {controller: a3200})"
+        )
+    return _completed(_COMMON, printer.aerotech)
+
+
+def _completed(dialect: Dialect, aerotech: Aerotech) -> Dialect:
+    """Blending and waiting in the controller's language, and the plunger's own letter."""
+    letter = aerotech.plunger_axis or ""
+    axes = ["X", "Y", "Z", *letter]
+    between = " " if aerotech.controller == "a3200" else ", "
+    return replace(
+        dialect,
+        modes=(*dialect.modes, _BLENDING[aerotech.controller]),
+        waits=_WAITS[aerotech.controller].format(between.join(axes)),
+        words=WORDS.replace(b"E", (letter or "E").encode()),
+    )

@@ -1,0 +1,108 @@
+"""What the gate knows of a firmware family: own rules, questions and resets before a start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Let a question pass; with other letters than these the code sets something."""
+
+    letters: str = ""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Let a command pass with any words."""
+
+
+@dataclass(frozen=True)
+class OnlyWith:
+    """Let a setting pass that takes another back: these words with these values alone.
+
+    Attributes
+    ----------
+    values : mapping
+        Letter or key to the one value it may have.
+    remedy : str
+        What to do instead of another value.
+    """
+
+    values: Mapping[str, float]
+    remedy: str
+
+
+@dataclass(frozen=True)
+class TakeOffsetBack:
+    """Let a head's offset pass whose words are all 0.
+
+    Attributes
+    ----------
+    head : str
+        Letter of the head's number.
+    """
+
+    head: str
+
+
+@dataclass(frozen=True)
+class Advance:
+    """Let a setting of pressure advance pass that says what the profile says.
+
+    Attributes
+    ----------
+    key : str
+        Letter or key of the value, s.
+    """
+
+    key: str
+
+
+@dataclass(frozen=True)
+class HeatNamed:
+    """Judge the target of a heater that is told by its name.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Those that name the heater.
+    heaters : mapping
+        Name to what it heats: ``nozzle`` or ``bed``.
+    numbered : str
+        What a name begins with that a nozzle's number follows.
+    targets : tuple of str
+        Keys of temperatures, °C.
+    """
+
+    keys: tuple[str, ...]
+    heaters: Mapping[str, str]
+    numbered: str
+    targets: tuple[str, ...]
+
+
+Rule = Ask | Pass | OnlyWith | TakeOffsetBack | Advance | HeatNamed
+
+
+@dataclass(frozen=True)
+class GateFacts:
+    """A family's own part of the gate.
+
+    Attributes
+    ----------
+    console, job : mapping of str to Rule
+        By code: what these doors let pass beside what all families take.
+    questions : tuple of str
+        Asked before a start; none of it sets anything.
+    resets : tuple of str
+        Sent before a start because the firmware doesn't tell what is set.
+    speed_per_s : float
+        What M203 is told per: 1 for mm/s, 60 for mm/min.
+    """
+
+    console: Mapping[str, Rule] = field(default_factory=dict)
+    job: Mapping[str, Rule] = field(default_factory=dict)
+    questions: tuple[str, ...] = ()
+    resets: tuple[str, ...] = ()
+    speed_per_s: float = 1.0

@@ -1,0 +1,80 @@
+"""How a firmware family reads a line, and which commands it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import Final
+
+TEXT: Final = "text"
+"""Of a code whose rest is a text or a file's name."""
+
+
+class Meaning(Enum):
+    """What a command with a name does, as far as a job's checks go."""
+
+    PLACES = auto()
+    """Tells where the tip stands (``X=``, ``Y=``, ``Z=``), as G92 does."""
+    SHIFTS = auto()
+    """Shifts every place that is named after it."""
+    CHOOSES = auto()
+    """Chooses a head (``EXTRUDER=``), as T does."""
+    HEATS = auto()
+    """Sets the target (``TARGET=``) of a heater (``HEATER=``), °C."""
+    OTHER = auto()
+    """Moves nothing, and heats nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grammar:
+    """What a family makes of a line.
+
+    Attributes
+    ----------
+    codes : frozenset of str
+        Commands that it knows by letter and number; T with any number is known to all.
+    head_codes : frozenset of str
+        Those that it knows beyond them where it was built for several heads.
+    names : mapping of str to Meaning
+        Commands with names that it knows. A name means the same in every family.
+    words : mapping of str to str
+        Letters that a code knows, separated by blanks: one needs a number; with ``?`` it may stand
+        alone. `TEXT` where the rest is a text. A code that isn't here takes any word.
+    whole : frozenset of str
+        Codes whose numbers it cuts to whole ones.
+    named : bool
+        Whether it reads commands with a name and ``KEY=value``.
+    lower_case : bool
+        Whether it takes commands in small letters.
+    quoted_words : bool
+        Whether a letter may be followed by a text in quotes.
+    crc16 : bool
+        Whether a checksum of five digits is a CRC-16; else every checksum is an XOR.
+    powers_of_ten : bool
+        Whether it reads 1E-5 as a number.
+    """
+
+    codes: frozenset[str]
+    head_codes: frozenset[str] = frozenset()
+    names: Mapping[str, Meaning] = field(default_factory=dict)
+    words: Mapping[str, str] = field(default_factory=dict)
+    whole: frozenset[str] = frozenset()
+    named: bool = False
+    lower_case: bool = True
+    quoted_words: bool = False
+    crc16: bool = False
+    powers_of_ten: bool = False
+
+
+def codes(letter: str, *numbers: int | range) -> frozenset[str]:
+    """Name commands: ``codes("G", 0, to(17, 21))``."""
+    found: list[int] = []
+    for number in numbers:
+        found += [number] if isinstance(number, int) else number
+    return frozenset(f"{letter}{number}" for number in found)
+
+
+def to(first: int, last: int) -> range:
+    """Return the numbers from ``first`` to ``last``, both included."""
+    return range(first, last + 1)

@@ -1,0 +1,81 @@
+"""Controlled end of a print: out of the bath, heaters off, settings as they were."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from printctl.link.channel import Channel
+from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.head_choice import HeadChoice
+from printctl.link.position_check import PositionCheck
+from printctl.link.retreat import heaters_off
+from printctl.link.states import LinkState, PrintEnded
+from printctl.link.valve_switch import ValveSwitch
+
+
+class Ending:
+    """Ends a print whose printer still answers.
+
+    Parameters
+    ----------
+    channel : Channel
+    firmware : FirmwareCheck
+    heads : HeadChoice
+    position : PositionCheck
+    valve : ValveSwitch
+    """
+
+    def __init__(
+        self,
+        channel: Channel,
+        firmware: FirmwareCheck,
+        heads: HeadChoice,
+        position: PositionCheck,
+        valve: ValveSwitch,
+    ) -> None:
+        self._channel, self._firmware, self._heads = channel, firmware, heads
+        self._position, self._valve = position, valve
+        self._logbook, self._printer = channel.logbook, channel.wiring.printer
+
+    def retreat(self, state: LinkState, message: str) -> NoReturn:
+        """Relieve the plunger, lift the needle, switch off; nothing may be in flight.
+
+        Raises
+        ------
+        PrintEnded
+            Always, in ``state``.
+        """
+        self._valve.shut()
+        self._logbook.enter(LinkState.STOPPING, message)
+        self._logbook.take_fault()
+        relieved = self._logbook.progress.relieved_mm
+        at = self._position.actual()
+        self._channel.commands(self._heads.retreat.leave(at, self._printer, relieved))
+        self._heaters_off()
+        self._channel.command(b"M400")
+        self._firmware.undo_settings()
+        fault = self._logbook.fault
+        if fault:
+            message += f"; the way out wasn't made as meant: {fault}"
+        raise PrintEnded(state, message)
+
+    def end_paused(self, message: str) -> NoReturn:
+        """Switch off where the needle is out of the bath already.
+
+        Raises
+        ------
+        PrintEnded
+            Always: stopped.
+        """
+        self._heaters_off()
+        self._firmware.undo_settings()
+        raise PrintEnded(LinkState.STOPPED, message)
+
+    def end_on_fault(self) -> None:
+        """End the print where printer or journal complained of something."""
+        if self._logbook.fault:
+            self._channel.settle()
+            self.retreat(LinkState.FAILED, self._logbook.fault)
+
+    def _heaters_off(self) -> None:
+        self._channel.commands(heaters_off(self._printer))

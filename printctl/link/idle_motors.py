@@ -1,0 +1,48 @@
+"""Motors and timeouts of a firmware while a print is held."""
+
+from __future__ import annotations
+
+from firmware_profiles.families import family_of
+from printctl.link.channel import Channel
+from printctl.link.families import link_facts
+from printctl.link.modal import last_of
+
+
+class IdleMotors:
+    """Keeps one printer from switching off by itself.
+
+    Parameters
+    ----------
+    channel : Channel
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._progress = channel, channel.logbook.progress
+        printer = channel.wiring.printer
+        self._m84_sets_timeout = link_facts(printer).m84_sets_timeout
+        timeout = family_of(printer).timeout
+        self._timeouts = (timeout.code.encode("ascii"),) if timeout else ()
+
+    def hold(self) -> None:
+        """Keep the firmware from cutting the motors' power while the needle waits."""
+        if self._m84_sets_timeout:
+            self._channel.command(b"M84 S0")
+
+    def release(self) -> None:
+        """Set the time again after which they lose their power, where the job gave one.
+
+        No firmware tells which was in force: a job that gave none leaves them powered.
+        """
+        given = self._last_of((b"M84", b"M18"))
+        if self._m84_sets_timeout and given is not None and b"S" in given:
+            self._channel.command(given)
+
+    def sign_of_life(self) -> None:
+        """Show that the printer is there, and begin its own switch-off time anew.
+
+        Only moves and the command that sets that time begin it anew; M105 doesn't.
+        """
+        self._channel.command(self._last_of(self._timeouts) or b"M105")
+
+    def _last_of(self, codes: tuple[bytes, ...]) -> bytes | None:
+        return last_of(self._progress.job.lines, self._progress.done, codes)

@@ -1,0 +1,125 @@
+"""Halt of the firmware, written to the wire at once by any thread."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from typing import Final
+
+from printctl.link.errors import PortLost
+from printctl.link.firmware import Firmware
+from printctl.link.halting import Halting, halting_of
+from printctl.link.states import LinkState, PrintEnded
+from printctl.link.wiring import Wiring
+
+KILL_REPEAT_S: Final = 0.2
+KILL_ATTEMPTS: Final = 10
+KILL_WAIT_S: Final = 4.0
+
+
+class Kill:
+    """One printer's halt.
+
+    Parameters
+    ----------
+    wiring : Wiring
+
+    Attributes
+    ----------
+    asked : threading.Event
+        Set once somebody has asked for it; nothing else is sent from then on.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.asked: Final = threading.Event()
+        self._wiring = wiring
+        self._parser = wiring.printer.emergency_parser
+        self._left = self._host_s = 0.0
+        self._sent = False
+        self._halted = threading.Event()
+        self._ended = threading.Event()
+
+    @property
+    def halting(self) -> Halting:
+        """How the firmware is halted: by what it says of itself (M115), else by its profile."""
+        wiring = self._wiring
+        return halting_of(wiring.printer, wiring.protocol.kill_bytes, self._parser)
+
+    def learn(self, firmware: Firmware) -> None:
+        """Take notice of what the firmware says of its emergency parser."""
+        profile = self._wiring.printer.emergency_parser
+        self._parser = firmware.capabilities.get("EMERGENCY_PARSER", profile)
+
+    # --- for any thread --------------------------------------------------------------------------
+
+    def strike(self) -> None:
+        """Halt the firmware at once, from any thread and any state.
+
+        The family's `halting` goes to the wire before anything else is done. M112 is repeated
+        until the printer says that it has halted; after `KILL_ATTEMPTS` the reset line is pulled.
+        """
+        if self._ended.is_set():
+            return
+        wiring = self._wiring
+        asked = self._left = wiring.clock.now()
+        self.asked.set()
+        halting = self.halting
+        halts = ((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
+        for attempt, (data, wait_s) in enumerate(halting.first + halts):
+            with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
+                wiring.transport.write_urgent(data)
+                self._sent |= data == halting.last
+            if attempt == 0:
+                self._left = wiring.clock.now()
+                self._host_s = self._left - asked
+            if self._halted.wait(wait_s) or self._ended.is_set():
+                return
+        self._sent = True
+        wiring.transport.reset()
+
+    def end(self) -> None:
+        """Take notice that nobody speaks to the printer any more: a later `strike` is no use."""
+        self._ended.set()
+
+    # --- for the thread that speaks to the printer -----------------------------------------------
+
+    def halted(self) -> None:
+        """Take notice that the printer says that it has halted."""
+        self._halted.set()
+
+    def words(self, speed_mm_s: float) -> str:
+        """Return what was sent and how soon it worked, once the printer has halted."""
+        printer_s = self._wiring.clock.now() - self._left
+        return (
+            f"killed by the user; {self.halting.words} left the host after "
+            f"{self._host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
+            f"later that it has halted; {self.halting.told(speed_mm_s)}"
+        )
+
+    def await_halt(self, hear: Callable[[], None]) -> None:
+        """Wait for the printer to say that it has halted; send nothing more.
+
+        Parameters
+        ----------
+        hear : callable
+            Reads what the printer says, waiting for it, and handles it.
+
+        Raises
+        ------
+        PrintEnded
+        """
+        clock = self._wiring.clock
+        limit = clock.now() + KILL_WAIT_S
+        while clock.now() < limit or not self._sent:
+            if not self._sent:
+                limit = clock.now() + KILL_WAIT_S
+            try:
+                hear()
+            except PortLost:
+                break
+        raise PrintEnded(
+            LinkState.KILLED,
+            "killed by the user; the printer has NOT confirmed: cut its power",
+            known=False,
+        )

@@ -1,0 +1,48 @@
+"""Commands that people and the product itself send between two lines of a job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from printctl.gate import Known, Refusal
+from printctl.link.channel import Channel
+from printctl.link.gating import Manual, judge_typed
+from printctl.link.requests import RequestQueue
+
+
+class ManualCommands:
+    """Sends those that wait.
+
+    Parameters
+    ----------
+    channel : Channel
+    requests : RequestQueue
+    """
+
+    def __init__(self, channel: Channel, requests: RequestQueue) -> None:
+        self._channel, self._logbook = channel, channel.logbook
+        self._requests = requests
+
+    def send_all(self, known: Callable[[], Known]) -> None:
+        """Send what waits; ``known`` is what the gate is told of the moment."""
+        while (manual := self._requests.take_command()) is not None:
+            self._send(manual, known)
+
+    def _send(self, manual: Manual, known: Callable[[], Known]) -> None:
+        """Send a command, if the gate lets it pass as things stand.
+
+        What the printer says against it ends no print: nothing else was under way.
+        """
+        if manual.refused is None:
+            manual.done(self._channel.command(manual.text.encode("ascii")))
+            return
+        verdict = judge_typed(manual.text, known())
+        if isinstance(verdict, Refusal):
+            self._logbook.notice(verdict.message)
+            manual.refused(verdict.message)
+            return
+        before = self._logbook.fault
+        lines = self._channel.command(verdict.text.encode("ascii"))
+        complaint = self._logbook.excuse(before)
+        said = (complaint.encode("ascii", "replace"),) if complaint else ()
+        manual.done((*lines, *said))

@@ -1,0 +1,175 @@
+"""Pauses of a print: where it is held, how it is left and rejoined.
+
+How a syringe is changed meanwhile is in `printctl.link.syringe_changer`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from printctl.link.care import NewSyringe
+from printctl.link.channel import Channel
+from printctl.link.ending import Ending
+from printctl.link.errors import LinkError
+from printctl.link.gating import PausedTip
+from printctl.link.head_choice import HeadChoice
+from printctl.link.idle_motors import IdleMotors
+from printctl.link.manual_commands import ManualCommands
+from printctl.link.modal import Modal
+from printctl.link.position_check import PositionCheck
+from printctl.link.print_requests import PrintRequests
+from printctl.link.requests import Request, RequestQueue
+from printctl.link.states import LinkState
+from printctl.link.syringe_change import CHANGE, SyringeChange
+from printctl.link.syringe_changer import SyringeChanger
+from printctl.link.valve_switch import ValveSwitch
+from printctl.link.watch import Due, Watch
+
+PAUSE_SIGN_S: Final = 20.0
+"""Interval of the sign of life in a pause."""
+
+
+@dataclass(frozen=True)
+class Pauses:
+    """Holds a print and goes on with it.
+
+    Attributes
+    ----------
+    channel : Channel
+    queue : RequestQueue
+    requests : PrintRequests
+    commands : ManualCommands
+    watch : Watch
+    change : SyringeChange
+    changer : SyringeChanger
+    position : PositionCheck
+    heads : HeadChoice
+    valve : ValveSwitch
+    motors : IdleMotors
+    ending : Ending
+    """
+
+    channel: Channel
+    queue: RequestQueue
+    requests: PrintRequests
+    commands: ManualCommands
+    watch: Watch
+    change: SyringeChange
+    changer: SyringeChanger
+    position: PositionCheck
+    heads: HeadChoice
+    valve: ValveSwitch
+    motors: IdleMotors
+    ending: Ending
+
+    # --- between two lines -----------------------------------------------------------------------
+
+    def at_mark(self) -> None:
+        """Do what is due after the lines that were taken; nothing is in flight."""
+        progress, watch = self.channel.logbook.progress, self.watch
+        clock, done = self.channel.wiring.clock, progress.done
+        due = watch.due(clock.now(), done)
+        where = ", ".join(str(mark) for mark in progress.job.marks.here(done)) or f"line {done}"
+        if due is Due.RELOAD:
+            planned = done in watch.reload_at
+            self.change.plan(watch.reload_head(done) if planned else self.requests.reload_head)
+            self.pause(f"paused at the {where}: {self.change.words()}", changing=True)
+        elif due is Due.PAUSE:
+            self.pause(f"paused at the {where}")
+        elif due is Due.DEADMAN:
+            self._nobody_there()
+        elif due is Due.CHECKPOINT:
+            self.position.verify(progress.modal(), mark=where)
+            watch.checked(clock.now(), done)
+
+    def _nobody_there(self) -> None:
+        care = self.watch.care
+        message = f"nobody confirmed for {care.deadman_s / 60:g} min (dead-man)"
+        self.channel.logbook.alarm(message)
+        if care.deadman_stops:
+            self.ending.retreat(LinkState.STOPPED, message)
+        self.pause(f"paused: {message}; `printctl resume RUN` goes on")
+
+    # --- leaving, waiting, coming back -----------------------------------------------------------
+
+    def pause(self, message: str = "paused", changing: bool = False) -> None:
+        """Leave the bath, wait for the word to go on, and come back."""
+        logbook, channel = self.channel.logbook, self.channel
+        self.watch.paused(logbook.progress.done)
+        logbook.enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
+        self.motors.hold()
+        channel.command(b"M400")
+        self.valve.shut()  # what was taken is written; nothing more
+        at = self.position.expected()
+        self.position.verify(at)
+        retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
+        channel.commands(retreat.leave(at, channel.wiring.printer, relieved))
+        if changing:
+            self.changer.begin(at)
+        channel.command(b"M400")
+        self._wait_and_come_back(at, message)
+
+    def await_syringe(self, at: Modal, head: int | None = None) -> None:
+        """Go on waiting for a syringe: the host died while it was changed."""
+        self.motors.hold()
+        self.changer.found_again(at, head)
+        self.channel.command(b"M400")
+        self._wait_and_come_back(at, f"paused, found again: {self.change.words()}")
+
+    def _wait_and_come_back(self, at: Modal, message: str) -> None:
+        logbook, channel = self.channel.logbook, self.channel
+        logbook.enter(LinkState.PAUSED, message)
+        new = self._stay_paused(at)
+        logbook.enter(LinkState.RESUMING, "returning to where the print was left")
+        if new or (self.change.going_on and self.change.idle_head is not None):
+            self.changer.count(at, new or NewSyringe())
+        self.heads.take()
+        retreat = self.heads.retreat
+        channel.commands(retreat.rejoin(at, channel.wiring.printer, retreat.prime_mm))
+        channel.command(b"M400")
+        self.position.verify(at)
+        self.motors.release()
+        self.change.end()
+        self.requests.alive()
+        logbook.enter(LinkState.PRINTING, "printing")
+        self.valve.reopen()
+
+    def _stay_paused(self, at: Modal) -> NewSyringe | None:
+        """Wait for the word to go on; return the syringe that was put in, if one was."""
+        channel, queue = self.channel, self.queue
+        clock, tip = channel.wiring.clock, PausedTip(channel.wiring.limits(), channel.command)
+        while True:
+            until = clock.now() + PAUSE_SIGN_S
+            while clock.now() < until and not queue.waiting:
+                channel.pump(until)
+            self.commands.send_all(tip.known)
+            request = queue.take()
+            if request is Request.STOP:
+                self.ending.end_paused("stopped by the user while paused")
+            if request is Request.RELOAD and not self.change.going_on:
+                self.change.plan(self.requests.reload_head)
+                self.changer.begin(at)
+                channel.logbook.enter(LinkState.PAUSED, f"paused: {self.change.words()}")
+            if request is Request.RESUME:
+                new, unchanged = self.requests.take_new_syringe()
+                problem = self._why_not_resume(at, new, unchanged)
+                if not problem:
+                    return new if self.change.going_on else None
+                channel.logbook.alarm(problem)
+                channel.logbook.enter(LinkState.PAUSED, problem)
+            self.motors.sign_of_life()
+
+    def _why_not_resume(self, at: Modal, new: NewSyringe | None, unchanged: bool) -> str:
+        """Say what keeps the needle from coming down; empty for nothing."""
+        if self.change.going_on and not (new or unchanged):
+            return f"not resumed: {CHANGE}"
+        wrong, _ = self.position.compare(Modal(x=at.x, y=at.y))
+        if wrong:
+            return f"not resumed: {wrong}; bring the needle back above that place first"
+        if self.change.going_on and new:
+            try:
+                self.changer.replan(new)
+            except LinkError as exc:
+                return f"not resumed: {exc}"
+        return ""

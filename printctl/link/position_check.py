@@ -1,0 +1,102 @@
+"""Comparison of the printer's position with the job's text.
+
+M114 is answered with the position that the last command taken leads to, not with where the motors
+are: up to a planner's worth of moves may still be ahead of them. It says that what was taken was
+taken as it was meant, and costs a line and its answer; the planner goes on meanwhile. Where the
+motors themselves matter, M400 comes first and waits for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from firmware_profiles.families.position_reply import parse_position
+from printctl.link.channel import Channel
+from printctl.link.modal import Modal, disagreement
+from printctl.link.states import LinkState, PrintEnded
+from printctl.link.valve_switch import ValveSwitch
+
+RETRIES: Final = 8
+"""So often a question is asked whose answer may be garbled."""
+
+
+class PositionCheck:
+    """Asks one printer where it is.
+
+    Parameters
+    ----------
+    channel : Channel
+    valve : ValveSwitch
+        Shut where the position is wrong.
+    """
+
+    def __init__(self, channel: Channel, valve: ValveSwitch) -> None:
+        self._channel, self._valve = channel, valve
+        self._logbook, self._progress = channel.logbook, channel.logbook.progress
+
+    def expected(self) -> Modal:
+        """Return where the job's text says the printer is; ask for what it doesn't say."""
+        at = self._progress.modal()
+        asks_e = at.e is None and not self._channel.wiring.printer.pneumatic
+        if at.z is None or asks_e:
+            position = parse_position(self._channel.command(b"M114"))
+            at = replace(
+                at,
+                z=position.get("Z") if at.z is None else at.z,
+                e=position.get("E") if asks_e else at.e,
+            )
+        return at
+
+    def actual(self) -> Modal:
+        """Return where the printer says it is, if that isn't the job's place.
+
+        A way out begins there. The needle is never lowered: of two heights the upper one holds.
+        """
+        at = self.expected()
+        wrong, position = self.compare(at)
+        if not wrong or not position:
+            return at
+        self._logbook.alarm(wrong)
+        z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
+        return replace(at, z=z, e=position.get("E", at.e))
+
+    def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
+        """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it."""
+        wrong = "its position can't be read (M114)"
+        position: dict[str, float] = {}
+        for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
+            position = parse_position(self._channel.command(b"M114")) or position
+            wrong = disagreement(at, position) if position else wrong
+            if position and not wrong:
+                break
+        return wrong, position
+
+    def verify(self, at: Modal, mark: str = "") -> None:
+        """Compare the printer's position with the job's text; write both down.
+
+        Raises
+        ------
+        PrintEnded
+            Where they disagree.
+        """
+        wrong, position = self.compare(at)
+        done = self._progress.done
+        values = {"mark": mark} if mark else {}
+        self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
+        if wrong:
+            self._valve.shut()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"after line {done}: {wrong}; `printctl status` says what next",
+                known=False,
+            )
+
+    def verify_in_passing(self) -> None:
+        """Compare positions between two lines; the planner isn't drained for it."""
+        protocol = self._channel.wiring.protocol
+        self._channel.settle()
+        self._progress.verified()
+        self.verify(self._progress.modal())
+        protocol.held = False
+        protocol.go(self._channel.wiring.clock.now())

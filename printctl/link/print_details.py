@@ -1,0 +1,52 @@
+"""Details of a print's status: readings, awaited pauses, the dead-man's time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from printctl.link.clock import Clock
+from printctl.link.gauges import Gauge
+from printctl.link.marks import MarkKind
+from printctl.link.states import LinkState, Status
+from printctl.link.syringe_change import SyringeChange
+from printctl.link.watch import Watch
+
+
+class PrintDetails:
+    """Adds them to a status; changes nothing.
+
+    Parameters
+    ----------
+    clock : Clock
+    gauges : sequence of Gauge
+    watch : Watch
+    change : SyringeChange
+    """
+
+    def __init__(
+        self, clock: Clock, gauges: Sequence[Gauge], watch: Watch, change: SyringeChange
+    ) -> None:
+        self._clock, self._gauges = clock, gauges
+        self._watch, self._change = watch, change
+
+    def add(self, status: Status) -> Status:
+        """Return the status of a print that goes on with all that is known."""
+        left = self._watch.care.deadman_s or None  # it stands still in a pause
+        if status.state is LinkState.PRINTING:
+            left = self._watch.deadman_left(self._clock.now())
+        return replace(
+            status,
+            readings=tuple(str(gauge) for gauge in self._gauges),
+            waits_for=self._waits_for(),
+            deadman_left_s=left,
+        )
+
+    def _waits_for(self) -> str:
+        if self._change.going_on:
+            number = self._change.head
+            return "syringe" if number is None else f"syringe {number}"
+        after = self._watch.after
+        if after is None:
+            return ""
+        return "reload" if after is MarkKind.RELOAD else f"pause after {after}"

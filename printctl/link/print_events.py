@@ -1,0 +1,185 @@
+"""Consequences of a printer's events for a print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from firmware_profiles.families import link_protocol as said
+from printctl.link.channel import Channel, Heard
+from printctl.link.errors import HandshakeError
+from printctl.link.kill import Kill
+from printctl.link.logbook import Logbook
+from printctl.link.requests import Request, RequestQueue
+from printctl.link.states import EARLY, LinkState, PrintEnded
+from printctl.link.wiring import Wiring
+
+OWN_MOVES: Final = frozenset({LinkState.PAUSING, LinkState.RESUMING, LinkState.STOPPING})
+"""States in which the link sends commands of its own alone."""
+_ACTIONS: Final = {
+    "pause": Request.PAUSE,
+    "paused": Request.PAUSE,
+    "cancel": Request.STOP,
+    "resume": Request.RESUME,
+}
+"""What a printer may ask its host for (``//action:pause``)."""
+
+
+class PrintEvents:
+    """Handles the events of one print.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    logbook : Logbook
+    kill : Kill
+    requests : RequestQueue
+    heard : Heard
+    """
+
+    def __init__(
+        self, wiring: Wiring, logbook: Logbook, kill: Kill, requests: RequestQueue, heard: Heard
+    ) -> None:
+        self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
+        self._kill, self._requests, self._heard = kill, requests, heard
+        self._handlers: dict[type, Callable[[Any], None]] = {
+            said.Fault: self._on_fault,
+            said.Notice: self._on_notice,
+            said.WentBack: self._on_went_back,
+            said.Stray: self._on_stray,
+            said.TokenSent: self._on_token_sent,
+            said.Waiting: self._on_waiting,
+            said.Action: self._on_action,
+            said.Noisy: self._on_noisy,
+            said.Halted: self._on_halted,
+            said.Booted: self._on_booted,
+            said.WasReset: self._on_reset,
+            said.OutOfStep: self._on_out_of_step,
+            said.Silent: self._on_silent,
+        }
+
+    def handle(self, event: said.Event) -> None:
+        """See `EventHandler`."""
+        self._handlers[type(event)](event)
+
+    def step_made(self) -> None:
+        """End a print that is to be stopped before the printer has its first line."""
+        if self._logbook.state not in EARLY or Request.STOP not in self._requests.requests:
+            return
+        if self._logbook.resumed:
+            message = "stopped by the user before the printer was found again"
+            raise PrintEnded(LinkState.FAILED, message, known=False)
+        raise PrintEnded(LinkState.STOPPED, "stopped by the user before the first line")
+
+    # --- for the journal -------------------------------------------------------------------------
+
+    def _on_notice(self, event: said.Notice) -> None:
+        self._logbook.notice(event.text)
+
+    def _on_went_back(self, event: said.WentBack) -> None:
+        self._logbook.alarm(
+            f"lines {event.first} to {event.last} weren't taken after all; sent again"
+        )
+        self._progress.went_back()
+        if self._logbook.begun:  # else lines are numbered anew before the job
+            self._logbook.record_back(event.first - 1, event.controls)
+
+    def _on_token_sent(self, event: said.TokenSent) -> None:
+        if self._logbook.begun:
+            self._logbook.record_control(event.number, event.command)
+
+    def _on_waiting(self, event: said.Waiting) -> None:
+        self._logbook.alarm(
+            f"no usable answer for {event.seconds:.0f} s after {self._progress.words()}; asked "
+            f"on, the print ends after {event.limit:.0f} s (--silent-limit)"
+        )
+
+    def _on_stray(self, event: said.Stray) -> None:
+        self._logbook.notice(f"an ok without a line, near line {event.number}")
+        self._progress.doubt()
+
+    # --- what holds the print --------------------------------------------------------------------
+
+    def _on_fault(self, event: said.Fault) -> None:
+        job = self._progress.job
+        where = f"line {job.file_line(event.line)} of {job.name}"
+        if self._logbook.state in OWN_MOVES:
+            where = f"to a command of the link's own, behind {where}"
+        text = f"the printer says {event.text!r} ({where})"
+        self._logbook.complain(text)
+        self._logbook.alarm(text)
+
+    def _on_action(self, event: said.Action) -> None:
+        if event.name in _ACTIONS:
+            self._logbook.alarm(f"the printer asks for {event.name!r}")
+            self._requests.add(_ACTIONS[event.name])
+
+    def _on_noisy(self, event: said.Noisy) -> None:
+        self._logbook.alarm(
+            f"{event.errors} line errors in {event.lines} lines; pausing: check cable and earthing"
+        )
+        self._requests.add(Request.PAUSE)
+
+    # --- what ends it ----------------------------------------------------------------------------
+
+    def _on_halted(self, event: said.Halted) -> None:
+        self._kill.halted()
+        speed = self._progress.speed_mm_s
+        if self._kill.asked.is_set():
+            raise PrintEnded(LinkState.KILLED, self._kill.words(speed), known=False)
+        because = f": {self._logbook.fault}" if self._logbook.fault else ""
+        raise PrintEnded(
+            LinkState.KILLED,
+            f"the firmware halted itself ({event.text}){because}; "
+            f"{self._kill.halting.told(speed, by_itself=True)}",
+            known=False,
+        )
+
+    def _on_booted(self, event: said.Booted) -> None:
+        if self._kill.asked.is_set():
+            raise PrintEnded(LinkState.KILLED, "killed by the user, by the reset line", known=False)
+
+    def _on_reset(self, event: said.WasReset) -> None:
+        self._on_booted(said.Booted())
+        if not self._logbook.begun:
+            raise HandshakeError(
+                f"the printer at {self._wiring.transport.name} was reset during the handshake; "
+                "check its power and cable, and try again"
+            )
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"the printer was reset after {self._progress.words()}; `printctl status` says what "
+            "next",
+            known=False,
+        )
+
+    def _on_out_of_step(self, event: said.OutOfStep) -> None:
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"the printer's last line is {event.last}, the host's {event.expected}; another "
+            "program may have spoken to it; `printctl status` says what next",
+            known=False,
+        )
+
+    def _on_silent(self, event: said.Silent) -> None:
+        if self._logbook.state in EARLY:
+            printer = self._wiring.printer
+            raise HandshakeError(
+                f"no firmware answers at {self._wiring.transport.name} "
+                f"({self._heard.count} bytes heard in {event.seconds:.0f} s); check that the "
+                f"printer is on, its baud rate (profile: {printer.baud}) and its firmware "
+                f"(profile: {printer.firmware})"
+            )
+        raise PrintEnded(
+            LinkState.FAILED,
+            f"the printer gave no usable answer for {event.seconds:.0f} s after "
+            f"{self._progress.words()}; the next line may or may not have been taken",
+            known=False,
+        )
+
+
+def print_channel(wiring: Wiring, logbook: Logbook, requests: RequestQueue) -> Channel:
+    """Return a conversation whose events are a print's."""
+    kill, heard = Kill(wiring), Heard()
+    handler = PrintEvents(wiring, logbook, kill, requests, heard)
+    return Channel(wiring, logbook, kill, handler, heard)

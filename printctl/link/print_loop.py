@@ -1,0 +1,189 @@
+"""Sequence of a print: handshake, lines, what is asked for between them, the last move."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+
+from printctl.gate import Known, Phase
+from printctl.link.agreeing import agree_start
+from printctl.link.channel import POLL_S
+from printctl.link.connecting import connect
+from printctl.link.errors import LinkError
+from printctl.link.journal import History
+from printctl.link.marks import MarkKind
+from printctl.link.print_parts import PrintParts
+from printctl.link.recovering import declared_start
+from printctl.link.requests import Request
+from printctl.link.states import LinkState, PrintEnded
+
+
+class PrintLoop:
+    """Sends the lines of one print.
+
+    Parameters
+    ----------
+    parts : PrintParts
+    """
+
+    def __init__(self, parts: PrintParts) -> None:
+        self._parts, self._channel = parts, parts.channel
+        self._logbook, self._progress = parts.channel.logbook, parts.channel.logbook.progress
+        self._wiring, self._protocol = parts.channel.wiring, parts.channel.wiring.protocol
+        self._job = self._progress.job
+
+    def run(self, history: History | None) -> None:
+        """Print, from handshake to end; see `Streamer.run`.
+
+        Raises
+        ------
+        PrintEnded
+            Always, but for a `LinkError`.
+        """
+        parts, logbook = self._parts, self._logbook
+        logbook.enter(LinkState.CONNECTING, f"opening {self._wiring.transport.name}")
+        if history is None:
+            self._begin()
+        else:
+            parts.resumption.find_again(history)
+        parts.watch.begin(self._wiring.clock.now())
+        logbook.enter(LinkState.PRINTING, f"printing {self._job.name}")
+        parts.valve.reopen()
+        while not self._at_end():
+            self._stream()
+            self._obey()
+            if self._progress.done < len(self._job):
+                parts.pauses.at_mark()
+        raise PrintEnded(LinkState.DONE, f"all {len(self._job)} lines done")
+
+    def _begin(self) -> None:
+        connect(self._channel)
+        self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
+        self._parts.firmware.check()
+        self._agree_start()
+        number = self._channel.agree(self._protocol.renumber)
+        self._protocol.load(self._job.lines, 0, number)
+
+    def _agree_start(self) -> None:
+        """Refuse a tip that stands elsewhere than preflight took it to stand."""
+        start_mm = self._parts.watch.care.start_mm
+        if start_mm is None:
+            return
+        declared = None
+        with contextlib.suppress(LinkError):  # a frame that moves later: the printer is asked
+            declared = declared_start(self._job, len(self._job))
+        agree_start(self._channel.ask, start_mm, declared)
+
+    # --- lines -----------------------------------------------------------------------------------
+
+    def _stream(self) -> None:
+        """Send lines until the job is at a mark or its end, or somebody asks for something.
+
+        This loop is the hot path of the link: one write, one poll and one read a line.
+        """
+        protocol, transport, channel = self._protocol, self._wiring.transport, self._channel
+        now_s, read, take = self._wiring.clock.now, transport.read, protocol.take_output
+        feed, queue, progress = protocol.feed, self._parts.queue, self._progress
+        requests, commands, logbook = queue.requests, queue.commands, self._logbook
+        killed = channel.kill.asked.is_set
+        self._measure(now_s())
+        self._parts.ending.end_on_fault()
+        if self._parts.slips.due:
+            self._parts.slips.look()
+        now = now_s()
+        stop = protocol.limit = self._next_stop(now)
+        look = self._next_look(now)
+        if not progress.unverified:
+            protocol.held = False
+            protocol.go(now)
+        while protocol.lines_done < stop and not requests and not commands:
+            output = take()
+            if output:
+                transport.write(output)
+            wait = protocol.deadline - now
+            data = read(wait if wait < POLL_S else POLL_S)
+            now = now_s()
+            if data:
+                events = feed(data, now)
+                if events:
+                    channel.handle(events)
+            if now >= protocol.deadline:
+                channel.handle(protocol.tick(now))
+            if now >= look:
+                logbook.note(now)
+                stop = protocol.limit = min(stop, self._next_stop(now))
+                look = self._next_look(now)
+            if logbook.fault:
+                self._parts.ending.end_on_fault()
+            if progress.unverified:
+                self._parts.position.verify_in_passing()
+            if killed():
+                channel.await_halt()
+
+    def _measure(self, now: float) -> None:
+        """Ask for what is watched and due; end the print where a reading is above its limit."""
+        if now < self._parts.gauges.next_due:
+            return
+        self._channel.settle()
+        high = self._parts.gauges.too_high(now)
+        if high and not self._logbook.fault:
+            self._logbook.alarm(high)
+            self._parts.ending.retreat(LinkState.FAILED, high)
+
+    def _next_stop(self, now: float) -> int:
+        """Return command lines after which to look at what is due."""
+        parts, done = self._parts, self._progress.done
+        stop = parts.watch.next_stop(now, done, self._protocol.idle, len(self._job))
+        if parts.slips.due or now >= parts.gauges.next_due:
+            return done
+        return parts.slips.next_stop(stop)
+
+    def _next_look(self, now: float) -> float:
+        """Return when progress is written down and what is due is looked at, s."""
+        return min(self._logbook.next_note, max(self._parts.gauges.next_due, now))
+
+    # --- between two lines -----------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        """Do what is asked for, with no line in flight."""
+        parts = self._parts
+        self._channel.settle()
+        parts.commands.send_all(self._printing)
+        while (request := parts.queue.take()) is not None:
+            if request is Request.STOP:
+                parts.ending.retreat(LinkState.STOPPED, "stopped by the user")
+            elif request is Request.PAUSE:
+                parts.pauses.pause()
+            elif request is Request.RESUME:
+                parts.watch.pause_after(None)  # a pause that is waited for no longer
+            elif request is Request.RELOAD:  # asked for in a pause that is over
+                parts.watch.pause_after(MarkKind.RELOAD)
+
+    def _printing(self) -> Known:
+        """Return what the gate is told while lines go out."""
+        return replace(self._wiring.limits(), phase=Phase.PRINTING)
+
+    # --- finishing -------------------------------------------------------------------------------
+
+    def _at_end(self) -> bool:
+        """Whether every line was taken and every move made, and nobody minds."""
+        if self._progress.done < len(self._job):
+            return False
+        confirmed = self._finish()
+        self._parts.ending.end_on_fault()  # of the last moves
+        # a stop while the last moves were made: the way out needs the job's settings
+        self._obey()
+        if confirmed:
+            self._parts.firmware.undo_settings()
+        return confirmed
+
+    def _finish(self) -> bool:
+        """Wait for the last move; return whether the printer confirms its last line."""
+        self._channel.settle()
+        self._channel.command(b"M400")
+        slips = self._parts.slips
+        if self._progress.unverified or slips.due or slips.noisy:
+            self._progress.verified()
+            self._parts.position.verify(self._progress.modal())
+        number = self._protocol.number
+        return self._channel.agree(self._protocol.ask) == number

@@ -1,0 +1,111 @@
+"""Parts of one print, put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from printctl.link.care import Care
+from printctl.link.channel import Channel
+from printctl.link.ending import Ending
+from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.gauges import Gauge, Gauges
+from printctl.link.head_choice import HeadChoice
+from printctl.link.idle_motors import IdleMotors
+from printctl.link.job import Job
+from printctl.link.logbook import Logbook
+from printctl.link.manual_commands import ManualCommands
+from printctl.link.pauses import Pauses
+from printctl.link.position_check import PositionCheck
+from printctl.link.print_details import PrintDetails
+from printctl.link.print_events import print_channel
+from printctl.link.print_requests import PrintRequests
+from printctl.link.progress import JobProgress
+from printctl.link.requests import RequestQueue
+from printctl.link.resumption import Resumption
+from printctl.link.slips import SlipWatch
+from printctl.link.syringe_change import SyringeChange
+from printctl.link.syringe_changer import SyringeChanger
+from printctl.link.valve_switch import ValveSwitch
+from printctl.link.watch import Watch
+from printctl.link.wiring import Wiring
+
+
+@dataclass(frozen=True)
+class PrintParts:
+    """What the loop of a print uses; each owns its own state.
+
+    Attributes
+    ----------
+    channel : Channel
+    queue : RequestQueue
+    requests : PrintRequests
+    commands : ManualCommands
+    watch : Watch
+    gauges : Gauges
+    firmware : FirmwareCheck
+    position : PositionCheck
+    valve : ValveSwitch
+    ending : Ending
+    pauses : Pauses
+    slips : SlipWatch
+    resumption : Resumption
+    """
+
+    channel: Channel
+    queue: RequestQueue
+    requests: PrintRequests
+    commands: ManualCommands
+    watch: Watch
+    gauges: Gauges
+    firmware: FirmwareCheck
+    position: PositionCheck
+    valve: ValveSwitch
+    ending: Ending
+    pauses: Pauses
+    slips: SlipWatch
+    resumption: Resumption
+
+
+def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
+    """Return the parts of a print, each given those that it uses."""
+    progress, queue = JobProgress(wiring, job), RequestQueue()
+    watch, change = Watch(job.marks, care), SyringeChange(wiring, progress)
+    watched = [Gauge(one) for one in wiring.printer.watch]
+    details = PrintDetails(wiring.clock, watched, watch, change)
+    logbook = Logbook(wiring, progress, details.add)
+    channel = print_channel(wiring, logbook, queue)
+    requests = PrintRequests(wiring, logbook, queue, watch, change)
+    commands, gauges = ManualCommands(channel, queue), Gauges(channel, watched)
+    firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
+    valve = ValveSwitch(channel)
+    position = PositionCheck(channel, valve)
+    ending = Ending(channel, firmware, heads, position, valve)
+    pauses = Pauses(
+        channel=channel,
+        queue=queue,
+        requests=requests,
+        commands=commands,
+        watch=watch,
+        change=change,
+        changer=SyringeChanger(channel, change, heads, position, watch),
+        position=position,
+        heads=heads,
+        valve=valve,
+        motors=IdleMotors(channel),
+        ending=ending,
+    )
+    return PrintParts(
+        channel=channel,
+        queue=queue,
+        requests=requests,
+        commands=commands,
+        watch=watch,
+        gauges=gauges,
+        firmware=firmware,
+        position=position,
+        valve=valve,
+        ending=ending,
+        pauses=pauses,
+        slips=SlipWatch(channel, position),
+        resumption=Resumption(channel, firmware, heads, position, valve, watch, pauses),
+    )

@@ -1,0 +1,162 @@
+"""Requests of any thread to a print, refused at once where they can't be granted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from printctl.gate import Phase
+from printctl.link.care import NewSyringe
+from printctl.link.errors import Refused
+from printctl.link.gating import Manual, judge_typed, let_through
+from printctl.link.logbook import Logbook
+from printctl.link.marks import MarkKind
+from printctl.link.requests import Request, RequestQueue
+from printctl.link.states import LinkState
+from printctl.link.syringe_change import CHANGE, SyringeChange
+from printctl.link.watch import Watch
+from printctl.link.wiring import Wiring
+
+_NOTHING_SAID: Final[tuple[NewSyringe | None, bool]] = None, False
+
+
+class PrintRequests:
+    """Takes requests for one print; the streamer's thread grants them between two lines.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    logbook : Logbook
+    queue : RequestQueue
+    watch : Watch
+    change : SyringeChange
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        logbook: Logbook,
+        queue: RequestQueue,
+        watch: Watch,
+        change: SyringeChange,
+    ) -> None:
+        self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
+        self._queue, self._watch, self._change = queue, watch, change
+        self._reload_head: int | None = None
+        self._new_syringe = _NOTHING_SAID
+
+    # --- for any thread --------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Ask for a controlled stop."""
+        self._queue.add(Request.STOP)
+
+    def pause(self, after: MarkKind | None = None) -> None:
+        """Ask for a pause: now, or once a layer or vessel has ended.
+
+        Raises
+        ------
+        Refused
+            When the job has no such mark ahead.
+        """
+        if after is None:
+            self._queue.add(Request.PAUSE)
+            return
+        job, done = self._progress.job, self._progress.done
+        if job.marks.next(after, done) is None:
+            what = "safe reload point" if after is MarkKind.RELOAD else f"end of a {after}"
+            raise Refused(
+                f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
+                "(--now) instead"
+            )
+        self._watch.pause_after(after)
+        self._queue.add(Request.LOOK)
+
+    def reload(self, head: int | None = None) -> None:
+        """Ask for a change of syringe: at the next reload point, or here when it is paused.
+
+        Of several heads that of ``head``, or of the one in use there.
+
+        Raises
+        ------
+        Refused
+            When the job has no reload point ahead, or the printer no such head.
+        """
+        printer = self._wiring.printer
+        count = len(printer.heads)
+        if head is not None and not 0 <= head < count:
+            raise Refused(
+                f"there is no head {head} to change the syringe of: {printer.name} "
+                + (f"has 0 to {count - 1}" if count else "has one alone; don't name it")
+            )
+        self._reload_head = head
+        if self._logbook.state is LinkState.PAUSED:
+            self._queue.add(Request.RELOAD)
+        else:
+            self.pause(MarkKind.RELOAD)
+
+    def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
+        """Ask to go on after a pause; takes back a pause that is still waited for.
+
+        Parameters
+        ----------
+        change : NewSyringe, optional
+            What was put in, in a pause for a change of syringe.
+        unchanged : bool
+            The syringe wasn't changed after all.
+
+        Raises
+        ------
+        Refused
+            When a change of syringe is to be told, or is told where none is going on.
+        """
+        paused = self._logbook.state is LinkState.PAUSED
+        if self._change.going_on and paused and not (change or unchanged):
+            raise Refused(f"the print is paused for a change of syringe: {CHANGE}")
+        if change and not self._change.going_on:
+            raise Refused(
+                "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
+                "that the change is in the journal"
+            )
+        if paused:  # later, a second word would belong to the next change
+            self._new_syringe = change, unchanged
+        self._queue.add(Request.RESUME)
+
+    def alive(self) -> None:
+        """Confirm that somebody is there: the dead-man's time begins anew."""
+        self._watch.confirm(self._wiring.clock.now())
+
+    def command(self, text: bytes, done: Callable[[tuple[bytes, ...]], None]) -> None:
+        """Ask for a command of the product's own between two lines; ``done`` is told the reply."""
+        self._queue.add_command(Manual(text.decode("ascii"), done))
+
+    def typed(
+        self,
+        text: str,
+        done: Callable[[tuple[bytes, ...]], None],
+        refused: Callable[[str], None],
+    ) -> None:
+        """Ask for a command that a person typed; the gate judges it once more when it is sent.
+
+        Raises
+        ------
+        Refused
+            When it passes in no state, or not while the print goes on.
+        """
+        if self._logbook.state is not LinkState.PAUSED:
+            known = replace(self._wiring.limits(), phase=Phase.PRINTING)
+            text = let_through(judge_typed(text, known)).text
+        self._queue.add_command(Manual(text, done, refused))
+
+    # --- for the streamer's thread ---------------------------------------------------------------
+
+    @property
+    def reload_head(self) -> int | None:
+        """Whose syringe somebody wants changed; None where nobody said."""
+        return self._reload_head
+
+    def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
+        """Return what was said of the syringe, once: the door's thread may say more at any time."""
+        said, self._new_syringe = self._new_syringe, _NOTHING_SAID
+        return said

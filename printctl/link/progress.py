@@ -1,0 +1,95 @@
+"""Lines of a job that the printer has taken, and what the job's text says there."""
+
+from __future__ import annotations
+
+from printctl.link.heads import head_at
+from printctl.link.job import Job
+from printctl.link.made import Made
+from printctl.link.modal import Modal, ModalTrail, relieved_mm
+from printctl.link.wiring import Wiring
+
+
+class JobProgress:
+    """How far a job is.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    job : Job
+
+    Attributes
+    ----------
+    unverified : bool
+        Whether something that nobody sent was answered, so that the position must be compared
+        before the job goes on.
+    """
+
+    def __init__(self, wiring: Wiring, job: Job) -> None:
+        self.job = job
+        self._protocol, self._printer = wiring.protocol, wiring.printer
+        self._trail = ModalTrail(job.lines)
+        self._made = Made(job.lines, wiring.printer)
+        self.unverified = False
+
+    @property
+    def done(self) -> int:
+        """Job lines that were taken."""
+        return self._protocol.lines_done
+
+    @property
+    def taken(self) -> list[bytes]:
+        """Those lines."""
+        return self.job.lines[: self.done]
+
+    def executed(self, done: int) -> int:
+        """Return how many of ``done`` lines have certainly been made; any thread may ask."""
+        return self._made.after(done)
+
+    def words(self) -> str:
+        """Return how far the job is, for a message."""
+        if not len(self.job):
+            return "no print was going on"
+        done = self.done
+        file_line = self.job.file_line(done)
+        return f"{done} of {len(self.job)} lines were acknowledged (line {file_line} of the file)"
+
+    # --- where the job's text says that needle and plunger are -----------------------------------
+
+    def modal(self) -> Modal:
+        """Return the coordinates after the lines that were taken; the streamer's thread alone."""
+        return self._trail.at(self.done)
+
+    @property
+    def speed_mm_s(self) -> float:
+        """How fast the needle may be, mm/s: by the job's last feed rate, else by the profile."""
+        feed = self.modal().f
+        return self._printer.max_speed_mm_s.x if feed is None else feed / 60.0
+
+    @property
+    def head(self) -> int | None:
+        """The head that the job has in use; None where there is one alone, or none was chosen."""
+        return head_at(self.job.lines, self.done) if self._printer.heads else None
+
+    @property
+    def relieved_mm(self) -> float:
+        """How far the job itself has drawn the plunger back just here, mm."""
+        return relieved_mm(self.job.lines, self.done)
+
+    # --- what the streamer learns ----------------------------------------------------------------
+
+    def stands_still(self) -> None:
+        """Take notice that the printer has made all that it took."""
+        self._made.waited(self.done)
+
+    def went_back(self) -> None:
+        """Take notice that lines weren't taken after all: what is there must be verified."""
+        self._made.back(self.done)
+        self.doubt()
+
+    def doubt(self) -> None:
+        """Have the position compared before the job goes on."""
+        self.unverified = True
+
+    def verified(self) -> None:
+        """Take notice that the position is being compared."""
+        self.unverified = False

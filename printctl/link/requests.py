@@ -1,0 +1,56 @@
+"""Requests of other threads that wait for a place between two lines."""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum, auto
+from typing import Final
+
+from printctl.link.gating import Manual
+
+
+class Request(Enum):
+    """What is asked of a print."""
+
+    STOP = auto()
+    PAUSE = auto()
+    RESUME = auto()
+    RELOAD = auto()
+    LOOK = auto()
+    """See what is due: a pause after a mark was asked for."""
+
+
+class RequestQueue:
+    """Filled by any thread, emptied by the one that speaks to the printer.
+
+    Attributes
+    ----------
+    requests : deque of Request
+    commands : deque of Manual
+        Commands between two lines.
+    """
+
+    def __init__(self) -> None:
+        self.requests: Final[deque[Request]] = deque()
+        self.commands: Final[deque[Manual]] = deque()
+
+    @property
+    def waiting(self) -> bool:
+        """Whether anything is asked for."""
+        return bool(self.requests or self.commands)
+
+    def add(self, request: Request) -> None:
+        """Ask for something."""
+        self.requests.append(request)
+
+    def add_command(self, manual: Manual) -> None:
+        """Ask for a command."""
+        self.commands.append(manual)
+
+    def take(self) -> Request | None:
+        """Return the oldest request; None where there is none."""
+        return self.requests.popleft() if self.requests else None
+
+    def take_command(self) -> Manual | None:
+        """Return the oldest command; None where there is none."""
+        return self.commands.popleft() if self.commands else None

@@ -1,0 +1,107 @@
+"""Resumption of a print whose host died, from the printer's last line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from printctl.link.channel import Channel
+from printctl.link.families import link_facts
+from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.head_choice import HeadChoice
+from printctl.link.journal import History
+from printctl.link.modal import Modal
+from printctl.link.pauses import Pauses
+from printctl.link.position_check import PositionCheck
+from printctl.link.states import LinkState, PrintEnded
+from printctl.link.valve import is_open
+from printctl.link.valve_switch import ValveSwitch
+from printctl.link.watch import Watch
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Finds a printer in mid-job, and goes on from there if all agrees.
+
+    Attributes
+    ----------
+    channel : Channel
+    firmware : FirmwareCheck
+    heads : HeadChoice
+    position : PositionCheck
+    valve : ValveSwitch
+    watch : Watch
+    pauses : Pauses
+    """
+
+    channel: Channel
+    firmware: FirmwareCheck
+    heads: HeadChoice
+    position: PositionCheck
+    valve: ValveSwitch
+    watch: Watch
+    pauses: Pauses
+
+    def find_again(self, history: History) -> None:
+        """Ask the printer for its last line; come back to where the job was.
+
+        Raises
+        ------
+        PrintEnded
+            Where the printer can't tell, or its line or position isn't the job's.
+        """
+        channel, logbook = self.channel, self.channel.logbook
+        logbook.go_on()
+        done, number = self._last_line(history)
+        channel.wiring.protocol.load(logbook.progress.job.lines, done, number)
+        logbook.record("ack", done=done)
+        self._shut_valve(done)
+        self.firmware.check_keepalive(journalled=True)
+        channel.command(b"M400")
+        self.firmware.restore_settings(history.settings)
+        self.firmware.agree_settings(journalled=True)
+        at = self.position.expected()
+        if history.reload_at is not None:
+            self.watch.plan(history.reload_at, history.reload_heads)
+        if history.reloaded == done:
+            self.watch.paused(done)
+        if history.changing(number):
+            head = None if history.reload is None else history.reload.get("head")
+            self.pauses.await_syringe(at, head)
+        else:
+            self._rejoin(at)
+
+    def _last_line(self, history: History) -> tuple[int, int]:
+        """Return the printer's last line, as a line of the job and by its number."""
+        wiring, progress = self.channel.wiring, self.channel.logbook.progress
+        if not link_facts(wiring.printer).remembers:
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"{wiring.printer.firmware} can't tell which line it took last; at least "
+                f"{history.done} job lines were taken; `printctl status` says what next",
+                known=False,
+            )
+        number = self.channel.agree(wiring.protocol.ask)
+        done = history.job_line(number)
+        reset = self.channel.heard.booted or (number == 0 and history.done > 0)
+        if reset or not history.done <= done <= len(progress.job):
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                f"the printer's last line is {number}, the journal knows of {history.done} job "
+                "lines: it was reset or used by another program since; `printctl status` says "
+                "what next",
+                known=False,
+            )
+        return done, number
+
+    def _shut_valve(self, done: int) -> None:
+        self.valve.shut()
+        logbook, printer = self.channel.logbook, self.channel.wiring.printer
+        if is_open(logbook.progress.job.lines, done, printer):
+            logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
+
+    def _rejoin(self, at: Modal) -> None:
+        self.heads.take()
+        self.position.verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
+        self.channel.commands(self.heads.retreat.rejoin(at, self.channel.wiring.printer))
+        self.channel.command(b"M400")
+        self.position.verify(at)

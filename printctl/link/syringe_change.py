@@ -1,0 +1,64 @@
+"""State of a change of syringe: whether one goes on, and of which head."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from printctl.link.progress import JobProgress
+from printctl.link.wiring import Wiring
+
+CHANGE: Final = (
+    "change the syringe and prime it to the needle's tip, then `printctl resume RUN --plunger-mm "
+    "USED` (0 for a full one) or `--syringe PROFILE`; `--unchanged` if you didn't"
+)
+
+
+class SyringeChange:
+    """Read by any thread, written by the one that speaks to the printer.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    progress : JobProgress
+
+    Attributes
+    ----------
+    going_on : bool
+    planned_head : int or None
+        Whose syringe it is, where that was said.
+    """
+
+    def __init__(self, wiring: Wiring, progress: JobProgress) -> None:
+        self._printer, self._progress = wiring.printer, progress
+        self.going_on = False
+        self.planned_head: int | None = None
+
+    @property
+    def head(self) -> int | None:
+        """Whose syringe is changed; None where there is one head."""
+        return self._progress.head if self.planned_head is None else self.planned_head
+
+    @property
+    def idle_head(self) -> int | None:
+        """The head that is changed where that is another than the one in use; else None."""
+        planned, used = self.planned_head, self._progress.head
+        return planned if used is not None and planned != used else None
+
+    def plan(self, head: int | None) -> None:
+        """Say whose syringe is changed next."""
+        self.planned_head = head
+
+    def begin(self) -> None:
+        """Take notice that the plunger's count is about to lose its meaning."""
+        self.going_on = True
+
+    def end(self) -> None:
+        """Take notice that the print goes on."""
+        self.going_on, self.planned_head = False, None
+
+    def words(self) -> str:
+        """Return what a person is to do."""
+        number = self.head
+        if number is None:
+            return CHANGE
+        return f"head {number} ({self._printer.heads[number].name}): {CHANGE}"

@@ -1,0 +1,50 @@
+"""Transport, protocol, clock, journal and profile that a print is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from firmware_profiles import Printer
+from firmware_profiles.families.link_protocol import LinkProtocol
+from printctl.gate import Bounds, Known
+from printctl.link.clock import Clock
+from printctl.link.journal import Journal
+from printctl.link.retreat import Retreat
+from printctl.link.states import Status
+from printctl.link.transport import Transport
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What a print, or a station between prints, is given.
+
+    Attributes
+    ----------
+    transport : Transport
+    protocol : LinkProtocol
+    clock : Clock
+    journal : Journal
+    printer : Printer
+    retreat : Retreat
+    fresh : bool
+        Whether the port has just been opened, so that the board may be starting.
+    on_status : callable
+        Told of every change of state and of progress every `NOTE_S`, in the streamer's thread.
+    room : callable or None
+        What a station knows of the room around the tip, and of heat.
+    """
+
+    transport: Transport
+    protocol: LinkProtocol
+    clock: Clock
+    journal: Journal
+    printer: Printer
+    retreat: Retreat = field(default_factory=Retreat)
+    fresh: bool = True
+    on_status: Callable[[Status], None] = lambda status: None
+    room: Callable[[], Known] | None = None
+
+    def limits(self) -> Known:
+        """Return what the gate judges by: a station's knowledge, or the profile alone."""
+        return self.room() if self.room is not None else Known(Bounds(self.printer))

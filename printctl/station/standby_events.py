@@ -1,0 +1,118 @@
+"""Consequences of a printer's events for a station between prints."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from firmware_profiles.families import link_protocol as said
+from printctl.link.channel import EventHandler
+from printctl.link.logbook import Logbook
+from printctl.link.states import LinkState, PrintEnded
+
+
+class StandbyEvents:
+    """Handles the events of a printer without a job; until it is found, as a print does.
+
+    Parameters
+    ----------
+    logbook : Logbook
+    halt : threading.Event
+        Set to end the move that goes on.
+    otherwise : EventHandler
+        Handles the rest: a print's.
+
+    Attributes
+    ----------
+    trouble : str
+        What was read above its limit last, or what the printer complained of unasked.
+    """
+
+    def __init__(self, logbook: Logbook, halt: threading.Event, otherwise: EventHandler) -> None:
+        self._logbook, self._halt, self._otherwise = logbook, halt, otherwise
+        self._found = False
+        self.trouble = ""
+        self._always: dict[type, Callable[[Any], None]] = {
+            said.Fault: self._on_fault,
+            said.WentBack: self._on_went_back,
+            said.Action: self._on_action,
+            said.Noisy: self._on_noisy,
+            said.OutOfStep: self._on_out_of_step,
+        }
+        self._once_found: dict[type, Callable[[Any], None]] = {
+            said.Booted: self._on_booted,
+            said.WasReset: self._on_reset,
+            said.Silent: self._on_silent,
+        }
+
+    def found(self) -> None:
+        """Take notice that the printer was found and checked."""
+        self._found = True
+
+    def set_trouble(self, text: str) -> None:
+        """Tell what is wrong now; empty for nothing."""
+        self.trouble = text
+
+    def handle(self, event: said.Event) -> None:
+        """See `EventHandler`."""
+        own = self._always.get(type(event))
+        if own is None and self._found:
+            own = self._once_found.get(type(event))
+        (own or self._otherwise.handle)(event)
+
+    def step_made(self) -> None:
+        """See `EventHandler`."""
+        self._otherwise.step_made()
+
+    # --- always ----------------------------------------------------------------------------------
+
+    def _on_fault(self, event: said.Fault) -> None:
+        self._logbook.complain(f"the printer says {event.text!r}")
+        self._logbook.alarm(self._logbook.fault)
+
+    def _on_went_back(self, event: said.WentBack) -> None:
+        self._logbook.alarm(
+            f"lines {event.first} to {event.last} weren't taken after all; sent again"
+        )
+
+    def _on_action(self, event: said.Action) -> None:
+        if event.name in ("pause", "paused", "cancel"):
+            self._logbook.alarm(f"the printer asks for {event.name!r}")
+            self._halt.set()
+
+    def _on_noisy(self, event: said.Noisy) -> None:
+        self.set_trouble(
+            f"{event.errors} line errors in {event.lines} lines: check cable and earthing"
+        )
+        self._logbook.alarm(self.trouble)
+
+    def _on_out_of_step(self, event: said.OutOfStep) -> None:
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"the printer's last line is {event.last}, ours {event.expected}: another program may "
+            "have spoken to it; see that nothing else is connected, then reconnect",
+            known=False,
+        )
+
+    # --- once it is found ------------------------------------------------------------------------
+
+    def _on_booted(self, event: said.Booted) -> None:
+        self._otherwise.handle(event)  # by the reset line of a kill
+        self._on_reset(said.WasReset())
+
+    def _on_reset(self, event: said.WasReset) -> None:
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            "the printer was reset: its position and its heaters' targets are gone; see what it "
+            "stands in, then reconnect",
+            known=False,
+        )
+
+    def _on_silent(self, event: said.Silent) -> None:
+        raise PrintEnded(
+            LinkState.FAILED,
+            f"the printer gave no usable answer for {event.seconds:.0f} s; check power and cable, "
+            "then reconnect",
+            known=False,
+        )

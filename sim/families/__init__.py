@@ -1,0 +1,1 @@
+"""What simulates, or reads, one firmware family each: a folder for a family."""

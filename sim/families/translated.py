@@ -1,0 +1,26 @@
+"""A program file in another language, put into the words that the one G-code reader knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim.gcode_extended import Named
+
+
+@dataclass(frozen=True)
+class Translated:
+    """A program file in the reader's words.
+
+    Attributes
+    ----------
+    gcode : bytes
+        As many lines as the file.
+    named : tuple of Named
+        Outputs that are set, and everything that isn't known.
+    per_second : tuple of (int, bool)
+        Lines from which on F is told per second, or per minute.
+    """
+
+    gcode: bytes
+    named: tuple[Named, ...]
+    per_second: tuple[tuple[int, bool], ...]

@@ -1,0 +1,26 @@
+"""Commands that set a digital output by its name: ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+SETS_ARRAY: Final = "$DO"
+SETS_CALL: Final = "DIGITALOUTPUTSET"
+_ARRAY: Final = re.compile(r"\$DO(?:\[(\d+)\]\.|(\d+)\.)(\w+)\s*=\s*(\S+)", re.IGNORECASE)
+_CALL: Final = re.compile(
+    r"DigitalOutputSet\(\s*(\w+)\s*,\s*(\d+)\s*,\s*(\S+?)\s*\)", re.IGNORECASE
+)
+
+
+def output_of(text: str) -> tuple[str, dict[str, str]] | None:
+    """What a command sets an output by, and its words; None where it sets none."""
+    found = _ARRAY.fullmatch(text.strip())
+    if found:
+        number = found[1] if found[1] is not None else found[2]
+        return SETS_ARRAY, {"NUMBER": number, "AXIS": found[3].upper(), "VALUE": found[4]}
+    called = _CALL.fullmatch(text.strip())
+    if called:
+        words = {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}
+        return SETS_CALL, words
+    return None

@@ -1,0 +1,76 @@
+"""Late and bunched oks, a board that stalls or runs slow: done comes behind the last step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printctl.link.clock import VirtualClock
+from printctl.link.states import LinkState
+from printctl.link.transport_simulated import SimulatedTransport
+from sim.dryrun import dry_run
+from sim.faults import Fault, Troubles
+from sim.marlin import MarlinPrinter
+from tests.printctl.link.test_simulated_printer import PRINTER, START, gcode, printed, same_motion
+
+MOVES = 40
+LATE = Fault(fault="late_oks", line=30, seconds=5.0)
+"""Behind the handshake, which doesn't wait for so long."""
+STALL = Fault(fault="stall", line=30, seconds=4.0)
+
+
+def wire(*faults: Fault, seed: int = 0, **troubles: object) -> SimulatedTransport:
+    return SimulatedTransport(
+        MarlinPrinter(PRINTER, START, faults=faults),
+        VirtualClock(),
+        Troubles.model_validate(troubles),
+        np.random.default_rng(seed),
+    )
+
+
+def last_step_s(transport: SimulatedTransport) -> float:
+    """When the motors stood, on the host's clock, s; all that was accepted is run first."""
+    transport.printer.finish()
+    board_s = float(transport.printer.executed().time_end[-1])
+    return transport.printer.pace.host_time(board_s)
+
+
+def check_print(transport: SimulatedTransport, folder: Path) -> None:
+    """Print; done must be said behind the last step, and each move be made once."""
+    data = gcode(MOVES)
+    status, _ = printed(data, folder, transport)
+    said_s = transport.clock.now()
+    assert status.state is LinkState.DONE, status
+    assert said_s >= last_step_s(transport)
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert same_motion(transport.printer.executed(), foreseen)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_each_ok_late_by_up_to_five_seconds(tmp_path, seed):
+    check_print(wire(LATE, seed=seed), tmp_path)
+
+
+@pytest.mark.parametrize("delays", [(0, 0, 0, 3), (2, 0), (0, 1.5, 0, 0, 1)])
+def test_oks_that_come_bunched(tmp_path, delays):
+    check_print(wire(ok_delays_s=delays), tmp_path)
+
+
+def test_board_that_stands_still_for_four_seconds(tmp_path):
+    transport = wire(STALL)
+    check_print(transport, tmp_path)
+    assert transport.printer.pace.host_time(transport.printer.now) > transport.printer.now + 3.9
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_board_at_a_share_of_its_speed(tmp_path, share):
+    transport = wire(speed=share)
+    check_print(transport, tmp_path)
+    assert transport.clock.now() > transport.printer.now / share * 0.99
+
+
+def test_slow_board_that_stalls_behind_late_and_lost_oks(tmp_path):
+    transport = wire(STALL, seed=3, speed=0.5, ok_delay_up_to_s=0.8, drop_ok=0.05)
+    check_print(transport, tmp_path)

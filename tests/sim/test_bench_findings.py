@@ -1,0 +1,198 @@
+"""Behaviour of a real Marlin, asked line by line, that the simulated one follows.
+
+Source: measured 2026-11-22 on Marlin bugfix-2.1.x of 2024-10-11 (ATmega2560 under simavr), the same
+bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_profiles import Printer, load
+from sim.faults import Fault
+from sim.marlin import MarlinPrinter
+
+PROFILE = load(Printer, "marlin_avr")
+
+
+def marlin(**changes: object) -> MarlinPrinter:
+    printer = MarlinPrinter(PROFILE.model_copy(update=changes))
+    assert printer.exchange(b"M302 P1\n").endswith((b"ok\n", b"B3\n"))
+    return printer
+
+
+def said(printer: MarlinPrinter, *lines: str) -> str:
+    """The last line's answer, without its ok."""
+    answers = [printer.exchange(line.encode() + b"\n").decode() for line in lines]
+    return answers[-1].removesuffix("ok\n")
+
+
+def x_steps(printer: MarlinPrinter) -> int:
+    """Steps of X since power-up."""
+    return round(printer.executed().end[-1, 0] * 80)
+
+
+# --- words and codes
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("M118 A1 E1 hi", "echo://hi\r\n"),
+        ("M118 E0 hi", "E0 hi\r\n"),
+        ("M118 E2 hi", "E2 hi\r\n"),
+        ("M118 P1 hi", "hi\r\n"),
+        ("M118  E1   two  blanks  ", "echo:two  blanks  \r\n"),
+        ("M 118 hi", "hi\r\n"),
+        ("M118 hi*5", "hi\r\n"),
+        ("M111", "echo:DEBUG:off\n"),
+        ("M111 S32", "echo:DEBUG:\n"),
+        ("M111 S-1", "echo:DEBUG:off\n"),
+        ("M85", "Inactivity timeout 0 s.\n"),
+        ("M149", 'echo:Unknown command: "M149"\n'),
+        ("M120", ""),
+        ("M504", "echo:EEPROM OK\n"),
+        ("M428", "echo:Home XYZ First\r\n"),
+        ("M205 J0.5", "Error:?J out of range (0.01 to 0.3)\n"),
+        ("M301 E0", "  M301 P22.20 I1.08 D114.00\n"),
+        ("M206 X5", "X:0.00 Y:0.00 Z:0.00 E:0.00 Count X:0 Y:0 Z:0\n"),
+        ("M0112", ""),
+        ("M65648", ""),
+    ],
+)
+def test_answer_is_the_real_ones(line: str, answer: str) -> None:
+    assert said(marlin(), line) == answer
+
+
+def test_code_112_kills_without_emergency_parser_however_it_is_written() -> None:
+    printer = marlin(emergency_parser=False)
+    printer.exchange(b"M0112\n")
+    assert printer.dead
+
+
+def test_line_is_refused_before_the_emergency_parsers_kill_is_done() -> None:
+    answer = marlin().exchange(b"N5 M112\n")
+    assert answer.index(b"Resend: 1\nok\n") < answer.index(b"echo:M112 Shutdown")
+
+
+def test_text_of_m0_begins_behind_its_words_with_numbers() -> None:
+    printer = marlin()
+    assert "//action:prompt_begin M0 Stop\n" in said(printer, "M0 S1")
+    printer.advance(2.0)
+    assert "//action:prompt_begin Move it\n" in said(printer, "M0 P10 Move it")
+
+
+# --- settings that last
+
+
+@pytest.mark.parametrize(
+    ("line", "question", "answer"),
+    [
+        ("M220 S50.7", "M220", "FR:50%\n"),
+        ("M220 S40000", "M220", "FR:-25536%\n"),
+        ("M221 S95.9", "M221", "echo:E0 Flow: 95%\n"),
+        ("M113 S2.5", "M113", "echo:M113 S2\n"),
+        ("M92 X0 E-5", "M92", "  M92 X0.00 Y80.00 Z400.00 E-5.00\n"),
+        ("M92 E5", "M203", "  M203 X300.00 Y300.00 Z5.00 E2500.00\n"),
+        ("M203 X-3", "M203", "  M203 X-3.00 Y300.00 Z5.00 E25.00\n"),
+        ("M205 S5 T3", "M205", "  M205 B20000.00 S5.00 T3.00 J0.01\n"),
+        ("M200 D1.75", "M200", "  M200 S1 D1.75\n"),
+        ("M200 D0", "M200", "  M200 S0 D1.75\n"),
+        ("M302 S200.7", "M302", "echo:Cold extrudes are disabled (min temp 200C)\n"),
+        ("M302 S0\nM302 P0", "M302", "echo:Cold extrudes are enabled (min temp 0C)\n"),
+        ("G92 X-1", "M211", "  M211 S1 ; ON\n  Min:  X-1.00 Y0.00 Z0.00   "
+         "Max:  X199.00 Y200.00 Z200.00\n"),
+        ("M211 S-1", "M211", "  M211 S0 ; OFF\n  Min:  X0.00 Y0.00 Z0.00   "
+         "Max:  X200.00 Y200.00 Z200.00\n"),
+    ],
+)  # fmt: skip
+def test_setting_is_kept_and_told_as_the_real_one_does(
+    line: str, question: str, answer: str
+) -> None:
+    assert said(marlin(), *line.split("\n"), question) == answer
+
+
+def test_speed_factor_is_kept_aside_and_taken_back() -> None:
+    printer = marlin()
+    said(printer, "M220 S50", "M220 B", "M220 S10")
+    assert said(printer, "M220 R", "M220") == "FR:50%\n"
+
+
+def test_stored_settings_outlast_a_reset_and_others_do_not() -> None:
+    printer = marlin()
+    said(printer, "M92 X81", "M500", "M203 Z4", "M220 S50")
+    printer.reset()
+    printer.take_output()
+    assert said(printer, "M92") == "  M92 X81.00 Y80.00 Z400.00 E500.00\n"
+    assert said(printer, "M203") == "  M203 X300.00 Y300.00 Z5.00 E25.00\n"
+    assert said(printer, "M220") == "FR:100%\n"
+    assert said(printer, "M502", "M92") == "  M92 X80.00 Y80.00 Z400.00 E500.00\n"
+    assert "M92 X81.00" in said(printer, "M501")
+
+
+def test_place_is_counted_in_the_new_steps_when_they_change() -> None:
+    printer = marlin()
+    said(printer, "G1 X5 F600", "M400", "M92 X160")
+    assert "Count X:800" in said(printer, "M114")
+    said(printer, "G1 X6", "M400")
+    assert x_steps(printer) == 400 + 160
+
+
+def test_volume_of_m200_shortens_the_plungers_way() -> None:
+    printer = marlin()
+    said(printer, "M200 D1.75", "G1 E10 F600", "M400")
+    assert printer.executed().plunger_end[-1] == pytest.approx(4.158, abs=0.002)
+
+
+def test_nothing_moves_slower_than_m205_says() -> None:
+    printer = marlin()
+    said(printer, "M205 T50", "G1 X10 F60", "M400")
+    executed = printer.executed()
+    assert executed.time_end[-1] - executed.time_start[0] < 0.3
+
+
+def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
+    printer = marlin()
+    said(printer, "M111 S8", "M104 S50", "G1 X3 E3 F600", "M400")
+    assert printer.executed().plunger_end[-1] == 0
+    assert printer.executed().end[-1, 0] == 3
+    assert printer.machine.hotend.target_c == 0
+
+
+# --- the kill's run-on
+
+
+@pytest.mark.parametrize("parser", [True, False])
+@pytest.mark.parametrize(
+    ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
+)
+def test_motors_run_on_after_a_kill_for_as_long_as_the_real_ones(
+    feed: int, real_s: float, parser: bool
+) -> None:
+    printer = marlin(emergency_parser=parser)
+    said(printer, f"G1 X150 Y150 F{feed}", "G1 X0 Y0")
+    printer.advance(0.6)
+    begin = printer.now
+    assert "halted" in said(printer, "M112")
+    printer.advance(3.0)
+    assert printer.halted
+    executed = printer.executed()
+    assert executed.time_end[-1] - begin == pytest.approx(real_s, rel=0.05)
+
+
+def test_quickstop_before_the_kill_leaves_no_step_behind_it() -> None:
+    printer = marlin()
+    said(printer, "G1 X100 F3000")
+    printer.advance(0.5)
+    printer.exchange(b"M410\n")
+    stopped = len(printer.executed()), x_steps(printer)
+    printer.exchange(b"M112\n")
+    printer.advance(3.0)
+    assert (len(printer.executed()), x_steps(printer)) == stopped
+
+
+def test_firmware_that_stops_itself_runs_on_like_any_kill() -> None:
+    printer = MarlinPrinter(PROFILE, faults=(Fault(fault="kill", time_s=1.0),))
+    said(printer, "M302 P1", "G1 X100 F3000")
+    printer.advance(4.0)
+    assert printer.executed().end[-1, 0] > 50 + 30

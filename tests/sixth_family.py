@@ -1,0 +1,113 @@
+"""A made-up sixth firmware family, as somebody would add it: two folders, and nothing else.
+
+It has Klipper's kind of link, Marlin's words but no arcs, a question of its own (M777) and a
+timeout under another name; its simulated twin answers M777.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import firmware_profiles.families as facts
+import sim.families as twins
+from firmware_profiles import Printer, load
+from firmware_profiles.families import find_family, meanings
+from firmware_profiles.load import DATA
+from printctl.gate.rules import rules
+from sim.families import registry
+from sim.reading.words import known
+
+NAME = "sixthware"
+FACTS = '''
+"""Facts about a made-up firmware."""
+
+from firmware_profiles.families.ack_protocol import AckProtocol, Sort
+from firmware_profiles.families.common_words import COMMON
+from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.family import Family
+from firmware_profiles.families.gate_facts import Ask, GateFacts
+from firmware_profiles.families.grammar import Grammar, codes
+from firmware_profiles.families.job_facts import IdleTimeout
+from firmware_profiles.families.link_facts import LinkFacts
+from firmware_profiles.families.probe_facts import ProbeFacts
+
+
+class SixthProtocol(AckProtocol):
+    """One line in flight, without numbers."""
+
+    def frame(self, number, command):
+        return command + b"\\n"
+
+    def sort(self, text):
+        if text.startswith(b"echo:Unknown command"):
+            return Sort.FAULT
+        return Sort.OK if text == b"ok" or text.startswith(b"ok ") else Sort.TEXT
+
+    def _on_silence(self, now, events):
+        self.deadline = now + self.timing.deaf_s
+
+
+FAMILY = Family(
+    link=LinkFacts(says="sixth", make_protocol=lambda setup: SixthProtocol(setup.timing)),
+    grammar=Grammar(
+        codes=codes("G", 0, 1, 4, 21, 28, 90, 92)
+        | codes("M", 82, 85, 104, 105, 112, 114, 115, 140, 220, 221, 400, 777),
+        words={**COMMON, "M777": ""},
+        lower_case=False,
+    ),
+    dialect=always(Dialect("M85 S{seconds}", clean=("M220 S100", "M221 S100"))),
+    gate=GateFacts(console={"M777": Ask()}),
+    probe=ProbeFacts((b"M115",)),
+    timeout=IdleTimeout("M85", "", "M85 S600"),
+)
+'''
+TWIN = '''
+"""The printer that plays it."""
+
+from sim.marlin import MarlinPrinter
+
+
+def _m777(board, command):
+    board.machine.say("seven hundred and seventy-seven")
+
+
+def _m115(board, command):
+    board.machine.say("FIRMWARE_NAME:Sixthware 1.0")
+
+
+class SixthPrinter(MarlinPrinter):
+    """Marlin's machine with a question more."""
+
+    handlers = {**MarlinPrinter.handlers, "M115": _m115, "M777": _m777}
+
+
+PRINTER = SixthPrinter
+'''
+
+
+@contextmanager
+def installed(folder: Path) -> Iterator[Printer]:
+    """Put both folders beside the other families', and give a profile that names the family."""
+    paths = {facts: folder / "facts", twins: folder / "twins"}
+    for home, (name, text) in zip(paths, (("__init__", FACTS), ("printer", TWIN)), strict=True):
+        inside = paths[home] / NAME
+        inside.mkdir(parents=True)
+        (inside / "__init__.py").write_text('"""A family."""\n')
+        (inside / f"{name}.py").write_text(text.lstrip())
+        home.__path__.append(str(paths[home]))
+    try:
+        yield _profile(folder)
+    finally:
+        for home, path in paths.items():
+            home.__path__.remove(str(path))
+        for remembers in (find_family, meanings, registry._part, known, rules):
+            remembers.cache_clear()
+
+
+def _profile(folder: Path) -> Printer:
+    text = (DATA / "printers" / "generic_marlin.yaml").read_text(encoding="utf-8")
+    path = folder / "sixth.yaml"
+    path.write_text(text.replace("firmware: marlin", f"firmware: {NAME}"), encoding="utf-8")
+    return load(Printer, str(path))

@@ -1,0 +1,88 @@
+"""A sixth firmware family is two folders: reader, writer, gate, dry run, link and twin find it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from design.toolpath.fresh import FreshOptions, fresh_toolpath
+from design.toolpath.gcode import GcodeOptions, write_gcode
+from firmware_profiles import Printer, Syringe, load
+from firmware_profiles.families import family_names
+from printctl.gate import Bounds, Door, Known, judge
+from printctl.gate.verdict import Allowed
+from printctl.link.clock import VirtualClock
+from printctl.link.families import protocol_for
+from printctl.link.journal import Journal
+from printctl.link.states import LinkState
+from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
+from printctl.preflight.firmware_checks import firmware_checks
+from sim.dryrun import dry_run
+from sim.errors import LineError
+from sim.families.registry import simulated_printer
+from sim.firmware_codes import is_known_line
+from sim.reading import read_line
+from tests.design.toolpath.shapes import as_solid, block
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.sim_transport import SimTransport
+from tests.sixth_family import NAME, installed
+
+START = (50.0, 60.0, 30.0)
+
+
+@pytest.fixture(scope="module")
+def printer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Printer]:
+    with installed(tmp_path_factory.mktemp("sixth")) as found:
+        yield found
+
+
+def job(printer: Printer) -> bytes:
+    toolpath = fresh_toolpath(as_solid(block(2, 2, 0.18)), FreshOptions())
+    options = GcodeOptions(start_mm=START)
+    return write_gcode(toolpath, printer, load(Syringe, "hamilton_1ml"), START, options).data
+
+
+def test_it_is_found_by_its_folder(printer: Printer) -> None:
+    assert printer.firmware == NAME
+    assert NAME in family_names()
+
+
+def test_lines_are_read_as_it_reads_them(printer: Printer) -> None:
+    assert is_known_line(printer, read_line(b"M777", printer))
+    assert not is_known_line(printer, read_line(b"G2 X1 Y1 I1 J1", printer))
+    with pytest.raises(LineError, match=f"{NAME} reads capitals only"):
+        read_line(b"m777", printer)
+
+
+def test_the_gate_has_its_question(printer: Printer) -> None:
+    known = Known(Bounds(printer))
+    assert isinstance(judge("M777", Door.CONSOLE, known), Allowed)
+    assert not isinstance(judge("M777", Door.JOB, known), Allowed)
+    assert not isinstance(judge("M503", Door.CONSOLE, known), Allowed)
+
+
+def test_its_job_passes_dry_run_and_preflight(printer: Printer) -> None:
+    run = dry_run(job(printer), printer, START)
+    assert not run.findings
+    assert all(check.passed for check in firmware_checks(run, printer))
+    assert dry_run(b"M85 S600\nM300\n", printer, START).findings
+
+
+def test_a_print_runs_on_its_twin(printer: Printer, tmp_path: Path) -> None:
+    clock = VirtualClock()
+    twin = simulated_printer(printer)(printer, START)
+    transport = SimTransport(twin, clock, np.random.default_rng(1))
+    wiring = Wiring(
+        transport=transport,
+        protocol=protocol_for(printer, 0.05),
+        clock=clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=printer,
+    )
+    assert type(wiring.protocol).__name__ == "SixthProtocol"
+    status = Streamer(wiring, parse_job(job(printer), "part.gcode", printer)).run()
+    assert status.state is LinkState.DONE, status
