@@ -61,8 +61,8 @@ def one_print(page: PageServer, seed: int, folder: Path) -> tuple[list[Killed], 
                     break
             wrong = print_.finish()
         except PeerFailedError as exc:
-            wrong = [f"print {seed}: {exc}"]
             print_.leave()
+            return print_.killed, [f"print {seed}: {exc}"]
     # The record is written when the printer's process ends.
     begin, end = executed_ends(record, STEPS_PER_MM)
     lost, doubled = lost_and_doubled(file.ends, begin, end)
