@@ -102,6 +102,7 @@ bench-operator: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.operator $(BENCH)
 	@$(BIN)/python -m benchmarks.operator_view $(BENCH)
 	@$(BIN)/python -m benchmarks.operator_stop_door $(BENCH)
+	@$(BIN)/python -m benchmarks.operator_kills $(BENCH)
 	@$(BIN)/python -m benchmarks.operator_first_print
 
 $(VENV)/.ready: pyproject.toml constraints.txt

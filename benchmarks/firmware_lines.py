@@ -145,7 +145,7 @@ class Both:
 
     def tell(self, text: str) -> tuple[list[str], list[str]]:
         """Send a line to both; what each says."""
-        said = self.host.ask(text, 60)
+        said = self.host.ask(text, 300)
         twin = self.twin.exchange(text.encode() + b"\n").decode("latin-1").splitlines()
         return said, twin
 
@@ -184,7 +184,7 @@ def compare(
                 if by_hand != board["E"]:
                     note.append(f"{number}: E {board['E']} on the board, {by_hand} by hand")
                     plunger.motor = board["E"]
-                    differing += 1
+                    plunger.apart += 1
             if any(abs(now[a] - apart[a]) > SETTLED for a in "XYZE"):
                 note.append(f"{lines[max(0, number - EVERY + 1) : number + 1]}: {apart} -> {now}")
                 differing += 1
@@ -210,7 +210,8 @@ def sent_pass(image: Path, folder: Path, count: int, note: list[str]) -> dict[st
     lines = [line for number, line in enumerate(lines, 1) if number not in bad]
     both = Both(image, folder)
     try:
-        differing = compare(both, lines, note, MarlinPlunger(STEPS["E"]))
+        plunger = MarlinPlunger(STEPS["E"])
+        differing = compare(both, lines, note, plunger)
         end = {a: float(v) for a, v in zip("XYZ", program.target[-1, :3], strict=True)}
         end["E"] = float(program.plunger[-1])
         motors = both.steps()[0]
@@ -219,7 +220,7 @@ def sent_pass(image: Path, folder: Path, count: int, note: list[str]) -> dict[st
         both.close()
     note.append(f"dry run's end against the motors', steps: {off}; refused {dict(refused)}")
     worst = max(abs(off[axis]) for axis in "XYZ")
-    return {"lines": len(lines), "differing": differing, "end": round(worst, 2)}
+    return {"lines": len(lines), "differing": differing, "end": round(worst, 2), "e": plunger.apart}
 
 
 def raw_pass(image: Path, folder: Path, count: int, note: list[str]) -> int:
@@ -261,6 +262,8 @@ def main() -> None:
             what + "dry run's end elsewhere", sent["end"], "steps", "<= 1.5", sent["end"] <= SETTLED
         )
     )
+    name = what + "E motor beside Marlin's own arithmetic, done by hand"
+    rows.append(row(name, sent["e"], "", "0", sent["e"] == 0))
     rows.append(
         row(f"{asked.lines // 4} raw lines: simulated printer elsewhere", raw, "", "0", raw == 0)
     )

@@ -53,7 +53,7 @@ def one_print(page: PageServer, seed: int, folder: Path) -> tuple[list[Killed], 
     """Print once; return what each kill showed, and what was wrong with the lines at the end."""
     file, record = short_job(seed), folder / f"{seed}.npz"
     link = folder / f"tty-{seed}"
-    with simulated("generic_marlin", "--speed", "3", "--record", str(record), "--link", str(link)):
+    with simulated("generic_marlin", "--speed", "2", "--record", str(record), "--link", str(link)):
         print_ = KilledPrint(page, file, seed, str(link))
         try:
             for kill in plan(np.random.default_rng(seed)):
@@ -61,8 +61,8 @@ def one_print(page: PageServer, seed: int, folder: Path) -> tuple[list[Killed], 
                     break
             wrong = print_.finish()
         except PeerFailedError as exc:
-            wrong = [f"print {seed}: {exc}"]
             print_.leave()
+            return print_.killed, [f"print {seed}: {exc}"]
     # The record is written when the printer's process ends.
     begin, end = executed_ends(record, STEPS_PER_MM)
     lost, doubled = lost_and_doubled(file.ends, begin, end)
@@ -106,6 +106,7 @@ def main() -> None:
     """Kill, judge and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--quick", action="store_true", help="8 kills")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     killed: list[Killed] = []
@@ -118,7 +119,7 @@ def main() -> None:
         page = PageServer(folder / "workspace")
         page.start()
         try:
-            while len(killed) < asked.kills:
+            while len(killed) < (8 if asked.quick else asked.kills):
                 more, bad = one_print(page, seed, folder)
                 killed += more
                 wrong += bad
@@ -126,6 +127,8 @@ def main() -> None:
                     print(text, file=sys.stderr, flush=True)
                 print(f"print {seed}: {len(more)} kills", file=sys.stderr, flush=True)
                 seed += 1
+        except KeyboardInterrupt:  # what was found so far is told
+            pass
         finally:
             page.end()
     found = {

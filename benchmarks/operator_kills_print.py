@@ -366,7 +366,7 @@ class KilledPrint:
 
     def _holder(self) -> int:
         """The process that speaks to the printer."""
-        limit = time.monotonic() + 10
+        limit = time.monotonic() + _PATIENCE_S
         while time.monotonic() < limit:
             found = self._station_pid() or _live_pid(self.folder / "link.json")
             if found:

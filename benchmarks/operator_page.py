@@ -19,6 +19,8 @@ from benchmarks.link_printers import PeerFailedError
 from benchmarks.machine import ROOT
 
 _START_S = 120.0
+_ANSWER_S = 300.0
+"""For an answer: a first check may have to compile kernels."""
 _DOOR = b"printctl.web.stop_door"
 
 
@@ -112,7 +114,7 @@ class PageServer:
         headers |= {"Content-Type": sort} if sort else {}
         request = urllib.request.Request(url, data, headers, method=method)
         try:
-            with urllib.request.urlopen(request, timeout=100) as answer:
+            with urllib.request.urlopen(request, timeout=_ANSWER_S) as answer:
                 return answer.status, json.loads(answer.read() or b"null")
         except urllib.error.HTTPError as exc:
             return exc.code, _said(exc.read())

@@ -39,6 +39,13 @@ class MarlinPlunger:
     Parameters
     ----------
     steps_per_mm : float
+
+    Attributes
+    ----------
+    motor : int
+        Steps of the motor so far.
+    apart : int
+        How often a board's motor was found elsewhere; counted by who compares.
     """
 
     def __init__(self, steps_per_mm: float) -> None:
@@ -46,7 +53,7 @@ class MarlinPlunger:
         self._e_mm = np.float32(0.0)
         self._planned = 0
         self._relative = False
-        self.motor = 0
+        self.motor = self.apart = 0
 
     def take(self, line: str) -> None:
         """Take a line as the product sends it: upper case, words apart, no remark."""

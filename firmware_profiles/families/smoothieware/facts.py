@@ -17,7 +17,7 @@ from firmware_profiles.families.grammar import Grammar, codes, to
 from firmware_profiles.families.link_facts import LinkFacts, LinkSetup
 from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.probe_facts import ProbeFacts
-from firmware_profiles.families.smoothieware.protocol import smoothie_protocol
+from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 
 _CODES: Final = codes(
     "G", to(0, 4), 10, 11, to(17, 21), to(28, 32), 38, 43, to(53, 59), to(90, 92)
@@ -31,7 +31,7 @@ _ANY_WORD: Final = ("M18", "M84", "M92", "M105", "M114", "M201", "M203", "M204",
 
 
 def _make_protocol(setup: LinkSetup) -> LinkProtocol:
-    return smoothie_protocol(setup.timing)
+    return SmoothieProtocol(setup.timing)
 
 
 FAMILY: Final = Family(

@@ -12,14 +12,11 @@ a UART.
 
 from __future__ import annotations
 
-from typing import Final
-
-from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, Reply, classify
+from firmware_profiles.families.marlin.state import Wording
 from firmware_profiles.families.marlin.tokens import Tokens
-from firmware_profiles.families.marlin.variant import Variant
 
 
 def _classify(text: bytes) -> Reply:
@@ -43,16 +40,14 @@ class _Identity(Tokens):
         return b"FIRMWARE_NAME" in text and self.come_back()
 
 
-SMOOTHIEWARE: Final = Variant(
-    kill_bytes=b"\x18\nM112\n",
-    question=QUESTION + QUESTION,
-    two_resends=True,
-    classify=_classify,
-    guard=bytes,  # it reads no raw bytes but ^X
-    make_tokens=_Identity,
-)
+class SmoothieProtocol(MarlinProtocol):
+    """See the module."""
 
-
-def smoothie_protocol(timing: Timing | None = None) -> MarlinProtocol:
-    """Return Smoothieware's state machine."""
-    return MarlinProtocol(timing, variant=SMOOTHIEWARE)
+    kill_bytes: bytes = b"\x18\nM112\n"
+    wording: Wording = Wording(
+        question=QUESTION + QUESTION,
+        classify=_classify,
+        two_resends=True,
+        make_tokens=_Identity,
+        guard=bytes,  # it reads no raw bytes but ^X
+    )

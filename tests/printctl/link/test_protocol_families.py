@@ -7,7 +7,7 @@ from itertools import groupby
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
-from firmware_profiles.families.smoothieware.protocol import smoothie_protocol
+from firmware_profiles.families.smoothieware.protocol import SmoothieProtocol
 from printctl.link.modal import places
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.wire_machine import FILE, WireMachine, as_test
@@ -38,7 +38,7 @@ class FamilyWire(WireMachine):
 
 class SmoothieWire(FamilyWire):
     printer_class = FakeSmoothie
-    protocol_class = staticmethod(smoothie_protocol)
+    protocol_class = SmoothieProtocol
     once = True
 
 

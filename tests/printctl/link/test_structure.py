@@ -11,8 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl")
-FOLDERS = ("printctl/link", "printctl/station")
-FAMILIES = "firmware_profiles/families"
+FOLDERS = ("printctl/link", "printctl/station", "firmware_profiles/families")
 MOST_CLASSES = 2
 """In a chain: a class and one base."""
 
@@ -114,9 +113,9 @@ class House:
             path, name = self.imports[path][name]
         return path, name
 
-    def of_folders(self, *more: str) -> list[Source]:
-        """Classes of link and station, and of ``more`` folders."""
-        folders = tuple(str(ROOT / folder) + "/" for folder in (*FOLDERS, *more))
+    def of_folders(self) -> list[Source]:
+        """Classes of link, station and the families' protocols."""
+        folders = tuple(str(ROOT / folder) + "/" for folder in FOLDERS)
         return [self.source(key) for key in sorted(self.nodes) if key[0].startswith(folders)]
 
 
@@ -149,7 +148,7 @@ def house() -> House:
 
 
 def test_no_chain_of_classes_is_longer_than_a_class_and_its_base(house):
-    found = house.of_folders(FAMILIES)
+    found = house.of_folders()
     assert len(found) > 80, "link and station were looked for in the wrong place"
     long = [one.name for one in found if one.chain() > MOST_CLASSES and not one.is_error()]
     assert long == []
