@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles.families.grammar import ERule
 from kernels import jit
 from sim.errors import GcodeError
 from sim.gcode_modal import (
@@ -220,7 +221,10 @@ class Columns(NamedTuple):
 
 
 def read_gcode(
-    gcode: bytes, start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), heads: int = 1
+    gcode: bytes,
+    start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    heads: int = 1,
+    e_rule: ERule = "with_axes",
 ) -> Program:
     """Read a whole file.
 
@@ -232,6 +236,8 @@ def read_gcode(
     heads : int
         How many the printer has (`firmware_profiles.Printer.head_count`); T says nothing to one
         with a single head.
+    e_rule : str
+        What makes E relative (`firmware_profiles.families.grammar.Grammar`).
 
     Raises
     ------
@@ -246,7 +252,7 @@ def read_gcode(
     room = gcode.count(b"\n") + gcode.count(b"\r") + 1
     while True:
         columns = Columns.of(room)
-        used = _read(gcode, new_modal(start_mm, heads), np.zeros(1, WORDS), columns)
+        used = _read(gcode, new_modal(start_mm, heads, e_rule), np.zeros(1, WORDS), columns)
         if used <= room:
             break
         room = used

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import MOST_HEADS
+from firmware_profiles.families.grammar import E_RULES, ERule
 from kernels import jit
 from sim.planner_state import Record, Records
 
@@ -20,6 +21,8 @@ MODAL: Final = np.dtype(
         ("plunger_shift", "f8"),  # plunger travel since power-up minus E, mm
         ("feed", "f8"),  # mm/s
         ("relative", "i8", (4,)),
+        ("e_rule", "i8"),  # what makes E relative, an index of `E_RULES`
+        ("m83", "i8"),  # 1 since M83, 0 since M82
         ("unit", "f8"),  # mm per unit of length
         ("speed_percent", "f8"),  # M220
         ("flow_percent", "f8"),  # M221
@@ -73,13 +76,16 @@ _G, _M, _T = ord("G"), ord("M"), ord("T")
 _SYNC_CODES = (0, 1, 109, 190, 400)
 
 
-def new_modal(start_mm: tuple[float, float, float], heads: int = 1) -> Records:
+def new_modal(
+    start_mm: tuple[float, float, float], heads: int = 1, e_rule: ERule = "with_axes"
+) -> Records:
     """State after power-up with the tip at ``start_mm``, (1,) of `MODAL`.
 
     Absolute, millimetres, 25 mm/s (Marlin's first feed rate is 1500 mm/min), the first of
-    ``heads``.
+    ``heads``; E is relative as the firmware family has it (``e_rule``).
     """
     modal = np.zeros(1, MODAL)
+    modal["e_rule"] = E_RULES.index(e_rule)
     modal["heads"] = heads
     modal["position"][0, :3] = start_mm
     modal["feed"] = 25.0
@@ -123,14 +129,21 @@ def interpret(modal: Record, words: Record) -> int:
         elif number == 28:
             return HOME
         elif number == 90 or number == 91:
-            for axis in range(4):
+            for axis in range(3):
                 modal.relative[axis] = 1 if number == 91 else 0
+            if modal.e_rule == 0:
+                modal.relative[3] = modal.relative[0]
+            elif modal.e_rule == 2:
+                modal.relative[3] = max(modal.relative[0], modal.m83)
         elif number == 92:
             _set_position(modal, words)
             return SET_POSITION
     elif words.letter == _M:
         if number == 82 or number == 83:
-            modal.relative[3] = 1 if number == 83 else 0
+            modal.m83 = 1 if number == 83 else 0
+            modal.relative[3] = modal.m83
+            if modal.e_rule == 2:
+                modal.relative[3] = max(modal.relative[0], modal.m83)
         elif number == 220 and has(words, _S):
             modal.speed_percent = words.value[_S]
         elif number == 221 and has(words, _S):

@@ -13,14 +13,16 @@ Modelled, after the transcripts recorded from a real Marlin (`tests/sim/data/mar
   owns the port;
 - busy messages, reports of temperature and position, dwells, waits for heat and for the user,
   heaters with thermal mass, cold extrusion, M85, M112, M410, M108 with and without emergency
-  parser, ADVANCED_OK, kill (silence until a reset) and reset.
+  parser, ADVANCED_OK, reset, and kill: silence until a reset, and motors that run on for a while
+  (`sim.marlin_halt`).
 
 Not modelled: SD card, display, probe and levelling, endstops that are hit (G28 is a straight run
 to the low end, and a switch fails only as a fault says), a head's own temperature where there are
-several, sensors' noise, heaters' control loop, EEPROM (settings last until a reset), bytes that
-the line loses or invents, the stutter of an overloaded processor, motors that lose steps. As in
-the real firmware the software endstops count only on axes that were homed: a machine that wasn't
-homed runs wherever it is told, and the host must keep it inside.
+several, sensors' noise, heaters' control loop and its tuning (M303), the EEPROM's image (stored
+settings outlast a reset, their CRC is always the same), bytes that the line invents, the stutter
+of an overloaded processor, motors that lose steps. As in the real firmware the software endstops
+count only on axes that were homed: a machine that wasn't homed runs wherever it is told, and the
+host must keep it inside.
 
 Time. The clock advances only by the printer's own waits: bytes on the wire, the processor's time
 for a command, a full planner, M400, G4, a wait for heat. So a slow host can't starve the

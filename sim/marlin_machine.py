@@ -10,6 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from firmware_profiles import Printer, Span
+from firmware_profiles.families import family_of
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode_modal import new_modal
@@ -202,7 +203,8 @@ class Machine:
         fresh["physical"][0, 3] = fresh["plungers"][0, 0]
         fresh["shift"] = fresh["physical"] - fresh["position"]
         self.planner[:] = fresh
-        self.modal = new_modal(self.start_mm, printer.head_count)
+        rule = family_of(printer).grammar.e_rule
+        self.modal = new_modal(self.start_mm, printer.head_count, rule)
         self.tool_offset = np.zeros((printer.head_count, 3))
         spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
         self.modal["low"] = [span.low for span in spans]

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode import Program, read_gcode
 from sim.gcode_extended import Named
@@ -54,7 +55,8 @@ def read_written(gcode: bytes, printer: Printer, start_mm: tuple[float, float, f
     """
     file = read_file(gcode, printer)
     text = file.in_g_code
-    program = read_gcode(text, start_mm, printer.head_count)
+    rule = family_of(printer).grammar.e_rule
+    program = read_gcode(text, start_mm, printer.head_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
     return Written(program, text, file.named, file.refused)

@@ -45,7 +45,7 @@ class SixthProtocol(AckProtocol):
             return Sort.FAULT
         return Sort.OK if text == b"ok" or text.startswith(b"ok ") else Sort.TEXT
 
-    def _on_silence(self, now, events):
+    def on_silence(self, now, events):
         self.deadline = now + self.timing.deaf_s
 
 

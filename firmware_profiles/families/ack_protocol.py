@@ -2,7 +2,7 @@
 
 Neither keeps count of lines as Marlin does: a line number is at most part of a checksum. So
 there is no asking "which line did you take last"; what is done in doubt is each family's own
-(`_on_silence`). Line numbers here are the host's own count.
+(`on_silence`). Line numbers here are the host's own count.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Sort(Enum):
 class AckProtocol(ABC):
     """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
-    A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `_on_silence`.
+    A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `on_silence`.
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ class AckProtocol(ABC):
         self.deadline = math.inf
         self.lines_done = self.number = self.limit = 0
         self.held = self.keepalive = True
-        self._lines: Sequence[bytes] = ()
+        self.lines: Sequence[bytes] = ()
         self._controls: deque[bytes] = deque()
-        self._flight: bytes | None = None
-        self._in_job = self._probing = self._placing = self._over = False
-        self._sent_at = 0.0
+        self.flight: bytes | None = None
+        self.in_job = self.probing = self._placing = self._over = False
+        self.sent_at = 0.0
         self._rest = self.report = b""
-        self._out: list[bytes] = []
-        self._said: list[bytes] = []
-        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
+        self.out: list[bytes] = []
+        self.heard: list[bytes] = []
+        self.errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
 
     # --- a family's own ----------------------------------------------------------------------
 
@@ -75,7 +75,7 @@ class AckProtocol(ABC):
         """Tell what a line from the printer is."""
 
     @abstractmethod
-    def _on_silence(self, now: float, events: list[Event]) -> None:
+    def on_silence(self, now: float, events: list[Event]) -> None:
         """Do what is right when nothing was heard up to the deadline."""
 
     # --- what the streamer calls -----------------------------------------------------------
@@ -83,16 +83,16 @@ class AckProtocol(ABC):
     @property
     def idle(self) -> bool:
         """Nothing is in flight and nothing is being asked."""
-        return self._flight is None
+        return self.flight is None
 
     @property
     def line_errors(self) -> int:
         """Lines sent again so far."""
-        return self._errors.total
+        return self.errors.total
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the count of lines being ``number``."""
-        self._lines, self.limit = lines, len(lines)
+        self.lines, self.limit = lines, len(lines)
         self.lines_done, self.number = first, number
 
     def renumber(self, now: float) -> None:
@@ -105,14 +105,14 @@ class AckProtocol(ABC):
 
         An ok without a position before it answers an earlier line, and is passed over.
         """
-        self._flight, self._in_job, self._probing = PLACE, False, True
-        self._placing, self._said = True, []
-        self._fly(now)
+        self.flight, self.in_job, self.probing = PLACE, False, True
+        self._placing, self.heard = True, []
+        self.fly(now)
 
     def ask(self, now: float) -> None:
         """Hear that the printer answers; `InStep` follows. It can't say which line it took last."""
-        self._flight, self._in_job, self._probing = PROBE, False, True
-        self._fly(now)
+        self.flight, self.in_job, self.probing = PROBE, False, True
+        self.fly(now)
 
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
@@ -121,13 +121,13 @@ class AckProtocol(ABC):
 
     def go(self, now: float) -> None:
         """Send the next line if nothing is in flight."""
-        if self._flight is None and not self._over:
+        if self.flight is None and not self._over:
             self._send_next(now)
 
     def take_output(self) -> bytes:
         """Give what must be written now, and forget it."""
-        data = b"".join(self._out)
-        self._out.clear()
+        data = b"".join(self.out)
+        self.out.clear()
         return data
 
     def feed(self, data: bytes, now: float) -> Sequence[Event]:
@@ -138,86 +138,94 @@ class AckProtocol(ABC):
             texts, self._rest = [*texts, self._rest], b""
         for text in map(bytes.strip, texts):
             if text and not self._over:
-                self._hear(text, now, events)
+                self.hear(text, now, events)
         return events
 
     def tick(self, now: float) -> Sequence[Event]:
         """Take notice that it is ``now`` and nothing has come."""
         events: list[Event] = []
         if now >= self.deadline:
-            if now - self._sent_at > self._patience():
-                self._end(said.Silent(now - self._sent_at), events)
+            if now - self.sent_at > self._patience():
+                self.end(said.Silent(now - self.sent_at), events)
             else:
-                self._on_silence(now, events)
+                self.on_silence(now, events)
         return events
 
     # --- steps -----------------------------------------------------------------------------
 
     def _patience(self) -> float:
-        return self.timing.doubt_limit_s if self._probing else self.timing.busy_limit_s
+        return self.timing.doubt_limit_s if self.probing else self.timing.busy_limit_s
 
     def _send_next(self, now: float) -> None:
-        self._said = []
+        self.heard = []
         if self._controls:
-            self._flight, self._in_job = self._controls.popleft(), False
+            self.flight, self.in_job = self._controls.popleft(), False
         elif not self.held and self.lines_done < self.limit:
-            self._flight, self._in_job = self._lines[self.lines_done], True
+            self.flight, self.in_job = self.lines[self.lines_done], True
         else:
-            self._flight, self.deadline = None, math.inf
+            self.flight, self.deadline = None, math.inf
             return
-        self._fly(now)
+        self.fly(now)
 
-    def _fly(self, now: float) -> None:
+    def fly(self, now: float) -> None:
         """Write the line in flight for the first time."""
-        self._sent_at = now
+        self.sent_at = now
+        self._write(now)
+
+    def repeat(self, now: float) -> None:
+        """Write the line in flight once more; what was heard of it counts no longer."""
+        self.heard = []
         self._write(now)
 
     def _write(self, now: float) -> None:
-        self._out.append(self.frame(self.number + 1, self._flight or PROBE))
+        self.out.append(self.frame(self.number + 1, self.flight or PROBE))
         self.deadline = now + self.timing.silence_s
 
-    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+    def hear(self, text: bytes, now: float, events: list[Event]) -> None:
+        """Take one line from the printer."""
         sort, words = self.sort(text), text.decode("ascii", "backslashreplace")
         if sort is Sort.HALT:
-            self._end(said.Halted(words), events)
+            self.end(said.Halted(words), events)
         elif sort is Sort.RESTART:
-            over = bool(self._lines)
-            self._end(said.WasReset(), events) if over else events.append(said.Booted())
+            over = bool(self.lines)
+            self.end(said.WasReset(), events) if over else events.append(said.Booted())
         elif sort is Sort.FAULT:
             self.held = True  # its ok may be in the same read: no further line leaves
-            events.append(said.Fault(words, self.lines_done + self._in_job))
+            events.append(said.Fault(words, self.lines_done + self.in_job))
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
-        elif self._flight is not None:
-            self._said.append(text)
+        elif self.flight is not None:
+            self.heard.append(text)
             self.deadline = now + self.timing.silence_s
 
     def _hear_ok(self, text: bytes, now: float, events: list[Event]) -> None:
-        if self._flight is None:
+        if self.flight is None:
             events.append(said.Notice("an ok with nothing in flight"))
             return
         if text != b"ok":
-            self._said.append(text)
-        if self._placing and not any(_POSITION.search(words) for words in self._said):
+            self.heard.append(text)
+        if self._placing and not any(_POSITION.search(words) for words in self.heard):
             events.append(said.Notice("an ok that answers an earlier line"))
             self.deadline = now + self.timing.silence_s
             return
         self._placing = False
-        self._acknowledge(now, events)
+        self.acknowledge(now, events)
 
-    def _acknowledge(self, now: float, events: list[Event]) -> None:
-        if self._probing:
-            self._probing = False
+    def acknowledge(self, now: float, events: list[Event]) -> None:
+        """Count the line in flight as taken, and send the next."""
+        if self.probing:
+            self.probing = False
             events.append(said.InStep(self.number))
-            self._flight, self.deadline = None, math.inf
+            self.flight, self.deadline = None, math.inf
             return
         self.number += 1
-        if self._in_job:
+        if self.in_job:
             self.lines_done += 1
         else:
-            events.append(said.Replied(self._flight or b"", self.number, tuple(self._said)))
+            events.append(said.Replied(self.flight or b"", self.number, tuple(self.heard)))
         self._send_next(now)
 
-    def _end(self, event: Event, events: list[Event]) -> None:
+    def end(self, event: Event, events: list[Event]) -> None:
+        """Take no further part."""
         self._over, self.deadline = True, math.inf
         events.append(event)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Final
+from typing import Final, Literal, get_args
 
 TEXT: Final = "text"
 """Of a code whose rest is a text or a file's name."""
+ERule = Literal["with_axes", "alone", "either"]
+E_RULES: Final[tuple[ERule, ...]] = get_args(ERule)
 
 
 class Meaning(Enum):
@@ -53,6 +55,9 @@ class Grammar:
         Whether a checksum of five digits is a CRC-16; else every checksum is an XOR.
     powers_of_ten : bool
         Whether it reads 1E-5 as a number.
+    e_rule : str
+        What makes E relative. ``with_axes``: the last of G90, G91, M82 and M83. ``alone``: M82 and
+        M83, whatever G90 and G91 said. ``either``: G91 as well as M83, until each is taken back.
     """
 
     codes: frozenset[str]
@@ -65,6 +70,7 @@ class Grammar:
     quoted_words: bool = False
     crc16: bool = False
     powers_of_ten: bool = False
+    e_rule: ERule = "with_axes"
 
 
 def codes(letter: str, *numbers: int | range) -> frozenset[str]:

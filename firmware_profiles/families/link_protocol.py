@@ -213,12 +213,6 @@ class LinkProtocol(Protocol):
 
     Attributes
     ----------
-    deadline : float
-        When `tick` is due, s; infinite for never.
-    lines_done : int
-        Job lines known to be taken.
-    number : int
-        Line number known to be taken last, control commands included.
     held : bool
         While set, no further job line is sent; control commands are.
     limit : int
@@ -227,18 +221,32 @@ class LinkProtocol(Protocol):
         Whether the firmware says once a second that it is busy; set once that is known.
     kill_bytes : bytes
         What halts the firmware at once, out of band.
-    report : bytes
-        Temperatures as it told them last in a line of their own; empty for none.
     """
 
-    deadline: float
-    lines_done: int
-    number: int
     held: bool
     limit: int
     keepalive: bool
     kill_bytes: bytes
-    report: bytes
+
+    @property
+    def deadline(self) -> float:
+        """When `tick` is due, s; infinite for never."""
+        ...
+
+    @property
+    def lines_done(self) -> int:
+        """Job lines known to be taken."""
+        ...
+
+    @property
+    def number(self) -> int:
+        """Line number known to be taken last, control commands included."""
+        ...
+
+    @property
+    def report(self) -> bytes:
+        """Temperatures as they were told last in a line of their own; empty for none."""
+        ...
 
     @property
     def line_errors(self) -> int:

@@ -81,7 +81,7 @@ class Gauges:
     @property
     def next_due(self) -> float:
         """When the next question is due, s; infinite for never."""
-        return min((gauge.due for gauge in self._gauges), default=math.inf)
+        return next_due(self._gauges)
 
     def too_high(self, now: float) -> str:
         """Ask for what is due; say which reading is above its limit, twice; empty for none."""
@@ -131,6 +131,11 @@ class Gauges:
             return value
         self._logbook.record("reading", query=watched.query, value=value, unit=watched.unit)
         return value
+
+
+def next_due(gauges: Sequence[Gauge]) -> float:
+    """Return when the next question is due, s; infinite for never."""
+    return min((gauge.due for gauge in gauges), default=math.inf)
 
 
 def _compared(gauge: Gauge) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -20,6 +21,10 @@ def _as_it_is(status: Status) -> Status:
     return status
 
 
+def _never() -> float:
+    return math.inf
+
+
 class Logbook:
     """State of one print, told and written down; the only one that writes to the journal.
 
@@ -29,6 +34,8 @@ class Logbook:
     progress : JobProgress
     details : callable
         Adds to a status what other parts know.
+    next_due : callable
+        When something else is due, s: `note` is due then at the latest.
     unrecorded : frozenset of str
         Sorts of records that aren't written down.
 
@@ -45,10 +52,12 @@ class Logbook:
         wiring: Wiring,
         progress: JobProgress,
         details: Callable[[Status], Status] = _as_it_is,
+        next_due: Callable[[], float] = _never,
         unrecorded: frozenset[str] = frozenset(),
     ) -> None:
         self.progress = progress
-        self._wiring, self._details, self._unrecorded = wiring, details, unrecorded
+        self._wiring, self._unrecorded = wiring, unrecorded
+        self._details, self._next_due = details, next_due
         self._state, self._message = LinkState.CONNECTING, ""
         self._noted = self._alarms = 0
         self._fault = ""
@@ -149,7 +158,7 @@ class Logbook:
 
     def note(self, now: float) -> None:
         """Write down progress and tell the clients."""
-        self.next_note = now + NOTE_S
+        self.next_note = min(now + NOTE_S, max(self._next_due(), now))
         done = self.progress.done
         if done != self._noted:
             self.record("ack" if done > self._noted else "back", done=done)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from printctl.link.clock import Clock
-from printctl.link.gauges import Gauge
+from printctl.link.gauges import Gauge, next_due
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.syringe_change import SyringeChange
@@ -29,6 +29,10 @@ class PrintDetails:
     ) -> None:
         self._clock, self._gauges = clock, gauges
         self._watch, self._change = watch, change
+
+    def next_due(self) -> float:
+        """Return when the next question to a gauge is due, s; infinite for never."""
+        return next_due(self._gauges)
 
     def add(self, status: Status) -> Status:
         """Return the status of a print that goes on with all that is known."""

@@ -92,7 +92,6 @@ class PrintLoop:
             self._parts.slips.look()
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
-        look = self._next_look(now)
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
@@ -109,10 +108,9 @@ class PrintLoop:
                     channel.handle(events)
             if now >= protocol.deadline:
                 channel.handle(protocol.tick(now))
-            if now >= look:
+            if now >= logbook.next_note:
                 logbook.note(now)
                 stop = protocol.limit = min(stop, self._next_stop(now))
-                look = self._next_look(now)
             if logbook.fault:
                 self._parts.ending.end_on_fault()
             if progress.unverified:
@@ -137,10 +135,6 @@ class PrintLoop:
         if parts.slips.due or now >= parts.gauges.next_due:
             return done
         return parts.slips.next_stop(stop)
-
-    def _next_look(self, now: float) -> float:
-        """Return when progress is written down and what is due is looked at, s."""
-        return min(self._logbook.next_note, max(self._parts.gauges.next_due, now))
 
     # --- between two lines -----------------------------------------------------------------------
 

@@ -72,7 +72,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     watch, change = Watch(job.marks, care), SyringeChange(wiring, progress)
     watched = [Gauge(one) for one in wiring.printer.watch]
     details = PrintDetails(wiring.clock, watched, watch, change)
-    logbook = Logbook(wiring, progress, details.add)
+    logbook = Logbook(wiring, progress, details.add, details.next_due)
     channel = print_channel(wiring, logbook, queue)
     requests = PrintRequests(wiring, logbook, queue, watch, change)
     commands, gauges = ManualCommands(channel, queue), Gauges(channel, watched)

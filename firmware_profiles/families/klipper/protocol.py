@@ -55,26 +55,27 @@ class KlipperProtocol(AckProtocol):
         if not self._halted or now < self.deadline:
             return super().tick(now)
         events: list[Event] = []
-        self._end(said.Halted(self._halted), events)
+        self.end(said.Halted(self._halted), events)
         return events
 
-    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+    def hear(self, text: bytes, now: float, events: list[Event]) -> None:
         """Hear a line; after a shutdown its reason is waited for, for a moment."""
         words = text.decode("ascii", "backslashreplace")
         if self._halted:
             if text.startswith(b"!!"):
-                self._end(said.Halted(f"{self._halted}: {words[2:].strip()}"), events)
+                self.end(said.Halted(f"{self._halted}: {words[2:].strip()}"), events)
         elif self.sort(text) is Sort.HALT:
             self._halted, self.held = words, True
-            self._out.append(b"STATUS\n")
+            self.out.append(b"STATUS\n")
             self.deadline = now + _REASON_S
         else:
-            super()._hear(text, now, events)
+            super().hear(text, now, events)
 
-    def _on_silence(self, now: float, events: list[Event]) -> None:
-        if now - self._sent_at >= self.timing.deaf_s:
-            silent = now - self._sent_at
+    def on_silence(self, now: float, events: list[Event]) -> None:
+        """Wait on, with a notice a minute."""
+        if now - self.sent_at >= self.timing.deaf_s:
+            silent = now - self.sent_at
             events.append(said.Notice(f"line {self.number + 1}: no word for {silent:.0f} s"))
         self.deadline = now + self.timing.deaf_s
-        if self._probing:
+        if self.probing:
             self.deadline = now + self.timing.answer_s

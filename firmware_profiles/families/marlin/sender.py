@@ -3,192 +3,130 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Sequence
 
 from firmware_profiles.families import link_protocol as said
-from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import Phase
-from firmware_profiles.families.marlin.guarding import guarded
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import frame
-from firmware_profiles.families.marlin.tokens import Tokens
+from firmware_profiles.families.marlin.state import LineState
+from firmware_profiles.families.marlin.tokens import TRIES
 
 
-class MarlinSender:
-    """The sending half of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+class Sender:
+    """The sending part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------
-    timing : Timing
-    pairing : Pairing, optional
-        Lets two plain moves leave together; without, one line is in flight.
+    state : LineState
     """
 
-    guard: Callable[[bytes], bytes] = staticmethod(guarded)
-    make_tokens: type[Tokens] = Tokens
+    def __init__(self, state: LineState) -> None:
+        self._state = state
 
-    def __init__(self, timing: Timing | None = None, pairing: Pairing | None = None) -> None:
-        self.timing = timing or Timing()
-        self.deadline = math.inf
-        self.lines_done = self.number = 0
-        self.held = self.keepalive = True
-        self._pairing = pairing
-        self._alone_until = 0
-        self._lines: Sequence[bytes] = ()
-        self.limit = 0
-        self._phase = Phase.READY
-        self._numbered = False
-        self._controls: deque[bytes] = deque()
-        self._control_numbers: dict[int, bytes] = {}
-        self._flight: bytes | None = None
-        self._flight_frame = b""
-        self._flight_control = False
-        self._second: bytes | None = None  # in flight behind it
-        self._second_frame = b""
-        self._fast = False
-        self._rest = b""
-        self._out: list[bytes] = []
-        self._said: list[bytes] = []
-        self._complaint = ""
-        self.report = b""
-        self._errors = LineErrors(self.timing.noise_window, self.timing.noise_limit)
-        self._tokens = self.make_tokens()
-        self._awaiting: tuple[int, bytes] | None = None  # taken, its answer is still to come
-
-    # --- what the streamer calls -----------------------------------------------------------
-
-    @property
-    def idle(self) -> bool:
-        """Nothing is in flight and nothing is being asked."""
-        return self._phase is Phase.READY
-
-    @property
-    def line_errors(self) -> int:
-        """Lines sent again so far."""
-        return self._errors.total
-
-    def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
-        """Take a job; go on at line ``first``, the printer's last line being ``number``."""
-        guard = self.guard
-        self._lines = [guard(line) if line[:1] == b"M" else line for line in lines]
-        self.limit = len(lines)
-        self.lines_done, self.number = first, number
-        self._numbered = True
-        self._alone_until = 0
-        self._control_numbers.clear()
-
-    def submit(self, command: bytes, now: float) -> None:
-        """Send a control command ahead of further job lines; `Replied` follows."""
-        self._controls.append(self.guard(command))
-        self.go(now)
-
-    def go(self, now: float) -> None:
-        """Send the next line if nothing is in flight."""
-        if self._phase is Phase.READY:
-            self._send_next(now)
-
-    def take_output(self) -> bytes:
-        """Give what must be written now, and forget it."""
-        if not self._out:
-            return b""
-        data = self._out[0] if len(self._out) == 1 else b"".join(self._out)
-        self._out.clear()
-        return data
-
-    # --- sending ---------------------------------------------------------------------------
-
-    def _send_next(self, now: float) -> None:
-        self._said, self._complaint = [], ""
-        self._fast = False
-        if self._second is not None:  # it is in flight already
-            self._flight, self._flight_frame = self._second, self._second_frame
-            self._second = None
+    def send_next(self, now: float) -> None:
+        """Send a control command, or the next line where the job isn't held."""
+        state = self._state
+        state.said, state.complaint = [], ""
+        state.fast = False
+        if state.second is not None:  # it is in flight already
+            state.flight, state.flight_frame = state.second, state.second_frame
+            state.second = None
             self._await_ok(now)
-            self._fast = not self._rest
+            state.fast = not state.rest
             return
-        if self._controls:
-            self._flight, self._flight_control = self._controls.popleft(), True
-        elif not self.held and self.lines_done < self.limit:
-            self._flight, self._flight_control = self._lines[self.lines_done], False
+        if state.controls:
+            state.flight, state.flight_control = state.controls.popleft(), True
+        elif not state.held and state.lines_done < state.limit:
+            state.flight, state.flight_control = state.lines[state.lines_done], False
         else:
-            self._flight, self._phase, self.deadline = None, Phase.READY, math.inf
+            state.flight, state.phase, state.deadline = None, Phase.READY, math.inf
             return
-        self._flight_frame = frame(self.number + 1, self._flight)
-        clear = not self._flight_control and not self._tokens.suspect
-        if self._pairing is not None and clear:
-            self._take_along(self._pairing, self._flight)
-        self._fly(now)
-        self._fast = clear and not self._rest
+        state.flight_frame = frame(state.number + 1, state.flight)
+        clear = not state.flight_control and not state.tokens.suspect
+        if state.pairing is not None and clear:
+            self._take_along(state.pairing, state.flight)
+        self.fly(now)
+        state.fast = clear and not state.rest
 
     def _take_along(self, pairing: Pairing, first: bytes) -> None:
         """Let the next job line leave together with ``first`` where that is allowed."""
-        after = self.lines_done + 1
-        if after < self.limit and self.number >= self._alone_until:
-            second = self._lines[after]
-            framed = frame(self.number + 2, second)
-            if pairing.allows(first, second, len(self._flight_frame) + len(framed)):
-                self._second, self._second_frame = second, framed
+        state = self._state
+        after = state.lines_done + 1
+        if after < state.limit and state.number >= state.alone_until:
+            second = state.lines[after]
+            framed = frame(state.number + 2, second)
+            if pairing.allows(first, second, len(state.flight_frame) + len(framed)):
+                state.second, state.second_frame = second, framed
 
-    def _fly(self, now: float) -> None:
+    def fly(self, now: float) -> None:
         """Write what is in flight, in one piece."""
-        self._out.append(self._flight_frame)
-        if self._second is not None:
-            self._out.append(self._second_frame)
+        state = self._state
+        state.out.append(state.flight_frame)
+        if state.second is not None:
+            state.out.append(state.second_frame)
         self._await_ok(now)
 
     def _await_ok(self, now: float) -> None:
-        self._phase, self.deadline = Phase.FLIGHT, now + self.timing.silence_s
+        state = self._state
+        state.phase, state.deadline = Phase.FLIGHT, now + state.timing.silence_s
 
     def _count_taken(self, events: list[Event]) -> None:
         """Note that the line in flight was taken and answered."""
-        self._count_flight()
-        self._answer(events)
+        self.count_flight()
+        self.answer(events)
 
-    def _count_flight(self) -> None:
+    def count_flight(self) -> None:
         """Note that the line in flight was taken; a control command's answer is still to come."""
-        self.number += 1
-        if self._tokens.flying:
-            self._tokens.numbers.add(self.number)
-        elif self._flight_control:
-            command = self._flight or b""
-            self._control_numbers[self.number] = command
-            self._awaiting = self.number, command
+        state = self._state
+        state.number += 1
+        if state.tokens.flying:
+            state.tokens.numbers.add(state.number)
+        elif state.flight_control:
+            command = state.flight or b""
+            state.control_numbers[state.number] = command
+            state.awaiting = state.number, command
         else:
-            self.lines_done += 1
+            state.lines_done += 1
 
-    def _answer(self, events: list[Event]) -> None:
+    def answer(self, events: list[Event]) -> None:
         """Hand over what was said to a control command: all of it was heard."""
-        if self._awaiting is not None:
-            number, command = self._awaiting
-            events.append(said.Replied(command, number, tuple(self._said)))
-            self._awaiting = None
+        state = self._state
+        if state.awaiting is not None:
+            number, command = state.awaiting
+            events.append(said.Replied(command, number, tuple(state.said)))
+            state.awaiting = None
 
-    def _acknowledge(self, now: float, events: list[Event]) -> None:
+    def acknowledge(self, now: float, events: list[Event]) -> None:
         """Go on from an ok; in doubt it is only believed once a token has come back."""
-        if self._tokens.suspect:
-            self._tokens.heard += 1
-            self._owe(now, events)
+        state = self._state
+        if state.tokens.suspect:
+            state.tokens.heard += 1
+            self.owe(now, events)
             return
         self._count_taken(events)
-        self._send_next(now)
+        self.send_next(now)
 
-    def _owe(self, now: float, events: list[Event]) -> None:
+    def owe(self, now: float, events: list[Event]) -> None:
         """Count the line in flight as taken, whose ok may have come or not; send a token."""
-        self._count_flight()
-        self._tokens.owed += 1
-        if self._controls:  # sent again, under numbers that are written down already
-            self._send_next(now)
+        state = self._state
+        self.count_flight()
+        state.tokens.owed += 1
+        if state.controls:  # sent again, under numbers that are written down already
+            self.send_next(now)
         else:
-            self._send_token(now, events)
+            self.send_token(now, events)
 
-    def _send_token(self, now: float, events: list[Event]) -> None:
-        number = self.number + 1
-        command = self._tokens.make(number, now)
-        self._flight, self._flight_control = self.guard(command), True
-        self._flight_frame = frame(number, self._flight)
-        self._fast = False
+    def send_token(self, now: float, events: list[Event]) -> None:
+        """Send a token, unless so many were lost that the firmware can't know them."""
+        state = self._state
+        if state.tokens.tries >= TRIES:
+            state.end(said.Silent(now - state.doubt.since), events)
+            return
+        number = state.number + 1
+        command = state.tokens.make(number, now)
+        state.flight, state.flight_control = state.wording.guard(command), True
+        state.flight_frame = frame(number, state.flight)
+        state.fast = False
         events.append(said.TokenSent(number, command))
-        self._fly(now)
+        self.fly(now)

@@ -50,6 +50,7 @@ FAMILY: Final = Family(
         words={**marlins.WORDS, "G28": "X? Y? Z? W?", "M113": "S"},
         whole=marlins.WHOLE,
         lower_case=False,
+        e_rule="alone",
     ),
     dialect=always(Dialect("M85 S{seconds}", "M302 S0")),
     gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111")),

@@ -33,7 +33,14 @@ def _make_protocol(setup: LinkSetup) -> LinkProtocol:
 
 FAMILY: Final = Family(
     link=LinkFacts(says="reprapfirmware", make_protocol=_make_protocol, tells_steps=True),
-    grammar=Grammar(codes=CODES, words=WORDS, quoted_words=True, crc16=True, powers_of_ten=True),
+    grammar=Grammar(
+        codes=CODES,
+        words=WORDS,
+        quoted_words=True,
+        crc16=True,
+        powers_of_ten=True,
+        e_rule="alone",
+    ),
     dialect=always(
         Dialect(
             cold_extrusion="M302 P1", of_each_head=("G10 P{head} X0 Y0 Z0", "M221 D{head} S100")

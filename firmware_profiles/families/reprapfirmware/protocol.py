@@ -83,33 +83,36 @@ class RrfProtocol(AckProtocol):
             return Sort.FAULT
         return Sort.TEXT
 
-    def _fly(self, now: float) -> None:
+    def fly(self, now: float) -> None:
+        """Write the line in flight for the first time."""
         self._asking, self._told = False, 0
-        super()._fly(now)
+        super().fly(now)
 
     # --- doubt -----------------------------------------------------------------------------
 
-    def _on_silence(self, now: float, events: list[Event]) -> None:
-        if self._probing:
+    def on_silence(self, now: float, events: list[Event]) -> None:
+        """Ask where the printer is, or settle by its answer."""
+        if self.probing:
             self._send_again(now, events)
             return
         if self._asking and self._position:
             self._settle(now, events)
             return
         self._asking = True
-        self._out += [self.frame(self.number + 2 + k, text) for k, text in enumerate(QUESTION)]
+        self.out += [self.frame(self.number + 2 + k, text) for k, text in enumerate(QUESTION)]
         self.deadline = now + 4 * self.timing.answer_s
 
-    def _hear(self, text: bytes, now: float, events: list[Event]) -> None:
+    def hear(self, text: bytes, now: float, events: list[Event]) -> None:
+        """Take one line from the printer; while it is asked, its position counts."""
         if not self._asking:
-            super()._hear(text, now, events)
+            super().hear(text, now, events)
             return
         if self.sort(text) is Sort.OK:
-            self._said += [] if text == b"ok" else [text]
+            self.heard.extend(() if text == b"ok" else (text,))
         elif position := parse_position((text,)):
             self._position = position
         else:
-            super()._hear(text, now, events)
+            super().hear(text, now, events)
         if self._position:
             self.deadline = now + self.timing.quiet_s
 
@@ -118,15 +121,15 @@ class RrfProtocol(AckProtocol):
         position, self._position = self._position, {}
         self._asking = False
         after, before = (self._there(position, self.lines_done + k) for k in (1, 0))
-        if self._in_job and after and not before:
+        if self.in_job and after and not before:
             events.append(said.Notice(f"the ok to line {self.number + 1} was lost"))
-            self._acknowledge(now, events)
-        elif self._in_job and not after and not before:
+            self.acknowledge(now, events)
+        elif self.in_job and not after and not before:
             self._is_elsewhere(position, now, events)
-        elif (self._in_job and not after) or _harmless(self._flight or b""):
+        elif (self.in_job and not after) or _harmless(self.flight or b""):
             self._send_again(now, events)
         else:
-            self._end(said.Silent(now - self._sent_at), events)
+            self.end(said.Silent(now - self.sent_at), events)
 
     def _is_elsewhere(self, position: dict[str, float], now: float, events: list[Event]) -> None:
         """Ask again; a place told `_SURE` times running is where it is, and not the job's.
@@ -136,21 +139,20 @@ class RrfProtocol(AckProtocol):
         self._told = self._told + 1 if position == self._elsewhere else 1
         self._elsewhere = position
         if self._told < _SURE:
-            self._on_silence(now, events)
+            self.on_silence(now, events)
         elif any(position.get(axis, 0.0) for axis in "XYZ"):
-            self._end(said.Silent(now - self._sent_at), events)
+            self.end(said.Silent(now - self.sent_at), events)
         else:
-            self._end(said.WasReset(), events)
+            self.end(said.WasReset(), events)
 
     def _there(self, position: dict[str, float], done: int) -> bool:
         return all(
             axis not in position or abs(position[axis] - value) <= WITHIN_MM
-            for axis, value in self._places(self._lines, done).items()
+            for axis, value in self._places(self.lines, done).items()
         )
 
     def _send_again(self, now: float, events: list[Event]) -> None:
-        noisy = self._errors.count(self.number)
+        noisy = self.errors.count(self.number)
         if noisy:
             events.append(noisy)
-        self._said = []
-        self._write(now)
+        self.repeat(now)

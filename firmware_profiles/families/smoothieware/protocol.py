@@ -15,6 +15,7 @@ from __future__ import annotations
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import Kind, Reply, classify
+from firmware_profiles.families.marlin.state import Wording
 from firmware_profiles.families.marlin.tokens import Tokens
 
 
@@ -43,8 +44,10 @@ class SmoothieProtocol(MarlinProtocol):
     """See the module."""
 
     kill_bytes: bytes = b"\x18\nM112\n"
-    question: bytes = QUESTION + QUESTION
-    classify = staticmethod(_classify)
-    two_resends: bool = True
-    make_tokens = _Identity
-    guard = staticmethod(bytes)  # it reads no raw bytes but ^X
+    wording: Wording = Wording(
+        question=QUESTION + QUESTION,
+        classify=_classify,
+        two_resends=True,
+        make_tokens=_Identity,
+        guard=bytes,  # it reads no raw bytes but ^X
+    )

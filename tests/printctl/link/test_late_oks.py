@@ -10,8 +10,9 @@ from firmware_profiles.families.link_protocol import (
     TokenSent,
     WentBack,
 )
-from firmware_profiles.families.marlin.protocol import QUESTION, MarlinProtocol
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
+from firmware_profiles.families.question import QUESTION
 
 JOB = [b"G1 X%d" % k for k in range(1, 41)]
 
@@ -43,7 +44,7 @@ def silent_then_taken(protocol: MarlinProtocol, last: int, now: float = 0.0) -> 
 
 def token_of(events: list, protocol: MarlinProtocol) -> TokenSent:
     (sent,) = [event for event in events if isinstance(event, TokenSent)]
-    assert protocol.take_output() == frame(sent.number, protocol.guard(sent.command))
+    assert protocol.take_output() == frame(sent.number, protocol.wording.guard(sent.command))
     return sent
 
 
@@ -123,7 +124,7 @@ def test_echo_of_a_token_without_its_number_is_no_evidence():
 def test_unknown_command_that_quotes_the_token_is_its_echo():
     protocol = started()
     token = token_of(silent_then_taken(protocol, 31), protocol)
-    quoted = b'echo:Unknown command: "%b"\nok\n' % protocol.guard(token.command)
+    quoted = b'echo:Unknown command: "%b"\nok\n' % protocol.wording.guard(token.command)
     assert not protocol.feed(quoted, 3.3)
     assert protocol.take_output() == frame(33, JOB[31])
 

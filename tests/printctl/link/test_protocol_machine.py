@@ -96,7 +96,7 @@ class LateWire(MarlinWire):
     @invariant()
     def no_ok_is_another_lines(self) -> None:
         """With oks believed, all but the lines in flight are carried out."""
-        if self.noisy or not hasattr(self, "protocol") or self.protocol._tokens.suspect:
+        if self.noisy or not hasattr(self, "protocol") or self.protocol.state.tokens.suspect:
             return
         assert len(self.printer.queue) <= self.most
 

@@ -14,7 +14,8 @@ from firmware_profiles.families.link_protocol import (
     WasReset,
     WentBack,
 )
-from firmware_profiles.families.marlin.protocol import QUESTION, RENUMBER, MarlinProtocol
+from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
+from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 
 JOB = [b"G1 X1", b"G1 X2", b"G1 X3", b"G1 X4"]

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl")
-FOLDERS = ("printctl/link", "printctl/station")
+FOLDERS = ("printctl/link", "printctl/station", "firmware_profiles/families")
 MOST_CLASSES = 2
 """In a chain: a class and one base."""
 
@@ -114,7 +114,7 @@ class House:
         return path, name
 
     def of_folders(self) -> list[Source]:
-        """Classes of link and station."""
+        """Classes of link, station and the families' protocols."""
         folders = tuple(str(ROOT / folder) + "/" for folder in FOLDERS)
         return [self.source(key) for key in sorted(self.nodes) if key[0].startswith(folders)]
 

@@ -1,0 +1,126 @@
+"""Replies of a Marlin: what each means for the line in flight."""
+
+from __future__ import annotations
+
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.marlin.doubt import Goal, Phase
+from firmware_profiles.families.marlin.doubting import Doubting
+from firmware_profiles.families.marlin.replies import Kind, Reply
+from firmware_profiles.families.marlin.sender import Sender
+from firmware_profiles.families.marlin.state import LineState
+
+
+class Hearing:
+    """The listening part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+
+    Parameters
+    ----------
+    state : LineState
+    sender : Sender
+    doubting : Doubting
+    """
+
+    def __init__(self, state: LineState, sender: Sender, doubting: Doubting) -> None:
+        self._state, self._sender, self._doubting = state, sender, doubting
+
+    def hear(self, reply: Reply, now: float, events: list[Event]) -> None:
+        """Take one line from the printer."""
+        state = self._state
+        if state.phase is Phase.OVER and reply.kind is not Kind.HALT:
+            return
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            state.complaint = reply.words  # why it halts, if it does
+        if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
+            state.report = reply.text
+        if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
+            state.end(said.Halted(state.complaint or reply.words), events)
+        elif reply.kind is Kind.START:
+            if state.numbered:
+                state.end(said.WasReset(), events)
+            else:
+                events.append(said.Booted())
+        elif reply.kind is Kind.ACTION:
+            events.append(said.Action(reply.words.removeprefix("//action:")))
+        elif reply.kind is Kind.FAULT:
+            events.append(state.fault(reply.words))
+        elif state.phase is Phase.FLIGHT:
+            self._in_flight(reply, now, events)
+        elif state.phase is Phase.READY:
+            if reply.kind is Kind.ERROR:
+                events.append(state.fault(reply.words))
+            elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
+                events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
+        else:
+            self._doubting.hear(reply, now)
+
+    def _in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
+        state = self._state
+        kind = reply.kind
+        if state.tokens.suspect and self._token(reply, now, events):
+            return
+        if kind is Kind.OK and reply.number in (-1, state.number + 1):
+            if reply.text != b"ok":
+                state.said.append(reply.text)
+            self._sender.acknowledge(now, events)
+        elif kind is Kind.BUSY:
+            state.tokens.busy(now)
+            state.deadline = now + state.timing.silence_s
+        elif kind is Kind.REPORT or (reply.text.startswith(b"echo:") and kind is Kind.TEXT):
+            state.said.append(reply.text)
+            if b" W:" in reply.text or state.flight_control:
+                state.deadline = now + state.timing.silence_s
+        elif kind is Kind.TEXT and (state.awaiting or self._answers_text):
+            state.said.append(reply.text)
+            state.deadline = now + state.timing.silence_s
+        else:
+            self._begin_doubt(reply, now, events)
+
+    @property
+    def _answers_text(self) -> bool:
+        """Whether the line in flight is a control command, which may be answered by any text."""
+        state = self._state
+        return state.flight_control and not state.tokens.flying
+
+    def _token(self, reply: Reply, now: float, events: list[Event]) -> bool:
+        """Take an echo, or an ok while a token is in flight; False for anything else."""
+        state = self._state
+        tokens = state.tokens
+        if tokens.hear(reply.text):
+            state.deadline = now + state.timing.answer_s
+            return True
+        if reply.kind is not Kind.OK or not tokens.flying:
+            return False
+        if tokens.echoed or reply.number == state.number + 1:
+            self._token_answered(now, events)
+            return True
+        tokens.heard += 1
+        tokens.move_on()
+        if reply.text != b"ok":
+            state.said.append(reply.text)
+        state.deadline = now + state.timing.silence_s
+        return True
+
+    def _token_answered(self, now: float, events: list[Event]) -> None:
+        """The token's own ok has come: all before it is done, and what comes now is the next's."""
+        state = self._state
+        self._sender.count_flight()
+        self._sender.answer(events)
+        if state.tokens.settle():
+            events.append(said.Stray(state.number))
+            state.held = True
+        state.flight = None
+        if state.confirming:
+            state.confirming = False
+            self._doubting.arrive(events)
+        else:
+            self._sender.send_next(now)
+
+    def _begin_doubt(self, reply: Reply, now: float, events: list[Event]) -> None:
+        state = self._state
+        if reply.kind not in (Kind.RESEND, Kind.ERROR):
+            events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
+        self._doubting.begin(Goal.GO_ON, now)
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            state.doubt.error = reply.words
+        self._doubting.hear(reply, now)

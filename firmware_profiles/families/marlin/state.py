@@ -1,0 +1,133 @@
+"""State of Marlin's line protocol: what was sent, what is known to be taken, what is in doubt."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from firmware_profiles.families.line_errors import LineErrors
+from firmware_profiles.families.link_protocol import Event, Fault
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.doubt import QUESTION, Doubt, Goal, Phase
+from firmware_profiles.families.marlin.guarding import guarded
+from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.replies import Reply, classify
+from firmware_profiles.families.marlin.tokens import Tokens
+
+
+@dataclass(frozen=True)
+class Wording:
+    """How a fork says what Marlin says.
+
+    Attributes
+    ----------
+    question : bytes
+        Asks which line was taken last.
+    classify : callable
+        Tells what a line from the printer is.
+    two_resends : bool
+        Whether the answer to the question is twice the same ``Resend``, without ``Last Line``.
+    make_tokens : type
+        Texts that come back.
+    guard : callable
+        Writes a command so that one flipped bit makes no stop of it.
+    """
+
+    question: bytes = QUESTION
+    classify: Callable[[bytes], Reply] = classify
+    two_resends: bool = False
+    make_tokens: type[Tokens] = Tokens
+    guard: Callable[[bytes], bytes] = guarded
+
+
+@dataclass(eq=False, slots=True)
+class LineState:
+    """Shared by the parts of one protocol.
+
+    Attributes
+    ----------
+    timing : Timing
+    pairing : Pairing or None
+    wording : Wording
+    errors : LineErrors
+    tokens : Tokens
+    deadline, lines_done, number, held, limit, keepalive, report
+        As `LinkProtocol`'s.
+    lines : sequence of bytes
+        The job's.
+    phase : Phase
+    numbered : bool
+        Whether the printer's lines were numbered, so that a start is a reset.
+    alone_until : int
+        Up to this number lines leave one by one.
+    controls : deque of bytes
+        Control commands that wait.
+    control_numbers : dict of int to bytes
+        Those that were taken, by number.
+    flight, flight_frame : bytes or None, bytes
+        What is in flight, and as it is sent.
+    flight_control : bool
+        Whether it is a control command, or a token.
+    second, second_frame : bytes or None, bytes
+        In flight behind it.
+    awaiting : (int, bytes) or None
+        A control command that was taken; its answer is still to come.
+    fast : bool
+        Whether a plain ok needs no thought.
+    rest : bytes
+        Heard, without its line end so far.
+    out, said : list of bytes
+        To be written; heard of the line in flight.
+    complaint : str
+        What the firmware said last of why it halts, if it does.
+    goal, doubt : Goal, Doubt
+        What is asked, and what was heard of it.
+    confirming : bool
+        Whether a token was asked for by `LinkProtocol.confirm`.
+    """
+
+    timing: Timing
+    pairing: Pairing | None
+    wording: Wording
+    errors: LineErrors
+    tokens: Tokens
+    deadline: float = math.inf
+    lines_done: int = 0
+    number: int = 0
+    held: bool = True
+    limit: int = 0
+    keepalive: bool = True
+    report: bytes = b""
+    lines: Sequence[bytes] = ()
+    phase: Phase = Phase.READY
+    numbered: bool = False
+    alone_until: int = 0
+    controls: deque[bytes] = field(default_factory=deque)
+    control_numbers: dict[int, bytes] = field(default_factory=dict)
+    flight: bytes | None = None
+    flight_frame: bytes = b""
+    flight_control: bool = False
+    second: bytes | None = None
+    second_frame: bytes = b""
+    awaiting: tuple[int, bytes] | None = None
+    fast: bool = False
+    rest: bytes = b""
+    out: list[bytes] = field(default_factory=list)
+    said: list[bytes] = field(default_factory=list)
+    complaint: str = ""
+    goal: Goal = Goal.GO_ON
+    doubt: Doubt = field(default_factory=lambda: Doubt(0.0))
+    confirming: bool = False
+
+    def fault(self, text: str) -> Fault:
+        """Hold the job: nothing more of it leaves until somebody has looked at the fault."""
+        self.held = True
+        in_job = self.flight is not None and not self.flight_control
+        return Fault(text, self.lines_done + in_job)
+
+    def end(self, event: Event, events: list[Event]) -> None:
+        """Take no further part."""
+        self.phase, self.fast, self.deadline = Phase.OVER, False, math.inf
+        events.append(event)
