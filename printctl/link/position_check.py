@@ -61,6 +61,24 @@ class PositionCheck:
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
 
+    def stopped(self) -> tuple[Modal, bool]:
+        """Return where the printer stands after it dropped moves, and whether it dropped any.
+
+        Its position is believed once it has said the same twice: no checksum guards it. Of two
+        heights the upper one holds.
+        """
+        at = self._progress.modal()
+        position: dict[str, float] = {}
+        for _ in range(RETRIES):
+            before, position = position, parse_position(self._channel.command(b"M114"))
+            if position and position == before:
+                break
+        else:
+            return self.actual(), True
+        z = max(position["Z"], position["Z"] if at.z is None else at.z)
+        there = replace(at, x=position.get("X"), y=position.get("Y"), z=z, e=position.get("E"))
+        return there, bool(disagreement(at, position))
+
     def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
         """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it."""
         wrong = "its position can't be read (M114)"

@@ -81,6 +81,10 @@ class JobProgress:
         """Take notice that the printer has made all that it took."""
         self._made.waited(self.done)
 
+    def moves_dropped(self) -> None:
+        """Take notice that the printer has dropped the moves that it held."""
+        self._made.drop()
+
     def went_back(self) -> None:
         """Take notice that lines weren't taken after all: what is there must be verified."""
         self._made.back(self.done)
