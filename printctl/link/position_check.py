@@ -19,6 +19,8 @@ from printctl.link.valve_switch import ValveSwitch
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
+WITHIN_MM: Final = 0.011
+"""Of the two decimals that M114 tells."""
 
 
 class PositionCheck:
@@ -75,7 +77,10 @@ class PositionCheck:
                 break
         else:
             return self.actual(), True
-        z = max(position["Z"], position["Z"] if at.z is None else at.z)
+        heights = self._progress.heights() or [position["Z"]]
+        if not min(heights) - WITHIN_MM <= position["Z"] <= max(heights) + WITHIN_MM:
+            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+        z = max(position["Z"], *heights)
         there = replace(at, x=position.get("X"), y=position.get("Y"), z=z, e=position.get("E"))
         return there, bool(disagreement(at, position))
 
