@@ -45,6 +45,8 @@ log = logging.getLogger(__name__)
 _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
 _UNIX_PATH_LIMIT: Final = 100
+_KNOCKING: Final = 1024
+"""Connections that may wait to be accepted: beyond, a Unix socket refuses at once."""
 _TEMPORARY: Final = "printctl-link-"
 
 
@@ -70,7 +72,7 @@ def listen(folder: Path, name: str = "link.sock") -> tuple[socket.socket, str, s
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(path))
     path.chmod(0o600)
-    listener.listen()
+    listener.listen(_KNOCKING)
     return listener, f"unix:{path}", ""
 
 
