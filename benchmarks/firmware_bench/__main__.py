@@ -21,6 +21,7 @@ from typing import Any
 from benchmarks.firmware_bench.avr_board import BoardError, build_board
 from benchmarks.firmware_bench.rows_done import done_rows
 from benchmarks.firmware_bench.rows_dry_run import random_rows, time_rows
+from benchmarks.firmware_bench.rows_faults import fault_rows
 from benchmarks.firmware_bench.rows_klipper import klipper_rows
 from benchmarks.firmware_bench.rows_noise import noise_rows
 from benchmarks.firmware_bench.rows_speed import speed_rows
@@ -62,6 +63,7 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
         place = folder / f"noise{rate:g}"
         name = f"noise {100 * rate:g} %"
         yield name, marlin_job(noise_rows, first, "--marlin", place, rate, runs)
+    yield "faults", marlin_job(fault_rows, first, "--marlin", folder / "faults", tries)
     parser = "emergency parser on"
     yield "stop", marlin_job(stop_rows, first, "--marlin", folder / "stop", tries, parser)
     without, option = asked.marlin_without_parser, "--marlin-without-parser"

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.checkers.marlin_plunger import as_avr_reads
+
 MARLIN_STEPS = {"X": 80, "Y": 80, "Z": 400, "E": 500}
 HEAD = ["G21", "G90", "M82", "M302 P1", "M85 S600", "G92 E0"]
 KLIPPER_HEAD = [
@@ -50,9 +52,15 @@ class MotionFile:
         return path
 
     def steps(self, per_mm: dict[str, int]) -> list[dict[str, int]]:
-        """Return the targets in steps."""
+        """Return the targets in steps, by an 8-bit board's single precision.
+
+        4.517 mm at 500 steps/mm are 2258 of them, not 2258.5 rounded up.
+        """
         return [
-            {axis: math.floor(to[axis] * per_mm[axis] + 0.5) for axis in "XYZE"}
+            {
+                axis: math.floor(float(as_avr_reads(f"{to[axis]:g}") * np.float32(count)) + 0.5)
+                for axis, count in per_mm.items()
+            }
             for to in self.targets
         ]
 

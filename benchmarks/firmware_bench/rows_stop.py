@@ -1,4 +1,4 @@
-"""Rows: how long motors go on stepping after a person has asked for the kill."""
+"""Rows: how long motors go on stepping after a person has asked for the kill, or for the stop."""
 
 from __future__ import annotations
 
@@ -17,10 +17,15 @@ from benchmarks.machine import row
 
 Row = dict[str, Any]
 GOAL_MS = 1000.0
+MOVE_MS = 1000.0
+"""Of the longest move in the file: 20 mm at 20 mm/s."""
 
 
-def stop_ms(image: Path, folder: Path, turn: int, letter: str) -> float | None:
-    """Return the time from the answered question to the last step edge, ms; None: never printed."""
+def stop_ms(image: Path, folder: Path, turn: int, letter: str, axes: str = "XYZE") -> float | None:
+    """Return the time from the answered question to the last step edge, ms; None: never printed.
+
+    Of a stop only ``axes`` XY count: the way out moves the plunger and the lift.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     job = raster(100, width_mm=20.0).write(folder / f"stop-{letter}-{turn}.gcode")
     with AvrBoard(image, folder / f"board-{letter}-{turn}") as board:
@@ -33,7 +38,8 @@ def stop_ms(image: Path, folder: Path, turn: int, letter: str) -> float | None:
         asked = attended.choose(letter)
         code = attended.wait(40)
         time.sleep(1.0)
-        last = board.log().last_edge_s()
+        steps = [board.log().steps(axis) for axis in axes]
+        last = max(float(found["ns"].max()) / 1e9 for found in steps if len(found))
     took = 1000 * (last - asked)
     print(f"{image.name}, {letter}: {took:.1f} ms, exit {code}", file=sys.stderr, flush=True)
     return took
@@ -54,7 +60,7 @@ def bare_stop_ms(image: Path, folder: Path) -> float:
 
 
 def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row]:
-    """Measure kills by Ctrl-C and k."""
+    """Measure kills by Ctrl-C and k, stops by Ctrl-C and s."""
     found = [stop_ms(image, folder, turn, "k") for turn in range(tries)]
     known = [took for took in found if took is not None]
     name = f"real Marlin, {build}, {tries} kills (Ctrl-C, k): answer to last step edge, "
@@ -65,3 +71,10 @@ def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row
     bare = round(bare_stop_ms(image, folder / "bare"), 1)
     yield row(f"real Marlin, {build}, M112 written by a plain host: to last step edge", bare, "ms")
     yield row(name + "longest", round(max(known), 1), "ms", f"{GOAL_MS:g}", max(known) <= GOAL_MS)
+    stops = [stop_ms(image, folder, turn, "s", "XY") for turn in range(tries)]
+    longest = max((took for took in stops if took is not None), default=float("nan"))
+    name = f"real Marlin, {build}, {tries} controlled stops (Ctrl-C, s), moves of 1 s: "
+    yield row(
+        name + "answer to last step edge of X or Y, longest", round(longest, 1), "ms",
+        f"{GOAL_MS + MOVE_MS:g}", longest <= GOAL_MS + MOVE_MS,
+    )  # fmt: skip

@@ -61,8 +61,9 @@ class LinkFacts:
     run_on_s : float, s
         Longest time for which its motors go on after it has halted; 0 where nobody knows.
     quickstop : bytes
-        Stops its motors at once where it reads commands before their turn (emergency parser);
-        empty for none.
+        Command that stops its motors at once, drops the moves that it holds and is answered when
+        the position is counted from the motors' steps; with an emergency parser before its turn.
+        Empty for none.
     """
 
     says: str

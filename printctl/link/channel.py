@@ -111,6 +111,7 @@ class Channel:
     def _hear(self) -> None:
         data = self.wiring.transport.read(POLL_S)
         if data:
+            self.kill.heard()
             self.handle(self.wiring.protocol.feed(data, self.wiring.clock.now()))
 
     # --- commands and agreements -----------------------------------------------------------------

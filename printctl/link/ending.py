@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import NoReturn
 
 from printctl.link.channel import Channel
+from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
+from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState, PrintEnded
+from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
 
@@ -45,11 +48,12 @@ class Ending:
         PrintEnded
             Always, in ``state``.
         """
-        self._valve.shut()
+        self._channel.commands(shut(self._printer))
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
-        relieved = self._logbook.progress.relieved_mm
-        at = self._position.actual()
+        at, relieved, dropped = self._stop_motors()
+        message += dropped
+        self._valve.shut()
         self._channel.commands(self._heads.retreat.leave(at, self._printer, relieved))
         self._heaters_off()
         self._channel.command(b"M400")
@@ -58,6 +62,29 @@ class Ending:
         if fault:
             message += f"; the way out wasn't made as meant: {fault}"
         raise PrintEnded(state, message)
+
+    def _stop_motors(self) -> tuple[Modal, float, str]:
+        """Have the firmware drop the moves that it holds, where it can.
+
+        Returns
+        -------
+        Modal
+            Where the needle is.
+        float, mm
+            How far the plunger is drawn back already.
+        str
+            What was dropped, for the message.
+        """
+        progress, quickstop = self._logbook.progress, link_facts(self._printer).quickstop
+        if not quickstop:
+            return self._position.actual(), progress.relieved_mm, ""
+        progress.moves_dropped()
+        self._channel.command(quickstop)
+        at, dropped = self._position.stopped()
+        if not dropped:
+            return at, progress.relieved_mm, ""
+        place = f"X{at.x:.2f} Y{at.y:.2f}"
+        return at, 0.0, f"; its motors were stopped at {place}, what it held ahead wasn't made"
 
     def end_paused(self, message: str) -> NoReturn:
         """Switch off where the needle is out of the bath already.

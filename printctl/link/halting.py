@@ -55,9 +55,16 @@ class Halting:
     runs_on_s: float = 0.0
     steps_per_mm: float = 0.0
 
-    def told(self, speed_mm_s: float, by_itself: bool = False) -> str:
-        """Say what the motors did, or may have done at such a speed of the needle."""
-        if self.stops_at_once and not by_itself:
+    def told(self, speed_mm_s: float, stopped: bool) -> str:
+        """Say what the motors did, or may have done at such a speed of the needle.
+
+        Parameters
+        ----------
+        speed_mm_s : float
+        stopped : bool
+            Whether the printer lived between ``first`` and ``last``.
+        """
+        if self.stops_at_once and stopped:
             return "its motors were stopped before that, by M410"
         if not self.runs_on_s:
             return "what its motors did meanwhile isn't known"
@@ -84,5 +91,6 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     steps_per_mm = max(printer.steps_per_mm.x, printer.steps_per_mm.y)
     if not link.quickstop or not emergency_parser:
         return Halting((), kill, runs_on_s=link.run_on_s, steps_per_mm=steps_per_mm)
-    first = ((link.quickstop, 0.5), (link.quickstop, 1.3))
+    at_once = b"\n%b\n" % link.quickstop
+    first = ((at_once, 0.5), (at_once, 1.3))
     return Halting(first, kill, "M410 and M112", True, link.run_on_s, steps_per_mm)

@@ -16,6 +16,7 @@ from printctl.link.wiring import Wiring
 KILL_REPEAT_S: Final = 0.2
 KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
+WIRE_S: Final = 0.1
 
 
 class Kill:
@@ -36,7 +37,7 @@ class Kill:
         self._wiring = wiring
         self._parser = wiring.printer.emergency_parser
         self._left = self._host_s = 0.0
-        self._sent = False
+        self._sent = self._alive = False
         self._halted = threading.Event()
         self._ended = threading.Event()
 
@@ -88,13 +89,21 @@ class Kill:
         """Take notice that the printer says that it has halted."""
         self._halted.set()
 
+    def heard(self) -> None:
+        """Take notice that the printer says something, after `strike`.
+
+        What it said before may still be on the wire for `WIRE_S`.
+        """
+        late = self._wiring.clock.now() - self._left > WIRE_S
+        self._alive |= late and not self._sent
+
     def words(self, speed_mm_s: float) -> str:
         """Return what was sent and how soon it worked, once the printer has halted."""
         printer_s = self._wiring.clock.now() - self._left
         return (
             f"killed by the user; {self.halting.words} left the host after "
             f"{self._host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
-            f"later that it has halted; {self.halting.told(speed_mm_s)}"
+            f"later that it has halted; {self.halting.told(speed_mm_s, self._alive)}"
         )
 
     def await_halt(self, hear: Callable[[], None]) -> None:

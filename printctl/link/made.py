@@ -61,10 +61,16 @@ class Made:
     def __init__(self, lines: Sequence[bytes], printer: Printer) -> None:
         self._lines, self._ahead = lines, moves_ahead(printer)
         self._sure = 0
+        self._dropped = False
 
     def waited(self, taken: int) -> None:
         """Take notice that the printer stands still after ``taken`` lines."""
-        self._sure = taken
+        if not self._dropped:
+            self._sure = taken
+
+    def drop(self) -> None:
+        """Take notice that the moves which were ahead won't be made: no more lines will be."""
+        self._dropped = True
 
     def back(self, taken: int) -> None:
         """Take notice that lines after these weren't taken after all."""

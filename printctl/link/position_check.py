@@ -19,6 +19,8 @@ from printctl.link.valve_switch import ValveSwitch
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
+WITHIN_MM: Final = 0.011
+"""Of the two decimals that M114 tells."""
 
 
 class PositionCheck:
@@ -60,6 +62,27 @@ class PositionCheck:
         self._logbook.alarm(wrong)
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
+
+    def stopped(self) -> tuple[Modal, bool]:
+        """Return where the printer stands after it dropped moves, and whether it dropped any.
+
+        Its position is believed once it has said the same twice: no checksum guards it. Of two
+        heights the upper one holds.
+        """
+        at = self._progress.modal()
+        position: dict[str, float] = {}
+        for _ in range(RETRIES):
+            before, position = position, parse_position(self._channel.command(b"M114"))
+            if position and position == before:
+                break
+        else:
+            return self.actual(), True
+        heights = self._progress.heights() or [position["Z"]]
+        if not min(heights) - WITHIN_MM <= position["Z"] <= max(heights) + WITHIN_MM:
+            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+        z = max(position["Z"], *heights)
+        there = replace(at, x=position.get("X"), y=position.get("Y"), z=z, e=position.get("E"))
+        return there, bool(disagreement(at, position))
 
     def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
         """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it."""

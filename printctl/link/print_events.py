@@ -131,7 +131,7 @@ class PrintEvents:
         raise PrintEnded(
             LinkState.KILLED,
             f"the firmware halted itself ({event.text}){because}; "
-            f"{self._kill.halting.told(speed, by_itself=True)}",
+            f"{self._kill.halting.told(speed, stopped=False)}",
             known=False,
         )
 

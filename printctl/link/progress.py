@@ -5,7 +5,7 @@ from __future__ import annotations
 from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.made import Made
-from printctl.link.modal import Modal, ModalTrail, relieved_mm
+from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.wiring import Wiring
 
 
@@ -59,6 +59,12 @@ class JobProgress:
         """Return the coordinates after the lines that were taken; the streamer's thread alone."""
         return self._trail.at(self.done)
 
+    def heights(self) -> list[float]:
+        """Return the needle's heights after each line that may not have been made yet, mm."""
+        lines, done = self.job.lines, self.done
+        found = (modal_state(lines, k).z for k in range(self.executed(done), done + 1))
+        return [z for z in found if z is not None]
+
     @property
     def speed_mm_s(self) -> float:
         """How fast the needle may be, mm/s: by the job's last feed rate, else by the profile."""
@@ -80,6 +86,10 @@ class JobProgress:
     def stands_still(self) -> None:
         """Take notice that the printer has made all that it took."""
         self._made.waited(self.done)
+
+    def moves_dropped(self) -> None:
+        """Take notice that the printer has dropped the moves that it held."""
+        self._made.drop()
 
     def went_back(self) -> None:
         """Take notice that lines weren't taken after all: what is there must be verified."""

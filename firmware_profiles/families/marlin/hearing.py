@@ -87,7 +87,7 @@ class Hearing:
         state = self._state
         tokens = state.tokens
         if tokens.hear(reply.text):
-            state.deadline = now + state.timing.answer_s
+            state.deadline = now + tokens.ok_wait_s(state.timing.answer_s)
             return True
         if reply.kind is not Kind.OK or not tokens.flying:
             return False

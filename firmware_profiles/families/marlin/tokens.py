@@ -56,7 +56,7 @@ class Tokens:
         self.rounds = 0
         self._active_at = -math.inf
         self._moved_on = False
-        self.tries = self._count = 0
+        self.tries = self._count = self._late = 0
         self._texts: list[bytes] = []
 
     def doubt(self) -> None:
@@ -71,6 +71,7 @@ class Tokens:
         """Command of a new token, for line ``number``."""
         self._count += 1
         self.tries += 1
+        self._late += self.flying and self.echoed
         text = b"at %d.%d" % (number, self._count)
         self._texts.append(text)
         self.suspect = self.flying = True
@@ -105,6 +106,10 @@ class Tokens:
     def waited(self, now: float) -> float:
         """Seconds since the newest token left or the printer was last busy."""
         return now - self._active_at
+
+    def ok_wait_s(self, answer_s: float) -> float:
+        """Seconds to wait for the ok behind an echo: twice as long after each that was later."""
+        return min(answer_s * 2.0 ** min(self._late, MOST_DOUBLINGS), PATIENCE_S)
 
     def may_send(self, now: float, keepalive: bool) -> bool:
         """Whether one more may be sent while those before it haven't come back.

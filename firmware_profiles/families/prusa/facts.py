@@ -1,6 +1,7 @@
 """Facts about Prusa-Firmware, a fork of Marlin 1; not verified on a board.
 
 Source: ``Marlin_main.cpp``. M85 as Marlin's; M302 knows S alone, 0 where it isn't given.
+It isn't known to have M410.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from firmware_profiles.families.link_facts import LinkFacts
 from firmware_profiles.families.marlin import codes as marlins
 from firmware_profiles.families.marlin.facts import (
     ADVANCE,
-    QUICKSTOP,
     RUN_ON_S,
     TIMEOUT,
     make_protocol,
@@ -43,7 +43,6 @@ FAMILY: Final = Family(
         cuts_long_lines=True,
         m84_sets_timeout=True,
         run_on_s=RUN_ON_S,
-        quickstop=QUICKSTOP,
     ),
     grammar=Grammar(
         codes=(marlins.CODES - _MISSING) | _OWN,

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+import threading
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.link.clock import VirtualClock
 from printctl.link.halting import halting_of
+from printctl.link.kill import Kill
 
 
 @pytest.mark.parametrize(
@@ -16,6 +20,39 @@ from printctl.link.halting import halting_of
 def test_message_tells_the_time_that_was_measured(speed_mm_s: float, real_s: float) -> None:
     """X and Y alike, 80 steps/mm (2026-11-22, ATmega2560 under simavr)."""
     halting = halting_of(load(Printer, "marlin_avr"), b"M112\n", emergency_parser=False)
-    found = re.search(r"up to ([\d.]+) s", halting.told(speed_mm_s))
+    found = re.search(r"up to ([\d.]+) s", halting.told(speed_mm_s, stopped=False))
     assert found is not None
     assert real_s <= float(found[1]) + 0.005 <= 1.2 * real_s
+
+
+class Wire:
+    """Counts what is written at once."""
+
+    def __init__(self) -> None:
+        self.written = threading.Event()
+
+    def write_urgent(self, data: bytes) -> None:
+        self.written.set()
+
+
+@pytest.mark.parametrize(
+    ("says_something", "told"),
+    [(True, "stopped before that, by M410"), (False, "may have run on for up to 0.6")],
+)
+def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something, told):
+    """One that stood still finds M410 and M112 together, and looks at M112 first."""
+    wire, clock, printer = Wire(), VirtualClock(), load(Printer, "marlin_avr")
+    wiring = SimpleNamespace(
+        transport=wire, clock=clock, printer=printer, protocol=SimpleNamespace(kill_bytes=b"M112\n")
+    )
+    kill = Kill(wiring)
+    striking = threading.Thread(target=kill.strike)
+    striking.start()
+    assert wire.written.wait(10)
+    kill.heard()  # it was on the wire already
+    clock.sleep(1.0)
+    if says_something:
+        kill.heard()
+    kill.halted()
+    striking.join()
+    assert told in kill.words(7.1)

@@ -142,8 +142,9 @@ def test_controlled_stop_relieves_the_plunger_before_lifting(tmp_path, profile):
     assert sent[:done] == lines[:done]
     tail = [line for line in sent[done:] if line != "M114"]
     assert [line.split()[0] for line in tail][-1] == "M400"
-    assert tail[0].startswith("G1 E")
-    assert tail[1].startswith("G1 Z20.5")
+    assert tail[0] == "M410"
+    assert tail[1].startswith("G1 E")
+    assert tail[2].startswith("G1 Z20.5")
 
 
 def test_kill_halts_the_firmware_while_the_stream_is_blocked(tmp_path, profile):
