@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
@@ -68,6 +69,9 @@ class Doubt:
         The command in an unknown-command echo.
     error : str
         An error that is a fault of the line in flight, should that have been taken.
+    answers_until : float, s
+        Answers to all questions may come until then, if there are more questions than answers;
+        -inf before the first.
     """
 
     since: float
@@ -83,7 +87,11 @@ class Doubt:
     oks: int = 0
     quoted: bytes = b""
     error: str = ""
+    answers_until: float = -math.inf
     _foreign_ok: bool = False
+    _first_asked: float = 0.0
+    _orders: int = 0
+    _resends: int = 0
 
     @property
     def answered(self) -> bool:
@@ -95,15 +103,30 @@ class Doubt:
         """Whether they say the same."""
         return self.last >= 0 and self.resend == self.last + 1
 
-    def ask_again(self) -> None:
+    def ask_again(self, now: float) -> None:
         """Forget the last answer; what it said of the ok to come, too."""
         self.last = self.resend = -1
         self._foreign_ok = False
+        if not self.asked:
+            self._first_asked = now
         self.asked += 1
+
+    def take_answer(self, now: float) -> None:
+        """Take notice of an answer: what came late for the first may come as late for the last."""
+        if math.isinf(self.answers_until):
+            self.answers_until = now + 1.5 * (now - self._first_asked)
+
+    def awaits_answers(self, now: float) -> bool:
+        """Whether an answer to an earlier question may be under way: a later doubt's, it seemed."""
+        heard = max(self._orders, self._resends // (2 if self.two_resends else 1))
+        return heard < self.asked and now < self.answers_until
 
     def hear(self, reply: Reply) -> None:
         """Take one more line into account."""
         kind = reply.kind
+        if self.asked:
+            self._resends += kind is Kind.RESEND
+            self._orders += kind is Kind.ERROR and ORDER_ERROR in reply.text
         if kind is Kind.OK:
             self._hear_ok(reply)
         elif kind is Kind.RESEND and not self.two_resends:

@@ -61,6 +61,7 @@ class Doubting:
             return  # they come at any time and are no sign that a reply is under way
         if state.phase is Phase.ASK and state.doubt.answered:
             state.phase = Phase.SETTLE
+            state.doubt.take_answer(now)
         if state.phase is not Phase.ASK:
             state.deadline = now + state.timing.quiet_s
         else:  # something other than the whole answer: what follows comes soon or not at all
@@ -78,7 +79,7 @@ class Doubting:
         if silent > timing.doubt_limit_s and not doubt.alarmed:
             doubt.alarmed = True
             events.append(said.Waiting(silent, limit))
-        doubt.ask_again()
+        doubt.ask_again(now)
         state.out.append(state.wording.question)
         wait = timing.answer_s * (1 if doubt.asked < _QUICK else _SLOWLY)
         state.phase, state.deadline = Phase.ASK, now + wait
@@ -93,6 +94,9 @@ class Doubting:
     def settled(self, now: float, events: list[Event]) -> None:
         """Go on from the answer, where its halves agree."""
         state = self._state
+        if state.doubt.awaits_answers(now):
+            state.deadline = state.doubt.answers_until
+            return
         last = state.doubt.last
         failed = state.goal is Goal.RENUMBER and last != 0
         if failed or not state.doubt.agreed:

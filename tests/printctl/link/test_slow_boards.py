@@ -17,7 +17,6 @@ from tests.printctl.link.test_simulated_printer import PRINTER, START, gcode, pr
 
 MOVES = 40
 LATE = Fault(fault="late_oks", line=30, seconds=5.0)
-"""Behind the handshake, which doesn't wait for so long."""
 STALL = Fault(fault="stall", line=30, seconds=4.0)
 
 
@@ -53,9 +52,17 @@ def test_each_ok_late_by_up_to_five_seconds(tmp_path, seed):
     check_print(wire(LATE, seed=seed), tmp_path)
 
 
-@pytest.mark.parametrize("delays", [(0, 0, 0, 3), (2, 0), (0, 0, 2), (0, 1.5, 0, 0, 1)])
+@pytest.mark.parametrize(
+    "delays", [(0, 0, 0, 3), (2, 0), (0, 0, 2), (0, 5), (3,), (0, 1.5, 0, 0, 1)]
+)
 def test_oks_that_come_bunched(tmp_path, delays):
     check_print(wire(ok_delays_s=delays), tmp_path)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_all_answers_late_by_up_to_five_seconds_from_the_handshake_on(tmp_path, seed):
+    """An answer to an earlier question is none to a later doubt's, and no sign of a reset."""
+    check_print(wire(seed=seed, ok_delay_up_to_s=5.0), tmp_path)
 
 
 def test_board_that_stands_still_for_four_seconds(tmp_path):
