@@ -3,7 +3,7 @@
 The loop: what the host sends goes to the firmware (`sim.marlin`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
 to K times real time. A board that its faults make slow, or stall, is so at speed K; at speed 0 a
-stall holds up what it says.
+stall isn't felt.
 
 The record of what moved is written before the answer to each M400 leaves, when the firmware is
 halted, when the host goes away (its accepted moves are run first, as a printer does) and at the

@@ -2,7 +2,8 @@
 
 Sources: Marlin bugfix-2.1.x and Klipper (84104bbb) themselves, 2026-11-22, by their M114 after each
 line; RepRapFirmware's G-code dictionary (G91: "extrusion is NOT set to relative using G91");
-Prusa-Firmware's ``Marlin_main.cpp`` (G90 leaves E as it is); Smoothieware's ``Robot.cpp``.
+Prusa-Firmware's ``Marlin_main.cpp`` ("E axis is left intact"); Smoothieware's ``Robot.cpp``, as
+remembered: that one wasn't looked up.
 """
 
 from __future__ import annotations

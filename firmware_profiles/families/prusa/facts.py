@@ -1,7 +1,8 @@
 """Facts about Prusa-Firmware, a fork of Marlin 1; not verified on a board.
 
 Source: ``Marlin_main.cpp``. M85 as Marlin's; M302 knows S alone, 0 where it isn't given.
-It isn't known to have M410.
+It isn't known to have M410, and the time for which
+its motors go on after a kill is taken from Marlin, longer than its own if that ends them at once.
 """
 
 from __future__ import annotations
