@@ -91,7 +91,7 @@ CASES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("neither", ".gcode"), "view picture.png"),
     (("NUL",), "view fake.gcode"),
     (("empty",), "view empty.gcode"),
-    (("no move",), "view text.gcode"),
+    (("line 1", "isn't a command"), "view text.gcode"),
     (("none.gcode", "No such file"), "view none.gcode"),
     (("run folder",), "view folder.gcode"),
     (("3 layers",), "view part.gcode --layer 4"),
