@@ -11,7 +11,7 @@ from printctl.errors import UsageError
 from printctl.link.agreeing import ASIDE_MM
 from printctl.link.errors import LinkError
 from printctl.link.job import parse_job
-from printctl.link.recovering import declared_start
+from printctl.link.recovering import told_start
 
 Place = tuple[float, float, float]
 
@@ -30,10 +30,10 @@ def start_of(file: Path, printer: Printer, said: str | None) -> Place:
     Raises
     ------
     UsageError
-        When the two aren't the same place.
+        When the two aren't the same place, or the file tells a part of it and nobody the rest.
     """
     given = None if said is None else three_numbers(said, "--start")
-    declared = _declared(file, printer)
+    declared = _declared(file, printer, given)
     if declared is None:
         return given or (0.0, 0.0, 0.0)
     if given is not None and math.dist(given, declared) > ASIDE_MM:
@@ -44,10 +44,15 @@ def start_of(file: Path, printer: Printer, said: str | None) -> Place:
     return declared
 
 
-def _declared(file: Path, printer: Printer) -> Place | None:
+def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None:
     """Where the job says that it starts; None where it doesn't, or other checks refuse it."""
     try:
         job = parse_job(read_gcode_file(file), file.name, printer)
-        return declared_start(job, len(job))
     except LinkError:
         return None
+    try:
+        return told_start(job)
+    except LinkError as exc:
+        if given is not None:
+            return None
+        raise UsageError(f"{file}: {exc}, or give --start X,Y,Z") from exc

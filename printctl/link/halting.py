@@ -7,10 +7,14 @@ own time, of which each step event takes 47.5 µs. Measured on bugfix-2.1.x (ATm
 motors within a millisecond; moves are then dropped for 1 s, in which M112 isn't looked at. A line
 that was waiting for the planner is let in after that second, and its first step comes 0.1 s later:
 a second M410, sent meanwhile, drops it before. So M410, M410 and M112 at the end: no step after the
-first. Heaters go off with M112.
+first. Heaters go off with M112. Of two lines in flight the second is let in a second after the
+first and wants an M410 more, or it is made: a line across the part (seen on a real board).
 
 Without emergency parser a line is looked at where the command queue has room, M410 as well as
 M112, but its second would hold M112 up, with heaters on and moves let in: M112 alone.
+
+A board that stood still meanwhile finds all of these at once, and looks at M112 first
+(`Temperature::task`, bugfix-2.1.x): only one that said something in between has obeyed M410.
 """
 
 from __future__ import annotations
@@ -92,5 +96,6 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
     if not link.quickstop or not emergency_parser:
         return Halting((), kill, runs_on_s=link.run_on_s, steps_per_mm=steps_per_mm)
     at_once = b"\n%b\n" % link.quickstop
-    first = ((at_once, 0.5), (at_once, 1.3))
+    between = ((at_once, 1.0),) * (printer.lines_in_flight - 1)
+    first = ((at_once, 0.5), *between, (at_once, 1.3))
     return Halting(first, kill, "M410 and M112", True, link.run_on_s, steps_per_mm)

@@ -13,7 +13,7 @@ from printctl.link.errors import LinkError
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
-from printctl.link.recovering import declared_start
+from printctl.link.recovering import told_start
 from printctl.link.requests import Request
 from printctl.link.states import LinkState, PrintEnded
 
@@ -70,8 +70,8 @@ class PrintLoop:
         if start_mm is None:
             return
         declared = None
-        with contextlib.suppress(LinkError):  # a frame that moves later: the printer is asked
-            declared = declared_start(self._job, len(self._job))
+        with contextlib.suppress(LinkError):  # a part alone is told: the printer is asked
+            declared = told_start(self._job)
         agree_start(self._channel.ask, start_mm, declared)
 
     # --- lines -----------------------------------------------------------------------------------

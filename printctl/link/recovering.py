@@ -141,6 +141,37 @@ def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
     return words["X"], words["Y"], words["Z"]
 
 
+def told_start(job: Job) -> tuple[float, float, float] | None:
+    """Where the job's first lines tell the firmware that the tip stands; None where they don't.
+
+    Of each axis the first word before any move counts: what is told later renames places, and
+    the dry run follows it.
+
+    Raises
+    ------
+    LinkError
+        Where some of X, Y and Z are told there, or any is told behind a move, and not all three
+        before it: nobody knows then where the checks ought to begin.
+    """
+    found: dict[str, float] = {}
+    for line in job.lines:
+        if code_of(line) == b"G28":
+            return None  # homing finds the place; what is told behind it renames that
+        if is_motion(line):
+            break
+        found = _places(line) | found
+    if set(found) == set("XYZ"):
+        return found["X"], found["Y"], found["Z"]
+    late = next((k for k, line in enumerate(job.lines) if _places(line)), None)
+    if late is None:
+        return None
+    raise LinkError(
+        f"line {job.file_lines[late]} ({job.lines[late].decode('ascii')}) tells the printer where "
+        "the tip stands, and not all of X, Y and Z are told before the first move: tell all three "
+        "there, or take it out"
+    )
+
+
 def _places(line: bytes) -> dict[str, float]:
     """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
     code = code_of(line)

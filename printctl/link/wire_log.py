@@ -17,6 +17,7 @@ from printctl.link.transport import Transport
 RING_BYTES: Final = 256 * 1024
 _OVERHEAD: Final = 32
 FILE: Final = "wire.log"
+FLUSH_S: Final = 0.5
 
 
 class WireLog:
@@ -32,6 +33,7 @@ class WireLog:
         self._last: deque[tuple[float, str, bytes]] = deque()
         self._size, self._zero, self._lock = 0, time.monotonic(), threading.Lock()
         self._file: TextIO | None = None
+        self._flush_due = 0.0
         if path is not None:
             path = path / FILE if path.is_dir() else path
             self._file = path.open("a", encoding="ascii", buffering=1 << 16)
@@ -46,6 +48,9 @@ class WireLog:
                 self._size -= len(self._last.popleft()[2]) + _OVERHEAD
             if self._file is not None:
                 self._file.write(_line(at, sort, data))
+                if at >= self._flush_due:  # a link that is killed leaves what it had
+                    self._file.flush()
+                    self._flush_due = at + FLUSH_S
 
     def keep(self, path: Path) -> None:
         """Write the last traffic to a file, in place of what it held."""

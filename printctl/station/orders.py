@@ -13,7 +13,7 @@ from printctl.link.families import link_facts
 from printctl.link.job import Job
 from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
-from printctl.link.recovering import declared_start
+from printctl.link.recovering import told_start
 from printctl.link.retreat import Retreat
 from printctl.station.status import Place
 from printctl.station.wire import Socket
@@ -73,7 +73,7 @@ def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
     ------
     LinkError
     """
-    declared = declared_start(job, len(job))
+    declared = told_start(job)
     if declared is None or at is None or not trusted:
         return declared
     away = math.dist(declared, at)

@@ -8,7 +8,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.link.errors import LinkError
-from printctl.link.recovering import declared_start
+from printctl.link.recovering import told_start
 from printctl.web.job.declared import declared_of
 from tests.printctl.link.jobs import load_job
 
@@ -22,7 +22,7 @@ PLACED = b"G21\nG92 X1 Y2 Z3 E0\n"
         (PLACED + MOVES, (1.0, 2.0, 3.0)),
         (PLACED + MOVES + b"G92 E0\n" + MOVES, (1.0, 2.0, 3.0)),
         (PLACED + MOVES + b"; G92 X9 Y9 Z9\n" + MOVES, (1.0, 2.0, 3.0)),
-        (PLACED + MOVES + b"  G92 X9 Y9 Z9", None),
+        (PLACED + MOVES + b"  G92 X9 Y9 Z9", (1.0, 2.0, 3.0)),
         (MOVES + PLACED + MOVES, None),
         (MOVES, None),
         (b"M105\n" * 3000 + PLACED + MOVES, (1.0, 2.0, 3.0)),
@@ -40,6 +40,6 @@ def test_the_start_is_that_of_the_whole_job(
     assert declared_of(path, name) == found
     try:
         job = load_job(path, load(Printer, name))
-        assert declared_start(job, len(job)) == found
+        assert told_start(job) == found
     except LinkError:
         assert found is None
