@@ -10,7 +10,7 @@ from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
-from printctl.link.retreat import heaters_off
+from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
@@ -54,6 +54,8 @@ class Ending:
         at, relieved, dropped = self._stop_motors()
         message += dropped
         self._valve.shut()
+        if dropped and at.e is not None and not self._printer.pneumatic:
+            self._channel.command(count_from(at.e))  # M114 rounds: relieve from where it stands
         self._channel.commands(self._heads.retreat.leave(at, self._printer, relieved))
         self._heaters_off()
         self._channel.command(b"M400")
