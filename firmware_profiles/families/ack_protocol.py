@@ -140,10 +140,9 @@ class AckProtocol(ABC):
         *texts, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > _REST_LIMIT:
             texts, self._rest = [*texts, self._rest], b""
-        texts = [text for text in map(bytes.strip, texts) if text]
-        self._waits = len(texts) > 1 and any(self.sort(text) in _ENDS for text in texts)
-        for text in texts:
-            if not self._over:
+        self._waits = len(texts) > 1 and any(self.sort(text.strip()) in _ENDS for text in texts)
+        for text in map(bytes.strip, texts):
+            if text and not self._over:
                 self.hear(text, now, events)
         if self._waits:
             self._waits = False
