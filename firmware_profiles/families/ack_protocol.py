@@ -37,6 +37,10 @@ class Sort(Enum):
     TEXT = auto()
 
 
+_ENDS: Final = frozenset({Sort.FAULT, Sort.HALT, Sort.RESTART})
+"""After these nothing leaves, not even for an ok before them in the same read."""
+
+
 class AckProtocol(ABC):
     """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
@@ -57,7 +61,7 @@ class AckProtocol(ABC):
         self.lines: Sequence[bytes] = ()
         self._controls: deque[bytes] = deque()
         self.flight: bytes | None = None
-        self.in_job = self.probing = self._placing = self._over = False
+        self.in_job = self.probing = self._placing = self._over = self._waits = False
         self.sent_at = 0.0
         self._rest = self.report = b""
         self.out: list[bytes] = []
@@ -136,9 +140,14 @@ class AckProtocol(ABC):
         *texts, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > _REST_LIMIT:
             texts, self._rest = [*texts, self._rest], b""
+        self._waits = len(texts) > 1 and any(self.sort(text.strip()) in _ENDS for text in texts)
         for text in map(bytes.strip, texts):
             if text and not self._over:
                 self.hear(text, now, events)
+        if self._waits:
+            self._waits = False
+            if self._controls or not self.held:
+                self.go(now)
         return events
 
     def tick(self, now: float) -> Sequence[Event]:
@@ -158,12 +167,12 @@ class AckProtocol(ABC):
 
     def _send_next(self, now: float) -> None:
         self.heard = []
-        if self._controls:
+        if self._controls and not self._waits:
             self.flight, self.in_job = self._controls.popleft(), False
-        elif not self.held and self.lines_done < self.limit:
+        elif not self.held and not self._waits and self.lines_done < self.limit:
             self.flight, self.in_job = self.lines[self.lines_done], True
         else:
-            self.flight, self.deadline = None, math.inf
+            self.flight, self.in_job, self.deadline = None, False, math.inf
             return
         self.fly(now)
 
@@ -190,7 +199,7 @@ class AckProtocol(ABC):
             over = bool(self.lines)
             self.end(said.WasReset(), events) if over else events.append(said.Booted())
         elif sort is Sort.FAULT:
-            self.held = True  # its ok may be in the same read: no further line leaves
+            self.held = True
             events.append(said.Fault(words, self.lines_done + self.in_job))
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)

@@ -146,6 +146,13 @@ class Noisy:
 
 
 @dataclass(frozen=True)
+class Halting:
+    """The firmware says that it has stopped for good; it is asked why, and `Halted` follows."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Halted:
     """The firmware has stopped for good (``kill``); only a reset brings it back."""
 
@@ -197,6 +204,7 @@ Event: TypeAlias = (
     | Waiting
     | Action
     | Noisy
+    | Halting
     | Halted
     | Booted
     | WasReset

@@ -51,6 +51,7 @@ class Ending:
         self._channel.commands(shut(self._printer))
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
+        complaints = self._logbook.complaints
         at, relieved, dropped = self._stop_motors()
         message += dropped
         self._valve.shut()
@@ -59,11 +60,14 @@ class Ending:
         self._channel.commands(self._heads.retreat.leave(at, self._printer, relieved))
         self._heaters_off()
         self._channel.command(b"M400")
+        known = self._logbook.complaints == complaints
         self._firmware.undo_settings()
         fault = self._logbook.fault
         if fault:
             message += f"; the way out wasn't made as meant: {fault}"
-        raise PrintEnded(state, message)
+        if not known:
+            message += "; where the needle is isn't known: look before anything moves"
+        raise PrintEnded(state, message, known)
 
     def _stop_motors(self) -> tuple[Modal, float, str]:
         """Have the firmware drop the moves that it holds, where it can.

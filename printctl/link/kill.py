@@ -123,6 +123,9 @@ class Kill:
         while clock.now() < limit or not self._sent:
             if not self._sent:
                 limit = clock.now() + KILL_WAIT_S
+            elif self._halted.is_set():
+                message = "killed by the user; the firmware had halted itself before"
+                raise PrintEnded(LinkState.KILLED, message, known=False)
             try:
                 hear()
             except PortLost:

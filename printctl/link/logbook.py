@@ -60,7 +60,7 @@ class Logbook:
         self._details, self._next_due = details, next_due
         self._state, self._message = LinkState.CONNECTING, ""
         self._noted = self._alarms = 0
-        self._fault = ""
+        self._fault, self._complaints = "", 0
         self._final: Status | None = None
         self._journal_lost = False
         self.next_note = 0.0
@@ -82,6 +82,11 @@ class Logbook:
     def fault(self) -> str:
         """The first complaint, of the printer or the journal, that ends the print; or empty."""
         return self._fault
+
+    @property
+    def complaints(self) -> int:
+        """How often the printer has complained."""
+        return self._complaints
 
     @property
     def status(self) -> Status:
@@ -185,7 +190,7 @@ class Logbook:
 
     def complain(self, text: str) -> None:
         """Keep a complaint that ends the print; the first one counts."""
-        self._fault = self._fault or text
+        self._fault, self._complaints = self._fault or text, self._complaints + 1
 
     def take_fault(self) -> str:
         """Return the complaint, and forget it."""

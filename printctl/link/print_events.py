@@ -51,6 +51,7 @@ class PrintEvents:
             said.Waiting: self._on_waiting,
             said.Action: self._on_action,
             said.Noisy: self._on_noisy,
+            said.Halting: self._on_halting,
             said.Halted: self._on_halted,
             said.Booted: self._on_booted,
             said.WasReset: self._on_reset,
@@ -121,6 +122,12 @@ class PrintEvents:
         self._requests.add(Request.PAUSE)
 
     # --- what ends it ----------------------------------------------------------------------------
+
+    def _on_halting(self, event: said.Halting) -> None:
+        if self._kill.asked.is_set():  # it is known why
+            self._on_halted(said.Halted(event.text))
+        self._kill.halted()
+        self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
 
     def _on_halted(self, event: said.Halted) -> None:
         self._kill.halted()

@@ -24,7 +24,9 @@ from firmware_profiles.families.ack_protocol import AckProtocol, Sort
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
 
-_REASON_S: Final = 0.5
+_REASON_S: Final = 3.0
+"""For so long the reason of a shutdown is waited for: it came 1.5 s late."""
+_STATUS: Final = b"STATUS"
 
 
 class KlipperProtocol(AckProtocol):
@@ -59,15 +61,17 @@ class KlipperProtocol(AckProtocol):
         return events
 
     def hear(self, text: bytes, now: float, events: list[Event]) -> None:
-        """Hear a line; after a shutdown its reason is waited for, for a moment."""
+        """Hear a line; after a shutdown its reason alone is waited for, nothing else leaves."""
         words = text.decode("ascii", "backslashreplace")
         if self._halted:
             if text.startswith(b"!!"):
                 self.end(said.Halted(f"{self._halted}: {words[2:].strip()}"), events)
         elif self.sort(text) is Sort.HALT:
             self._halted, self.held = words, True
-            self.out.append(b"STATUS\n")
+            self.flight, self.in_job = _STATUS, False
+            self.out.append(self.frame(self.number + 1, _STATUS))
             self.deadline = now + _REASON_S
+            events.append(said.Halting(words))
         else:
             super().hear(text, now, events)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.marlin.doubt import Goal, Phase
@@ -24,6 +26,17 @@ class Hearing:
     def __init__(self, state: LineState, sender: Sender, doubting: Doubting) -> None:
         self._state, self._sender, self._doubting = state, sender, doubting
 
+    def hear_all(self, replies: Sequence[Reply], now: float, events: list[Event]) -> None:
+        """Take what came in one read; where an error is in it, nothing leaves for an ok before."""
+        state = self._state
+        state.waits = len(replies) > 1 and any(reply.forbids for reply in replies)
+        for reply in replies:
+            self.hear(reply, now, events)
+        if state.waits:
+            state.waits = False
+            if state.phase is Phase.READY and (state.controls or not state.held):
+                self._sender.send_next(now)
+
     def hear(self, reply: Reply, now: float, events: list[Event]) -> None:
         """Take one line from the printer."""
         state = self._state
@@ -33,7 +46,7 @@ class Hearing:
             state.complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
             state.report = reply.text
-        if reply.kind is Kind.HALT or reply.text == b"//action:poweroff":
+        if reply.halts:
             state.end(said.Halted(state.complaint or reply.words), events)
         elif reply.kind is Kind.START:
             if state.numbered:

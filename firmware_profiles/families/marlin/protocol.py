@@ -196,9 +196,9 @@ class MarlinProtocol:
         state.fast = False
         if state.rest and state.phase in (Phase.DRAIN, Phase.SETTLE):
             state.deadline = now + state.timing.quiet_s
-        for text in texts:
-            if text.strip():
-                self._hearing.hear(self.wording.classify(text.rstrip(b"\r")), now, events)
+        classify = self.wording.classify
+        replies = [classify(text.rstrip(b"\r")) for text in texts if text.strip()]
+        self._hearing.hear_all(replies, now, events)
         return events
 
     def _take_ok(self, now: float) -> None:

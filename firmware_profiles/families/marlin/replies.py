@@ -51,6 +51,20 @@ class Reply:
         """The text, printable."""
         return self.text.decode("ascii", "backslashreplace")
 
+    @property
+    def halts(self) -> bool:
+        """Whether the firmware stops for good."""
+        return self.kind is Kind.HALT or self.text == b"//action:poweroff"
+
+    @property
+    def forbids(self) -> bool:
+        """Whether no line may leave after it: an error that isn't the wire's, a halt, a reset."""
+        return (
+            self.kind in (Kind.FAULT, Kind.START)
+            or self.halts
+            or (self.kind is Kind.ERROR and self.number < 0)
+        )
+
 
 _OK = re.compile(rb"ok(?: N(\d+)(?: P\d+)?(?: B\d+)?| P\d+ B\d+| T:.*| [ BC]:?.*)?$")
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")

@@ -35,9 +35,9 @@ class Sender:
             self._await_ok(now)
             state.fast = not state.rest
             return
-        if state.controls:
+        if state.controls and not state.waits:
             state.flight, state.flight_control = state.controls.popleft(), True
-        elif not state.held and state.lines_done < state.limit:
+        elif not state.held and not state.waits and state.lines_done < state.limit:
             state.flight, state.flight_control = state.lines[state.lines_done], False
         else:
             state.flight, state.phase, state.deadline = None, Phase.READY, math.inf

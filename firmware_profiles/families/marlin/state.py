@@ -76,6 +76,8 @@ class LineState:
         A control command that was taken; its answer is still to come.
     fast : bool
         Whether a plain ok needs no thought.
+    waits : bool
+        Whether nothing new leaves until the rest of a read is heard: an error is in it.
     rest : bytes
         Heard, without its line end so far.
     out, said : list of bytes
@@ -113,6 +115,7 @@ class LineState:
     second_frame: bytes = b""
     awaiting: tuple[int, bytes] | None = None
     fast: bool = False
+    waits: bool = False
     rest: bytes = b""
     out: list[bytes] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)

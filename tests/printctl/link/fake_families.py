@@ -111,11 +111,12 @@ class FakeKlipper(FakePrinter):
             return "ok B:21.0 /0.0 T0:21.0 /0.0\n"
         if not re.match(r"[GM]\d{1,3}$", word) or word == "G999":
             return f'// Unknown command:"{word}"\nok\n'
+        far = re.search(r"X([\d.]+)", text)
+        if word == "G1" and far and float(far[1]) > 500:
+            return "!! Move out of range: 501.000 0.000 0.000 [0.000]\nok\n"
         self.moved(text)
         if word == "M114":
             return f"{self.where}\nok\n"
-        if word == "G1" and self.at["X"] > 500:
-            return "!! Move out of range: 501.000 0.000 0.000 [0.000]\nok\n"
         return "ok\n"
 
 

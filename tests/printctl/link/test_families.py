@@ -6,6 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family
+from firmware_profiles.families.link_protocol import Halting
 from firmware_profiles.families.marlin.replies import Kind, classify, unknown_command
 from firmware_profiles.families.reprapfirmware.crc16 import crc16
 from printctl.link.care import Care
@@ -87,6 +88,26 @@ def test_klipper_move_out_of_range_is_a_fault(tmp_path):
     status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
     assert status.state is LinkState.FAILED
     assert "out of range" in status.message
+    assert status.position_known  # the way out was made
+
+
+class StuckKlipper(FakeKlipper):
+    """It refuses to lift the needle."""
+
+    def take(self, line: bytes) -> str:
+        if line.startswith(b"G0 Z") or (line.startswith(b"G1 Z") and line not in JOB):
+            return "!! Must home axis first: 0.500 0.000 0.000 [0.000]\nok\n"
+        return super().take(line)
+
+
+def test_position_isnt_known_after_a_way_out_that_the_printer_refused(tmp_path):
+    job = [*JOB[:10], b"G1 X501", *JOB[10:]]
+    status = streamer_of("klipper", StuckKlipper(), tmp_path, job).run()
+    assert (status.state, status.position_known) == (LinkState.FAILED, False)
+    assert "the way out wasn't made as meant" in status.message
+    assert "Must home axis first" in status.message
+    assert "where the needle is isn't known" in status.message
+    assert read_journal(tmp_path / "journal.log").end["position_known"] is False
 
 
 @pytest.mark.parametrize("firmware", FAKES)
@@ -97,7 +118,9 @@ def test_kill_halts_each_family(firmware, tmp_path):
     assert b"M112" in protocol.kill_bytes
     events = protocol.feed(fake.receive(protocol.kill_bytes), 0.0)
     assert fake.halted
-    events = events or protocol.tick(protocol.deadline)  # Klipper is asked why, for a moment
+    if firmware == "klipper":  # it is asked why
+        assert events == [Halting("// Klipper state: Shutdown")]
+        events = protocol.tick(protocol.deadline)
     assert type(events[0]).__name__ == "Halted"
 
 
