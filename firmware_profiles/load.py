@@ -14,7 +14,9 @@ from firmware_profiles.facts import Facts
 from firmware_profiles.materials import Bath, Ink
 from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Printer
+from firmware_profiles.refusal import refuse
 from firmware_profiles.tools import Needle, Syringe
+from firmware_profiles.yaml_file import read_yaml
 
 Profile = TypeVar("Profile", bound=Facts)
 
@@ -47,12 +49,7 @@ def load(model: type[Profile], name: str) -> Profile:
     try:
         return model.model_validate(_read(path))
     except ValidationError as exc:
-        problems = "; ".join(
-            f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']} "
-            f"(is {problem['input']!r})"
-            for problem in exc.errors()
-        )
-        raise ProfileError(f"{path.name}: {problems}") from exc
+        raise ProfileError(refuse(exc, model, path.name)) from exc
 
 
 def read_keys(file: str) -> list[str]:
@@ -71,7 +68,7 @@ def read_keys(file: str) -> list[str]:
 
 def _read(path: Path) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        return read_yaml(path.read_text(encoding="utf-8"))
     except FileNotFoundError as exc:
         raise ProfileError(f"profile file {path} doesn't exist; check the path") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:

@@ -11,7 +11,7 @@ from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import CommandName, Facts, NonNegative, Positive, Span
 from firmware_profiles.families.aerotech.controller import Aerotech, check_controller
-from firmware_profiles.families.registry import family_of, find_family
+from firmware_profiles.families.registry import family_names, family_of, find_family
 from firmware_profiles.heads import Head, check_heads
 from firmware_profiles.watching import Watched
 
@@ -46,7 +46,8 @@ class Printer(Facts):
     firmware: Annotated[str, AfterValidator(_with_a_family)] = Field(
         description="Firmware family, which sets the protocol. All but Marlin are built after "
         "public sources and not verified against a real recording. For Aerotech jobs are written, "
-        "and not sent."
+        "and not sent.",
+        json_schema_extra=lambda schema: schema.update(enum=list(family_names())),
     )
     aerotech: Aerotech | None = Field(
         default=None, description="Which controller; to be said for Aerotech's firmware alone."

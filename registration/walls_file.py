@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from design.files import write_text
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import RegistrationError
 
 SCHEMA = "printctl-walls-1"
@@ -106,7 +107,7 @@ def read_walls(path: Path) -> WallCalibration:
         When the file is missing, isn't one, or holds an impossible number.
     """
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        found = read_yaml(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as exc:
         raise RegistrationError(
             f"{path}: no calibration of walls there ({type(exc).__name__}); write one with "

@@ -34,6 +34,7 @@ from typing import Annotated, Final, Literal, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from firmware_profiles.yaml_file import read_yaml
 from sim.errors import ServeError
 from sim.gauges import Gauge
 
@@ -173,7 +174,7 @@ def load_faults(path: Path) -> FaultFile:
         When it can't be read, or has a key or value that means nothing.
     """
     try:
-        return FaultFile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")) or {})
+        return FaultFile.model_validate(read_yaml(path.read_text(encoding="utf-8")) or {})
     except OSError as exc:
         raise ServeError(f"fault file {path} can't be read: {exc.strerror}") from exc
     except yaml.YAMLError as exc:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import yaml
 from pydantic import ValidationError
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
 
@@ -77,7 +78,7 @@ def _fluid(path: Any) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        found = read_yaml(Path(path).read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
     if not isinstance(found, dict):

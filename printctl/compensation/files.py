@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from design.files import write_text
 from design.toolpath.correction import Corrections, Stretch
+from firmware_profiles.yaml_file import read_yaml
 from printctl.compensation.schema import CompensationFile
 from printctl.errors import UsageError
 
@@ -55,7 +56,7 @@ def load_compensation(path: Path) -> CompensationFile:
         When it isn't there or isn't one: what is wrong, and where.
     """
     try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data: Any = read_yaml(path.read_text(encoding="utf-8"))
     except OSError as exc:
         raise UsageError(
             f"compensation {path} can't be read: {exc.strerror}; check the path, or make it with "

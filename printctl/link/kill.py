@@ -25,6 +25,9 @@ class Kill:
     Parameters
     ----------
     wiring : Wiring
+    awaiting : callable, optional
+        Called once a halt was asked for, by the thread that speaks to the printer, before it waits
+        for the printer's confirmation.
 
     Attributes
     ----------
@@ -32,7 +35,8 @@ class Kill:
         Set once somebody has asked for it; nothing else is sent from then on.
     """
 
-    def __init__(self, wiring: Wiring) -> None:
+    def __init__(self, wiring: Wiring, awaiting: Callable[[], None] = lambda: None) -> None:
+        self._awaiting = awaiting
         self.asked: Final = threading.Event()
         self._wiring = wiring
         self._parser = wiring.printer.emergency_parser
@@ -118,6 +122,7 @@ class Kill:
         ------
         PrintEnded
         """
+        self._awaiting()
         clock = self._wiring.clock
         limit = clock.now() + KILL_WAIT_S
         while clock.now() < limit or not self._sent:

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 from printctl.recipe.migrate import SCHEMA, migrated, steps_from
 from printctl.recipe.model import Recipe
@@ -63,7 +64,7 @@ def read_mapping(path: Path, kind: str, start: str) -> dict[str, Any]:
         When it isn't there, isn't YAML or holds no keys.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = read_yaml(path.read_text(encoding="utf-8"))
     except FileNotFoundError as exc:
         raise RecipeError(f"{kind} {path} doesn't exist; check the path, or: {start}") from exc
     except IsADirectoryError as exc:

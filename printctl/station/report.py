@@ -18,6 +18,12 @@ from printctl.station.wire import Socket
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 
+_UP: Final = frozenset({StationState.CONNECTING, StationState.READY, StationState.BUSY})
+_HALTING: Final = (
+    "a halt (M112) was sent and the printer hasn't confirmed it yet; if anything moves, cut its "
+    "power"
+)
+
 log = logging.getLogger(__name__)
 
 
@@ -66,6 +72,8 @@ class StationReport:
         status, speaker = self._status, self._speaker
         streamer, standby = speaker.streamer, speaker.standby
         if streamer is None or status.state is not StationState.PRINTING:
+            if standby is not None and standby.halt_asked and status.state in _UP:
+                return replace(status, state=StationState.HALTING, message=_HALTING)
             trouble = standby.trouble if standby is not None and status.open else ""
             return replace(status, message=trouble or status.message)
         printing = streamer.status

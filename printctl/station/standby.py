@@ -62,7 +62,7 @@ class Standby:
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self._halt, heard = Kill(wiring), threading.Event(), Heard()
+        self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), Heard()
         as_print = PrintEvents(wiring, self._logbook, self._kill, RequestQueue(), heard)
         self._events = StandbyEvents(self._logbook, self._halt, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
@@ -101,6 +101,11 @@ class Standby:
     def readings(self) -> tuple[str, ...]:
         """Last readings of what the profile has watched."""
         return self._gauges.readings
+
+    @property
+    def halt_asked(self) -> bool:
+        """Whether somebody has asked for a halt (M112) of the firmware."""
+        return self._kill.asked.is_set()
 
     # --- begin and end ---------------------------------------------------------------------------
 

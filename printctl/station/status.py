@@ -16,6 +16,7 @@ class StationState(StrEnum):
     READY = "ready"
     BUSY = "busy"
     PRINTING = "printing"
+    HALTING = "halting"
     HALTED = "halted"
     LOST = "lost"
     CLOSED = "closed"

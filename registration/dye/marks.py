@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.network import VesselNetwork
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import DyeError
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +61,7 @@ def read_marks(path: Path) -> Marks:
         When it isn't there, isn't YAML, or doesn't hold what it should.
     """
     try:
-        plain = yaml.safe_load(path.read_text(encoding="utf-8"))
+        plain = read_yaml(path.read_text(encoding="utf-8"))
     except FileNotFoundError as exc:
         raise DyeError(f"{path} doesn't exist; docs/dye.md says what marks are") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:

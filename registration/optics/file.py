@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from design.files import write_text
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
 from registration.optics.beam import OctCalibration
 
@@ -50,7 +51,7 @@ def read_calibration(path: Path) -> OctCalibration:
     if not path.is_file() or path.stat().st_size > _MOST_BYTES:
         raise ScanFileError(f"{path}: no calibration there; write one with printctl calibrate oct")
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        found = read_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ScanFileError(f"{path}: not YAML ({exc}); calibrate again") from exc
     if not isinstance(found, dict) or found.get("schema") != SCHEMA:

@@ -23,6 +23,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
 from registration.readers.fuse import Kind, fuse
 from registration.readers.metadata import ScanOverrides
@@ -112,7 +113,7 @@ def _parsed(path: Path) -> _Listed:
     if not path.is_file() or path.stat().st_size > _MOST_BYTES:
         raise ScanFileError(f"{path}: no list of scans there; check the path")
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        found = read_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ScanFileError(f"{path}: not YAML ({exc}); mend it") from exc
     if not isinstance(found, dict) or set(found) - set(_KEYS) or found.get("mosaic") not in _KINDS:

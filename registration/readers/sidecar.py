@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
 from registration.readers.metadata import known_keys, parse
 
@@ -32,7 +33,7 @@ def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
         return parse(text, str(found))
     try:
         # JSON is YAML.
-        plain = yaml.safe_load(text)
+        plain = read_yaml(text)
     except yaml.YAMLError as exc:
         raise ScanFileError(f"{found}: not YAML ({exc}); mend or remove it") from exc
     return known_keys(plain, str(found), more)

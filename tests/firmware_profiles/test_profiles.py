@@ -95,3 +95,85 @@ def test_printers_of_the_issue_ship_with_their_family() -> None:
     assert families["makergear_m2_duet2"] == "reprapfirmware"
     assert families["lulzbot_taz6_replistruder4"] == "marlin"
     assert families["klipper_bioprinter"] == "klipper"
+
+
+def _printer(tmp_path: Path, *without: str, add: str = "") -> str:
+    text = (DATA / "printers" / "generic_marlin.yaml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line.partition(":")[0] not in without]
+    path = tmp_path / "c.yaml"
+    path.write_text("\n".join(lines) + f"\n{add}\n")
+    return str(path)
+
+
+def _refusal(path: str) -> str:
+    with pytest.raises(ProfileError) as caught:
+        load(Printer, path)
+    return str(caught.value)
+
+
+def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
+    path = _printer(tmp_path, add="firmware: klipper")
+    lines = Path(path).read_text().splitlines()
+    at = [number for number, line in enumerate(lines, 1) if line.startswith("firmware:")]
+    assert len(at) == 2
+    said = _refusal(path)
+    assert f"'firmware' stands twice, in line {at[0]} and in line {at[1]}" in said
+    assert "c.yaml" in said
+
+
+def test_key_written_twice_inside_a_section_is_refused(tmp_path: Path) -> None:
+    said = _refusal(_printer(tmp_path, "x_mm", add="x_mm: {low: 0, high: 100, low: 50}"))
+    assert "'low' stands twice" in said
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("firmware", "c.yaml: firmware is missing; add it: one of aerotech, klipper, marlin"),
+        ("steps_per_mm", "c.yaml: steps_per_mm is missing; add it: keys x, y, z, e, each with"),
+        ("x_mm", "c.yaml: x_mm is missing; add it: keys low, high, each with its value"),
+        (
+            "acceleration_mm_s2",
+            "c.yaml: acceleration_mm_s2 is missing; add it: a number above 0",
+        ),
+    ],
+)
+def test_missing_key_is_told_in_one_sentence(tmp_path: Path, key: str, said: str) -> None:
+    found = _refusal(_printer(tmp_path, key))
+    assert found.startswith(said)
+    assert "\n" not in found
+    assert len(found) < 150
+
+
+@pytest.mark.parametrize(
+    ("without", "add", "said"),
+    [
+        ("firmware", "firmware: aerotech", "c.yaml: firmware aerotech: say which controller"),
+        ("firmware", "firmware: grbl", "c.yaml: firmware: no firmware family is named 'grbl'"),
+        ("x_mm", "x_mm: 5", "c.yaml: x_mm must be keys low, high, each with its value (is 5)"),
+        ("x_mm", "x_mm: {low: 9, high: 2}", "c.yaml: x_mm: low 9 isn't below high 2"),
+        ("x_mm", "x_mm: {low: 9}", "c.yaml: x_mm.high is missing; add it: a number"),
+        ("baud", "baud: fast", "c.yaml: baud must be a valid integer"),
+        ("baud", "baud: 1", "c.yaml: baud must be greater than or equal to 9600 (is 1)"),
+        ("z_mm", "z_mm:", "c.yaml: z_mm must be keys low, high, each with its value (is empty)"),
+        ("", "dispenser: {kind: laser}", "c.yaml: dispenser.kind must be one of"),
+        ("", "dispenser: {}", "c.yaml: dispenser.kind is missing; add it"),
+        ("", f"note: {'x' * 200}", "c.yaml: note is no key here (is 'xxx"),
+    ],
+)
+def test_wrong_key_is_told_short_and_without_the_checker_s_own_words(
+    tmp_path: Path, without: str, add: str, said: str
+) -> None:
+    found = _refusal(_printer(tmp_path, without, add=add))
+    assert found.startswith(said)
+    assert "Value error" not in found
+    assert "Input should" not in found
+    assert "\n" not in found
+    assert len(found) < 200
+
+
+@pytest.mark.parametrize("text", ["", "a word", "- one\n- two"])
+def test_file_without_keys_is_told(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    assert _refusal(str(path)).startswith("c.yaml: the file must be keys name, source, licence")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from dataclasses import asdict
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Request, WebSocket, WebSocketDisconnect
@@ -50,6 +51,7 @@ class StopSent(BaseModel):
 
     folder: str
     after_ms: float = Field(description="from the request to the byte in its socket, ms")
+    process: int = Field(description="that speaks to the machine: one for a station and its print")
 
 
 class StopAnswer(BaseModel):
@@ -95,15 +97,15 @@ def router(core: Core, wires: Wires) -> APIRouter:
     @routes.post("/stop", summary="Halt every printer at once (M112); needs no controls")
     def stop() -> StopAnswer:
         sent = list(wires.kill(time.monotonic()))
+        machines = len({one.process or one.folder for one in sent})
         said = (
-            f"M112 to {len(sent)} printer{'s' if len(sent) > 1 else ''}; positions are unknown now"
+            f"M112 to {machines} printer{'s' if machines > 1 else ''}; each status "
+            "tells whether it has halted; positions are unknown now"
             if sent
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"
         )
-        return StopAnswer(
-            sent=[StopSent(folder=one.folder, after_ms=one.after_ms) for one in sent], message=said
-        )
+        return StopAnswer(sent=[StopSent(**asdict(one)) for one in sent], message=said)
 
     @routes.websocket("/events")
     async def events(socket: WebSocket) -> None:

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import yaml
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.web.errors import BadRequestError
 
 MOST_BYTES: Final = 256_000
@@ -29,7 +30,7 @@ def read_text(text: str) -> dict[str, Any]:
         raise BadRequestError(f"a recipe is at most {MOST_BYTES // 1000} kB; this has more")
     try:
         _check_events(text)
-        data = yaml.safe_load(text)
+        data = read_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError) as exc:
         raise BadRequestError(f"this isn't YAML: {exc}") from exc
     if not isinstance(data, dict) or any(not isinstance(key, str) for key in data):

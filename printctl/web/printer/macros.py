@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.files import write_text
 from firmware_profiles import Printer, load
+from firmware_profiles.yaml_file import read_yaml
 from printctl.gate import Refusal, foreseen
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
@@ -65,7 +66,7 @@ class Macros:
         if not path.is_file():
             return []
         try:
-            return list(_File.model_validate(yaml.safe_load(path.read_text("utf-8"))).macros)
+            return list(_File.model_validate(read_yaml(path.read_text("utf-8"))).macros)
         except (yaml.YAMLError, UnicodeDecodeError, ValidationError) as exc:
             raise ConflictError(f"{path} holds no macros: {exc}; mend or remove it") from exc
 

@@ -43,10 +43,13 @@ class Sent:
         Of the print or station.
     after_ms : float, ms
         From the request to the last byte in the socket.
+    process : int
+        The one that speaks to the machine; a station's print and the station are of one process.
     """
 
     folder: str
     after_ms: float
+    process: int = 0
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class _Record:
     changed_ns: int
     address: str
     token: str
+    process: int = 0
 
 
 @dataclass
@@ -169,7 +173,8 @@ class Wires:
         return True
 
     def _sent(self, path: Path, began: float) -> Sent:
-        return Sent(str(path.parent), (self.clock() - began) * 1e3)
+        record = self._records[path]
+        return Sent(str(path.parent), (self.clock() - began) * 1e3, record.process)
 
     def _drop(self, path: Path) -> None:
         found = self._open.pop(path, None)
@@ -203,8 +208,9 @@ def _read(path: Path, changed: int) -> _Record:
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
         ended = bool(said.get("status", {}).get("state") in OVER) if path.name == "link.json" else 0
-        return _Record(changed, "" if ended else str(said.get("address", "")), str(said["token"]))
-    except (OSError, ValueError, KeyError, AttributeError):
+        address = "" if ended else str(said.get("address", ""))
+        return _Record(changed, address, str(said["token"]), int(said.get("pid", 0)))
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return _Record(changed, "", "")
 
 

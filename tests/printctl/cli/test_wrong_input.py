@@ -28,7 +28,7 @@ from printctl.cli.main import main
         ("profiles check bin.yaml", 2, "isn't YAML"),
         ("profiles check foreign.yaml", 2, "no key of any sort of profile"),
         ("profiles check list.yaml", 2, "holds no keys"),
-        ("profiles check needle.yaml", 2, "needle.yaml: name: Field required"),
+        ("profiles check needle.yaml", 2, "needle.yaml: name is missing"),
         ("profiles check bad.csv", 2, "ends in .yaml"),
         ("slice nothing.stl --unit mm --out a.gcode", 1, "No such file"),
         ("slice cube.stl --out a.gcode", 1, "doesn't say its unit"),

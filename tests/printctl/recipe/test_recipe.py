@@ -120,3 +120,10 @@ def test_files_of_regions_are_the_recipe_s_files() -> None:
         {"around_vessels_mm": 1},
     ]
     assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
+
+
+def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
+    path = tmp_path / "twice.yaml"
+    path.write_text("schema: 1\nname: one\nseed: 3\nname: two\n")
+    with pytest.raises(RecipeError, match=r"twice\.yaml.*'name' .* in line 2 and in line 4"):
+        load_recipe(path)

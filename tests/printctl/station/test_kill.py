@@ -81,6 +81,30 @@ def test_killed_while_it_stands_by(fake):
     assert not station.status.position_trusted
 
 
+class Unconfirming(Listening):
+    """Neither takes nor confirms M112 until it is told to."""
+
+    deaf = True
+
+    def receive(self, data: bytes) -> bytes:
+        if self.deaf and b"M112" in data:
+            self.heard += data
+            return b""
+        return super().receive(data)
+
+
+def test_halting_is_told_until_the_printer_confirms(folder, profile):
+    with pty_printer(Unconfirming()) as served:
+        station = connect(profile, served.name, folder)
+        station.kill()
+        message = until(station, StationState.HALTING)
+        assert "hasn't confirmed it yet" in message
+        assert station.status.state is StationState.HALTING
+        served.printer.deaf = False
+        until(station, StationState.HALTED)
+        station.close()
+
+
 def test_killed_while_it_moves(fake):
     served, station = fake
     station.set_position(100, 100, 100)

@@ -101,8 +101,9 @@
     const heard = (message) => {
       if (message.sent) {
         answers += 1;
-        if (message.sent.length > most) {
-          most = message.sent.length;
+        const machines = new Set(message.sent.map((one) => one.process || one.folder)).size;
+        if (machines > most) {
+          most = machines;
           said.sent = `Halt (M112) went to ${most} printer${most > 1 ? "s" : ""} after ${since()}.`;
         } else if (!most) {
           said.sent = `Nothing is connected to a printer here: nothing to halt. ${CUT}`;
