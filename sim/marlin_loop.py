@@ -150,6 +150,10 @@ class MainLoop:
         self.machine.say("Error:Printer halted. kill() called!")
         self.machine.say("//action:poweroff")
 
+    def hear_dead(self) -> None:
+        """Take what comes after a halt: nothing is heard."""
+        self.wire.flush()
+
     def idle_is_over(self) -> None:
         """Nothing has moved for longer than the firmware was told to bear."""
         self.machine.say(
@@ -192,7 +196,7 @@ class MainLoop:
             stalled = machine.now < machine.stalled_until
             halts_at = self._halt_when_due()
             if machine.dead:
-                self.wire.flush()
+                self.hear_dead()
             elif not stalled and self._step():
                 continue
             at = self.wire.next_arrival()

@@ -147,6 +147,15 @@ def test_klipper_s_timeout_begins_anew_when_it_is_set():
     assert said(printer, b"G1 X52 F600\n") == b"ok\n"
 
 
+def test_klipper_that_was_shut_down_answers_each_line_by_why():
+    printer, _ = printer_of("klipper")
+    first, *rest = said(printer, b"\nM112\n").splitlines()
+    assert first == b"// Klipper state: Shutdown"
+    assert rest[-2:] == [b"!! Shutdown due to M112 command", b"ok"]
+    assert said(printer, b"M112\n") == b"ok\n"
+    assert said(printer, b"G1 X52\n").endswith(b"!! Shutdown due to M112 command\nok\n")
+
+
 def test_smoothieware_has_no_simulated_printer():
     with pytest.raises(ServeError, match="no simulated printer"):
         printer_of("smoothieware")

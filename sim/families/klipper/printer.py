@@ -10,8 +10,11 @@ answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and G9
 that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is.
 
 Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that G-code
-commands wait for room in seconds of motion, not in blocks. After a shutdown a real one still
-answers, by ``!!``; this one is silent.
+commands wait for room in seconds of motion, not in blocks.
+
+After a shutdown each line is answered, an empty one as well, as a real one does (commit 84104bbb,
+2026-11-22): by why it has stopped with ``//`` and ``!!``; M112 by an ``ok`` alone. (A real one also
+still answers M105, M114 and M115.)
 """
 
 from __future__ import annotations
@@ -41,6 +44,14 @@ _VALUE: Final = re.compile(rb"\b([A-Z_]+)=([+-]?\d*\.?\d+)")
 _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
 _G: Final = (4, 21, 28, 90, 91)
 _M: Final = (18, 82, 83, 84, *range(104, 108), *(109, 110, 112, 117, 118, 119, 140, 190, 204))
+_STOPPED: Final = (
+    "// Shutdown due to M112 command",
+    "// Once the underlying issue is corrected, use the",
+    '// "FIRMWARE_RESTART" command to reset the firmware, reload the',
+    "// config, and restart the host software.",
+    "// Printer is shutdown",
+    "!! Shutdown due to M112 command",
+)
 _KNOWN: Final = tuple([f"G{n}" for n in _G] + [f"M{n}" for n in (*_M, 220, 221, 400)])
 
 
@@ -115,6 +126,7 @@ class KlipperPrinter(DuetPrinter):
         self.lines = KlipperLines(self.machine.printer.max_line_bytes)
         self.machine.cold_allowed = True
         self.machine.idle_limit_s = IDLE_S
+        self._after_empty = False
         self._no_offsets()
 
     def reset(self) -> None:
@@ -131,6 +143,32 @@ class KlipperPrinter(DuetPrinter):
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
         self.machine.say("// Klipper state: Shutdown")
+
+    def kill(self, reason: str) -> None:
+        """Stop for good; answer what waited, with the empty line that stood before an M112."""
+        waiting = [b""] * self._after_empty + [line for line in self._queue if line != b"M112"]
+        super().kill(reason)
+        for line in waiting:
+            self._answer_stopped(line)
+
+    def hear_dead(self) -> None:
+        """Answer each line."""
+        *lines, rest = bytes(self.wire.ring).split(b"\n")
+        self.wire.ring[:] = rest
+        for line in lines:
+            self._answer_stopped(line.strip())
+
+    def _answer_stopped(self, line: bytes) -> None:
+        for text in () if line == b"M112" else _STOPPED:
+            self.machine.say(text)
+        self.machine.say("ok")
+
+    def _read_line(self) -> bool:
+        ring = self.wire.ring
+        if ring:
+            halts = self._after_empty and ring.startswith(b"M112")
+            self._after_empty = halts or ring.startswith(b"\n")
+        return super()._read_line()
 
     def idle_is_over(self) -> None:
         """Heaters and motors go off: TURN_OFF_HEATERS, M84."""

@@ -105,6 +105,14 @@ def test_halting_is_told_until_the_printer_confirms(folder, profile):
         station.close()
 
 
+def test_simulated_klipper_confirms_while_it_stands_by(folder):
+    station = connect("klipper_bioprinter", "simulated", folder, sim_speed=1.0)
+    station.kill()
+    message = until(station, StationState.HALTED)
+    assert "that it has halted" in message
+    station.close()
+
+
 def test_killed_while_it_moves(fake):
     served, station = fake
     station.set_position(100, 100, 100)
