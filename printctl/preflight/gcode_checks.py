@@ -6,7 +6,7 @@ import numpy as np
 
 from firmware_profiles import Printer
 from printctl.preflight.firmware_checks import firmware_checks
-from printctl.preflight.gate_checks import gate_checks
+from printctl.preflight.gate_checks import gate_checks, motor_checks
 from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
@@ -46,6 +46,7 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *(_counted(code, name, run.findings) for code, name in _counted_for(printer).items()),
         _probing(run),
         *gate_checks(run, printer),
+        *motor_checks(run, printer),
         *firmware_checks(run, printer),
         *valve_checks(run, printer),
         *profile_checks(printer),

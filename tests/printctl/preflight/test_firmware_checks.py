@@ -222,3 +222,22 @@ def test_a_safe_state_that_could_move_is_refused(command: str) -> None:
     values = MARLIN.model_dump() | {"safe_state_off": [command]}
     with pytest.raises(ValueError, match="safe_state_off"):
         Printer.model_validate(values)
+
+
+@pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET], ids=["marlin", "klipper", "duet"])
+@pytest.mark.parametrize("off", ["M84", "M18", "M84 X"])
+def test_motors_that_lose_their_power_before_the_last_move_are_refused(printer, off):
+    """A real Klipper refuses the next move, the way out of the bath too (2026-11-22)."""
+    cold = "M302 P1\n" if printer is not KLIPPER else ""
+    if printer is KLIPPER and off != "M84":
+        off = "M18"
+    name = "motors without power"
+    found = named(checks_of(body(cold) + f"{off}\nG1 X50\n", printer), name)
+    assert (found.passed, found.place) == (False, "line 8" if cold else "line 7")
+    rest = [check.check for check in checks_of(body(cold) + f"G1 X50\n{off}\n", printer)]
+    assert not [check for check in rest if check.startswith(name)]
+
+
+def test_a_timeout_of_the_motors_is_no_loss_of_power():
+    rest = [check.check for check in checks_of(body() + "M84 S60\nG1 X50\n", MARLIN)]
+    assert not [check for check in rest if check.startswith("motors without power")]
