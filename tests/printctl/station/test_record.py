@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from printctl.link.errors import NoLink
 from printctl.link.journal import Journal
 from printctl.station import StationState, StationStatus, attach
 from printctl.station.record import JOURNAL, StationRecord
+from printctl.station.status import NO_PRINTER
 
 
 def _left_printing(folder: Path, *states: str) -> None:
@@ -48,3 +50,16 @@ def test_close_of_an_earlier_station_is_not_taken(tmp_path: Path) -> None:
     time.sleep(0.01)
     _left_printing(tmp_path)
     assert attach(tmp_path).status.state is StationState.LOST
+
+
+def test_whatever_is_asked_of_a_station_that_is_gone_is_answered_alike(tmp_path: Path) -> None:
+    _left_printing(tmp_path, "ready")
+    station = attach(tmp_path)
+    for ask in (
+        lambda: station.jog("x", 1),
+        lambda: station.command("M105"),
+        station.reconnect,
+        station.close,
+    ):
+        with pytest.raises(NoLink, match=NO_PRINTER.partition(";")[0]):
+            ask()
