@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -25,10 +26,10 @@ from printctl.link.families import refuse_unsent
 from printctl.link.journal import read_journal
 from printctl.link.ports import SIMULATED
 from printctl.link.reach import alive, gone, stays_alive
-from printctl.link.record import JOURNAL
+from printctl.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.link.resuming import resumable
 from printctl.station.door_key import ask, messages, open_connection, post
-from printctl.station.record import LOCK, LOG, load_station
+from printctl.station.record import JOURNAL, LOCK, LOG, journalled_down, load_station
 from printctl.station.status import StationState, StationStatus
 from printctl.station.to_wish import to_wish
 
@@ -286,7 +287,7 @@ def _refuse_interrupted(folder: Path) -> None:
         if last.state is not StationState.PRINTING:
             return
         place = Path(last.print_folder)
-        sha256 = str(read_journal(place / JOURNAL).job.get("sha256", ""))
+        sha256 = str(read_journal(place / PRINT_JOURNAL).job.get("sha256", ""))
         history = resumable(place, sha256)
     except LinkError:
         return
@@ -300,12 +301,16 @@ def _refuse_interrupted(folder: Path) -> None:
 
 def _last_word(folder: Path) -> StationStatus:
     """Of a station that has gone."""
-    last = load_station(folder).last
+    record = load_station(folder)
+    last = record.last
     if last.state in (StationState.CLOSED, StationState.LOST):
         return last
+    state, message = journalled_down(folder / JOURNAL, record.started) or (last.state, "")
+    if state is StationState.CLOSED:  # the disk was full, and its record couldn't be written
+        return replace(last, state=state, message=message, position_mm=None, position_trusted=False)
     told = {
         "state": StationState.LOST,
-        "message": f"the station ended without a word while {last.state.value}; connect again",
+        "message": f"the station ended without a word while {state.value}; connect again",
     }
     return StationStatus.from_dict({**last.to_dict(), **told, "error": "LinkError"})
 

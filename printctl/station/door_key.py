@@ -12,6 +12,7 @@ from typing import Any, Final
 from printctl.link.errors import BY_NAME, LinkError, NoLink
 from printctl.link.reach import alive, reach
 from printctl.station.record import LOCK, LOG, StationRecord, load_station
+from printctl.station.status import NO_PRINTER
 
 _COMES_UP_S: Final = 5.0
 _CHUNK: Final = 65536
@@ -73,13 +74,13 @@ def ask(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str,
     """
     opened = open_connection(folder)
     if opened is None:
-        raise NoLink(f"the station of {folder} has gone; connect again")
+        raise NoLink(NO_PRINTER)
     connection, record = opened
     with connection:
         try:
             post(connection, record, do, **values)
         except OSError as exc:
-            raise NoLink(f"the station of {folder} has gone; connect again") from exc
+            raise NoLink(NO_PRINTER) from exc
         for message in messages(connection, patience_s):
             if message["event"] == "refused":
                 raise BY_NAME.get(message.get("error", ""), LinkError)(message["message"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.history import data_folder
+from printctl.link.journal import read_records
 from printctl.link.record import read_private, save_private
 from printctl.station.status import Mounted, StationState, StationStatus
 
@@ -15,6 +17,7 @@ JOURNAL: Final = "station.journal"
 LOG: Final = "station.log"
 LOCK: Final = "station.lock"
 SOCKET: Final = "station.sock"
+_DOWN: Final = frozenset({StationState.HALTED, StationState.LOST, StationState.CLOSED})
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,23 @@ def load_station(folder: Path) -> StationRecord:
     """
     absent = f"no printer was ever connected in {folder} (no {RECORD} there); connect first"
     return read_private(folder / RECORD, StationRecord, absent)
+
+
+def journalled_down(journal: Path, since: float) -> tuple[StationState, str] | None:
+    """Return the state and message that a station's journal ends in, if it was down or closed.
+
+    Parameters
+    ----------
+    journal : Path
+    since : float, s since 1970
+        When the station was started; earlier records are of others.
+    """
+    last: tuple[str, str] = "", ""
+    with contextlib.suppress(OSError):
+        for record in read_records(journal):
+            if record and record.get("t") == "state" and record.get("at", 0.0) >= since:
+                last = str(record.get("state")), str(record.get("message"))
+    return (StationState(last[0]), last[1]) if last[0] in _DOWN else None
 
 
 def usual_folder() -> Path:

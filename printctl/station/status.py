@@ -22,6 +22,8 @@ class StationState(StrEnum):
     CLOSED = "closed"
 
 
+NO_PRINTER: Final = "no printer is connected; connect one first (page Printer)"
+"""Told wherever something is asked of a station that isn't there."""
 OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRINTING})
 """States in which the printer answers."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -25,6 +26,8 @@ from printctl.web.job.set_ups import SetUps
 from printctl.web.workspace import Workspace
 
 _FIRST_WORD_S: Final = 10.0
+
+log = logging.getLogger(__name__)
 
 
 class Prints:
@@ -56,6 +59,7 @@ class Prints:
         self._lock, self._noting = threading.Lock(), threading.Lock()
         self._finder = Finder(workspace, self.follow, self._review)
         self._reviewed: Heard | None = None
+        self._unwritten: dict[str, float] = {}
 
     def begin(self) -> None:
         """Look for prints that go on."""
@@ -165,8 +169,19 @@ class Prints:
             for record in self._records.of_job(heard.job)[-1:]:
                 found = self._records.load(record)
                 if found.get("started") and found.get("state") != state:
-                    ended = found.get("ended", time.time())
-                    self._records.mark(record, "printctl", ended=ended, state=state)
+                    self._write_end(record, found.get("ended"), state)
+
+    def _write_end(self, record: str, ended: float | None, state: str) -> None:
+        """Mark a print's end in its record; where that fails, keep its time for the next try."""
+        at = self._unwritten.get(record, time.time() if ended is None else ended)
+        try:
+            self._records.mark(record, "printctl", ended=at, state=state)
+        except OSError as exc:
+            if record not in self._unwritten:
+                log.error("the end of a print can't be noted in its record %s: %s", record, exc)
+            self._unwritten[record] = at
+        else:
+            self._unwritten.pop(record, None)
 
     def _table(self, job: str, folder: Path) -> JobTable | None:
         """The table of the file that is printed; None when that file has changed since."""

@@ -11,6 +11,7 @@ from typing import IO, Any
 from design.files import write_text
 from printctl.printing.find import running
 from printctl.set_up import Check
+from printctl.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
@@ -245,7 +246,7 @@ class JobService:
     def _connected(self) -> Machine:
         machine = self.printing.machine()
         if machine is None:
-            raise ConflictError("no printer is connected; connect it on the page Printer")
+            raise ConflictError(NO_PRINTER)
         return machine
 
     def _looked_at(self, job: str, said: JobSetUp) -> Preflight:

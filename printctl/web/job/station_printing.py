@@ -9,6 +9,7 @@ from printctl.link.errors import NoLink
 from printctl.printing import Order
 from printctl.printing.find import running
 from printctl.station import Station, StationState, StationStatus, attach
+from printctl.station.status import NO_PRINTER
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
 from printctl.web.job.to_start import go_to
@@ -85,4 +86,4 @@ class StationPrinting:
         try:
             return attach(self._folder)
         except NoLink as exc:
-            raise ConflictError("no printer is connected; connect it on the page Printer") from exc
+            raise ConflictError(NO_PRINTER) from exc

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from printctl.station import Station, StationStatus
+from printctl.station.status import NO_PRINTER
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
@@ -41,7 +42,7 @@ class Desk:
         """
         station = self.follower.station
         if station is None:
-            raise ConflictError("no printer is connected; connect one first (Connection)")
+            raise ConflictError(NO_PRINTER)
         return station
 
     def ask(self, who: Principal) -> Station:
