@@ -1,4 +1,4 @@
-"""What RepRapFirmware and Klipper have in common: one line in flight, and an ``ok`` to it.
+"""Common part of RepRapFirmware's and Klipper's protocols: one line in flight, and an ``ok`` to it.
 
 Neither keeps count of lines as Marlin does: a line number is at most part of a checksum. So
 there is no asking "which line did you take last"; what is done in doubt is each family's own

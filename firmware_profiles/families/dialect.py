@@ -1,4 +1,4 @@
-"""What a firmware family's jobs begin and end with, and its words.
+"""Beginning and end of a firmware family's jobs, and its words.
 
 Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common to all. M220 and M221
 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an earlier job left

@@ -1,4 +1,4 @@
-"""What the gate knows of a firmware family: own rules, questions and resets before a start."""
+"""Facts about a firmware family for the gate: own rules, questions and resets before a start."""
 
 from __future__ import annotations
 

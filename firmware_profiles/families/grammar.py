@@ -1,4 +1,4 @@
-"""How a firmware family reads a line, and which commands it knows."""
+"""Reading of a line by a firmware family, and the commands that it knows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often the line garbles, against the limit at which a print should pause."""
+"""Rate of garbled lines, against the limit at which a print should pause."""
 
 from __future__ import annotations
 

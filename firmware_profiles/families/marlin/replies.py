@@ -1,4 +1,4 @@
-"""What a line from Marlin is, and how a line to it is framed. Pure functions."""
+"""Kinds of lines from Marlin, and the frame of a line to it. Pure functions."""
 
 from __future__ import annotations
 
