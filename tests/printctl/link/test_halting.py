@@ -56,3 +56,13 @@ def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something
     kill.halted()
     striking.join()
     assert told in kill.words(7.1)
+
+
+@pytest.mark.parametrize("in_flight", [1, 2])
+def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motors(in_flight):
+    """One that is let in afterwards was made on a real board: up to 19 mm, 2 s later."""
+    printer = load(Printer, "marlin_avr").model_copy(update={"lines_in_flight": in_flight})
+    halting = halting_of(printer, b"M112\n", emergency_parser=True)
+    assert [data for data, _ in halting.first] == [b"\nM410\n"] * (1 + in_flight)
+    waits = [wait_s for _, wait_s in halting.first]
+    assert sum(waits[:-1]) < in_flight < sum(waits)  # a line a second; M112 behind the last
