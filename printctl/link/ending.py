@@ -8,8 +8,7 @@ from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
-from printctl.link.modal import Modal
-from printctl.link.position_check import PositionCheck
+from printctl.link.position_check import PositionCheck, Standstill
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve import shut
@@ -52,15 +51,13 @@ class Ending:
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
         complaints = self._logbook.complaints
-        at, relieved, dropped = self._stop_motors()
-        message += dropped
+        stop = self._stop_motors()
+        message += stop.words()
         self._valve.shut()
-        if dropped and at.e is not None and not self._printer.pneumatic:
-            self._channel.command(count_from(at.e))  # M114 rounds: relieve from where it stands
-        self._channel.commands(self._heads.retreat.leave(at, self._printer, relieved))
+        self._channel.commands(self._way_out(stop))
         self._heaters_off()
         self._channel.command(b"M400")
-        known = self._logbook.complaints == complaints
+        known = stop.read and self._logbook.complaints == complaints
         self._firmware.undo_settings()
         fault = self._logbook.fault
         if fault:
@@ -69,28 +66,27 @@ class Ending:
             message += "; where the needle is isn't known: look before anything moves"
         raise PrintEnded(state, message, known)
 
-    def _stop_motors(self) -> tuple[Modal, float, str]:
-        """Have the firmware drop the moves that it holds, where it can.
-
-        Returns
-        -------
-        Modal
-            Where the needle is.
-        float, mm
-            How far the plunger is drawn back already.
-        str
-            What was dropped, for the message.
-        """
-        progress, quickstop = self._logbook.progress, link_facts(self._printer).quickstop
+    def _stop_motors(self) -> Standstill:
+        """Have the firmware drop the moves that it holds, where it can."""
+        quickstop = link_facts(self._printer).quickstop
         if not quickstop:
-            return self._position.actual(), progress.relieved_mm, ""
-        progress.moves_dropped()
+            return Standstill(self._position.actual(), read=True, dropped=False)
+        self._logbook.progress.moves_dropped()
         self._channel.command(quickstop)
-        at, dropped = self._position.stopped()
-        if not dropped:
-            return at, progress.relieved_mm, ""
-        place = f"X{at.x:.2f} Y{at.y:.2f}"
-        return at, 0.0, f"; its motors were stopped at {place}, what it held ahead wasn't made"
+        return self._position.standstill()
+
+    def _way_out(self, stop: Standstill) -> list[bytes]:
+        """Commands that relieve the plunger and lift the needle from there.
+
+        M114 rounds E, so it is counted from what was read. What the job had drawn back already is
+        known only where none of its moves was dropped.
+        """
+        at, printer = stop.at, self._printer
+        retreat = self._heads.retreat
+        if not stop.dropped:
+            return retreat.leave(at, printer, self._logbook.progress.relieved_mm)
+        counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
+        return [*counted, *retreat.leave(at, printer)]
 
     def end_paused(self, message: str) -> NoReturn:
         """Switch off where the needle is out of the bath already.

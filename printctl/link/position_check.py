@@ -8,7 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
@@ -21,6 +21,34 @@ RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
 WITHIN_MM: Final = 0.011
 """Of the two decimals that M114 tells."""
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """Where a printer stands whose motors were stopped.
+
+    Attributes
+    ----------
+    at : Modal
+        Of two heights the upper one, so that a way out is never lowered.
+    read : bool
+        Whether the printer's own word could be read; else it is the job's.
+    dropped : bool
+        Whether moves of the job weren't made.
+    """
+
+    at: Modal
+    read: bool
+    dropped: bool
+
+    def words(self) -> str:
+        """Return what to add to the message of the end."""
+        if not self.read:
+            return "; its motors were stopped, and where it stands can't be read (M114)"
+        if not self.dropped:
+            return ""
+        place = f"X{self.at.x:.2f} Y{self.at.y:.2f}"
+        return f"; its motors were stopped at {place}, what it held ahead wasn't made"
 
 
 class PositionCheck:
@@ -63,26 +91,27 @@ class PositionCheck:
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
 
-    def stopped(self) -> tuple[Modal, bool]:
-        """Return where the printer stands after it dropped moves, and whether it dropped any.
+    def standstill(self) -> Standstill:
+        """Return where the printer stands after it dropped moves."""
+        at, heights = self._progress.modal(), self._progress.heights()
+        position = self._said_twice()
+        if not position:
+            return Standstill(replace(at, z=max(heights, default=None)), read=False, dropped=True)
+        z = position["Z"]
+        if heights and not min(heights) - WITHIN_MM <= z <= max(heights) + WITHIN_MM:
+            self._logbook.alarm(disagreement(Modal(z=at.z), position))
+        x, y, e = position["X"], position["Y"], position.get("E")
+        there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
+        return Standstill(there, read=True, dropped=bool(disagreement(at, position)))
 
-        Its position is believed once it has said the same twice: no checksum guards it. Of two
-        heights the upper one holds.
-        """
-        at = self._progress.modal()
+    def _said_twice(self) -> dict[str, float]:
+        """Return the position once it was said twice running: no checksum guards it; else empty."""
         position: dict[str, float] = {}
         for _ in range(RETRIES):
             before, position = position, parse_position(self._channel.command(b"M114"))
-            if position and position == before:
-                break
-        else:
-            return self.actual(), True
-        heights = self._progress.heights() or [position["Z"]]
-        if not min(heights) - WITHIN_MM <= position["Z"] <= max(heights) + WITHIN_MM:
-            self._logbook.alarm(disagreement(Modal(z=at.z), position))
-        z = max(position["Z"], *heights)
-        there = replace(at, x=position.get("X"), y=position.get("Y"), z=z, e=position.get("E"))
-        return there, bool(disagreement(at, position))
+            if set("XYZ") <= set(position) and position == before:
+                return position
+        return {}
 
     def compare(self, at: Modal) -> tuple[str, dict[str, float]]:
         """Ask for the position; return what disagrees with ``at`` (empty for nothing), and it."""

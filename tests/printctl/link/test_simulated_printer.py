@@ -169,36 +169,6 @@ def test_controlled_stop_leaves_the_bath(tmp_path):
     assert np.array_equal(motion.end[-1, :2], motion.start[-1, :2])
 
 
-def test_controlled_stop_drops_the_moves_that_the_planner_holds(tmp_path):
-    """As on a real Marlin, M410 drops them; only what waited for room is made first."""
-    transport, asked = wire(), []
-
-    def stop_once(status: Status) -> None:
-        if status.lines_done > 40 and not asked:
-            asked.append((transport.clock.now(), status.lines_done))
-            streamer.stop()
-
-    moves = "".join(f"G1 X{20 + 20 * (k % 2)} E{k / 10:.1f} F1200\n" for k in range(1, 200))
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=Journal(tmp_path / "journal.log"),
-        printer=PRINTER,
-        on_status=stop_once,
-    )
-    streamer = Streamer(wiring, parse_job(HEADER + moves.encode(), "test.gcode"))
-    status = streamer.run()
-    motion, (asked_s, asked_at) = transport.printer.executed(), asked[0]
-    sideways = np.flatnonzero(np.any(motion.end[:, :2] != motion.start[:, :2], axis=1))
-    assert motion.time_end[sideways[-1]] < asked_s + 2.1  # moves of 1 s; sixteen were ahead
-    assert np.array_equal(motion.end[-1, :2], motion.end[sideways[-1], :2])  # straight up
-    assert motion.plunger_end[-2] < motion.plunger_end[sideways[-1]]
-    assert status.state is LinkState.STOPPED
-    assert "what it held ahead wasn't made" in status.message
-    assert status.lines_done >= asked_at > status.lines_executed
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_lost_oks_and_delays_neither_lose_nor_double_a_line(tmp_path, seed):
     data = gcode(400)
