@@ -11,7 +11,7 @@ from printctl.errors import UsageError
 from printctl.link.agreeing import ASIDE_MM
 from printctl.link.errors import LinkError
 from printctl.link.job import parse_job
-from printctl.link.recovering import told_start
+from printctl.link.job_start import told_start
 
 Place = tuple[float, float, float]
 

@@ -10,10 +10,10 @@ from printctl.link.agreeing import agree_start
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
+from printctl.link.job_start import told_start
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
-from printctl.link.recovering import told_start
 from printctl.link.requests import Request
 from printctl.link.states import LinkState, PrintEnded
 

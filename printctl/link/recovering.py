@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
-from firmware_profiles.families import meanings
-from firmware_profiles.families.grammar import Meaning
 from printctl.link.errors import LinkError
 from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
+from printctl.link.job_start import declared_start, places_told
 from printctl.link.journal import History
 from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
@@ -125,63 +124,6 @@ def _beginning(
     )
 
 
-def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
-    """Where the job tells the firmware that the tip stands, before its first move."""
-    places = [k for k, line in enumerate(job.lines[:begin]) if _places(line)]
-    moves = (k for k, line in enumerate(job.lines) if is_motion(line))
-    if not places:
-        return None
-    first = next(moves, begin)
-    words = _places(job.lines[places[0]])
-    if len(places) > 1 or places[0] > first or set(words) != set("XYZ"):
-        raise LinkError(
-            f"line {job.file_lines[places[-1]]} moves the job's frame ({job.lines[places[-1]]!r}); "
-            "the rest can't be placed by a machine"
-        )
-    return words["X"], words["Y"], words["Z"]
-
-
-def told_start(job: Job) -> tuple[float, float, float] | None:
-    """Where the job's first lines tell the firmware that the tip stands; None where they don't.
-
-    Of each axis the first word before any move counts: what is told later renames places, and
-    the dry run follows it.
-
-    Raises
-    ------
-    LinkError
-        Where some of X, Y and Z are told there, or any is told behind a move, and not all three
-        before it: nobody knows then where the checks ought to begin.
-    """
-    found: dict[str, float] = {}
-    for line in job.lines:
-        if code_of(line) == b"G28":
-            return None  # homing finds the place; what is told behind it renames that
-        if is_motion(line):
-            break
-        found = _places(line) | found
-    if set(found) == set("XYZ"):
-        return found["X"], found["Y"], found["Z"]
-    late = next((k for k, line in enumerate(job.lines) if _places(line)), None)
-    if late is None:
-        return None
-    raise LinkError(
-        f"line {job.file_lines[late]} ({job.lines[late].decode('ascii')}) tells the printer where "
-        "the tip stands, and not all of X, Y and Z are told before the first move: tell all three "
-        "there, or take it out"
-    )
-
-
-def _places(line: bytes) -> dict[str, float]:
-    """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
-    code = code_of(line)
-    if code != b"G92" and meanings().get(code.decode("ascii")) is not Meaning.PLACES:
-        return {}
-    read = read_sent(line)
-    named = {axis: float(read.parameters[axis]) for axis in "XYZ" if axis in read.parameters}
-    return named or {a: value for a in "XYZ" if (value := read.number(a)) is not None}
-
-
 def _way_in(
     job: Job,
     begin: int,
@@ -236,7 +178,7 @@ def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
         if of_head:
             last.pop(of_head, None)
             last[of_head] = line
-        elif _places(line):
+        elif places_told(line):
             words = line.split(b" ")
             last[b"placed"] = b" ".join(word for word in words if word[:1] != b"E")
         elif code_of(line) not in _NO_SETUP:

@@ -11,9 +11,9 @@ from printctl.link.care import Care
 from printctl.link.errors import Refused
 from printctl.link.families import link_facts
 from printctl.link.job import Job
+from printctl.link.job_start import told_start
 from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
-from printctl.link.recovering import told_start
 from printctl.link.retreat import Retreat
 from printctl.station.status import Place
 from printctl.station.wire import Socket

@@ -8,7 +8,7 @@ from pathlib import Path
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import LinkError
 from printctl.link.job import load_job
-from printctl.link.recovering import told_start
+from printctl.link.job_start import told_start
 from printctl.web.job.to_start import Place
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from printctl.link.errors import LinkError
-from printctl.link.recovering import told_start
+from printctl.link.job_start import told_start
 from tests.printctl.link.jobs import parse_job
 
 PLACE = (100.0, 90.0, 50.0)

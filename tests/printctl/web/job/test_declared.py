@@ -8,7 +8,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.link.errors import LinkError
-from printctl.link.recovering import told_start
+from printctl.link.job_start import told_start
 from printctl.web.job.declared import declared_of
 from tests.printctl.link.jobs import load_job
 
