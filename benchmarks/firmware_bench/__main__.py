@@ -58,6 +58,8 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
     """Yield what to measure, with the name that stands in ``not_measured`` when it fails."""
     quick, first = asked.quick, asked.marlin
     runs, tries, files = (2, 2, 3) if quick else (12, 8, 20)
+    if asked.repeats:
+        runs = tries = files = asked.repeats
     yield "done", marlin_job(done_rows, first, "--marlin", folder / "done", runs)
     for rate in (0.0004, 0.003):
         place = folder / f"noise{rate:g}"
@@ -92,6 +94,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--marlin-fast", type=Path, help="ELF file, 250000 Bd")
     parser.add_argument("--klipper", type=Path, help="folder: klipper.elf, klippy/, python")
     parser.add_argument("--quick", action="store_true", help="fewer runs, tries and files")
+    parser.add_argument("--repeats", type=int, help="prints, tries or files of each row")
     parser.add_argument("--only", help="only jobs whose name contains this")
     parser.add_argument("--keep", type=Path, help="folder for jobs, journals and step logs")
     return parser.parse_args()
