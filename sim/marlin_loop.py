@@ -23,12 +23,13 @@ from sim.gcode import Command, command_of, split_line
 from sim.gcode_modal import ARC, BAD, interpret, speed
 from sim.gcode_words import WORDS
 from sim.job_lines import JobLines
+from sim.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.marlin_arc import arc_of
 from sim.marlin_board import Board
 from sim.marlin_commands import HANDLERS, Handler
 from sim.marlin_halt import RunOn
 from sim.marlin_lines import LineReader, Refused
-from sim.marlin_machine import Machine, Place, Task, Wait
+from sim.marlin_machine import Machine, Place, Task, Until, Wait
 from sim.marlin_tells import advanced_ok, planned_position
 from sim.marlin_texts import BANNER
 from sim.marlin_tools import m218, take_tool
@@ -37,6 +38,8 @@ from sim.marlin_wire import Wire
 from sim.pace import Pace
 
 _LONGEST_EXTRUSION_MM: Final = 200.0
+_ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
+"""Between two pieces of an arc: the planner's time for each."""
 _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 
 
@@ -378,6 +381,8 @@ class MainLoop:
         for point in points:
             yield Place()
             machine.move_to(point, feed, self._job_line)
+            if len(points) > 1:
+                yield Until(machine.now + _ARC_PIECE_S)
         machine.idle_since = machine.now
 
     def _no_extrusion(self, travel_mm: float) -> bool:
