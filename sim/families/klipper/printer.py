@@ -81,6 +81,12 @@ def _g92(board: MainLoop, command: Command) -> None:
     g92_silent(board, command)
 
 
+def _g28(board: MainLoop, command: Command) -> Steps:
+    if isinstance(board, KlipperPrinter):
+        board.homed |= (command.flags | command.values.keys()) & set("XYZ") or set("XYZ")
+    return HANDLERS["G28"](board, command)
+
+
 def _m114(board: MainLoop, command: Command) -> None:
     machine = board.machine
     at, shift = machine.modal["position"][0], machine.modal["shift"][0]
@@ -111,6 +117,7 @@ class KlipperPrinter(DuetPrinter):
 
     handlers: ClassVar[Mapping[str, Handler]] = {
         **{name: HANDLERS[name] for name in _KNOWN},
+        "G28": _g28,
         "G92": _g92,
         "M18": _m84,
         "M84": _m84,
@@ -139,6 +146,13 @@ class KlipperPrinter(DuetPrinter):
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
         self.machine.say(f'// Unknown command:"{command.name}"')
+
+    def take_tool(self, command: Command) -> Iterator[Wait]:
+        """T: no command of its own, but a configuration with one head may take it in silence."""
+        if self.machine.printer.head_count > 1:
+            self.say_unknown(command)
+        return
+        yield Still()
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""

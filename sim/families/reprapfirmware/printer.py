@@ -118,9 +118,10 @@ def _m208(board: MainLoop, command: Command) -> None:
 
 def g92_silent(board: MainLoop, command: Command) -> None:
     """As Marlin's, which reports the position too."""
-    begin = len(board.machine.output)
+    begin, now = len(board.machine.output), board.machine.now
     HANDLERS["G92"](board, command)
     del board.machine.output[begin:]
+    board.machine.now = now
 
 
 def _g92(board: MainLoop, command: Command) -> None:
