@@ -9,6 +9,9 @@ motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SE
 answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and G92 shift the places
 that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is.
 
+It has few of Marlin's codes, and what isn't listed here of those is done and said by Marlin's own
+firmware part: this twin is one with other words and commands.
+
 Not modelled: its motion (Marlin's planner runs here), macros and other named commands, that G-code
 commands wait for room in seconds of motion, not in blocks.
 
@@ -21,20 +24,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable
 from typing import ClassVar, Final
 
-import numpy as np
-
-from sim.families.reprapfirmware.printer import DuetPrinter, g92_silent
+from sim.board.controller import Controller, Handlers
+from sim.board.lines import Numbering
+from sim.board.machine import Machine, RunOn
+from sim.board.moves import rename_place
+from sim.board.placed_axes import PlacedAxes
+from sim.board.printer import SimulatedPrinter
+from sim.board.waits import Steps, Still, Task
+from sim.families.klipper.offsets import Offsets
+from sim.families.marlin.commands import HANDLERS
+from sim.families.marlin.factors import set_flow_percent, set_speed_percent
+from sim.families.marlin.firmware import Marlin
 from sim.gcode import Command, split_line
 from sim.gcode_extended import Named, plain_command
 from sim.gcode_modal import interpret
-from sim.marlin_commands import HANDLERS, Handler
-from sim.marlin_lines import LineReader
-from sim.marlin_loop import MainLoop
-from sim.marlin_machine import Still, Wait
-from sim.marlin_waits import Steps
 
 IDLE_S: Final = 600.0
 """Klipper's default; its timer counts motion, not words."""
@@ -64,8 +70,17 @@ def _parameters(words: bytes) -> dict[str, str]:
     return {key.upper(): value for key, _, value in pairs}
 
 
-class KlipperLines(LineReader):
-    """Takes everything."""
+class KlipperNumbering:
+    """Takes everything.
+
+    Attributes
+    ----------
+    last_number : int
+        How many lines were taken.
+    """
+
+    def __init__(self) -> None:
+        self.last_number = 0
 
     def accept(self, line: bytes) -> bytes:
         """The command without number and checksum."""
@@ -73,197 +88,200 @@ class KlipperLines(LineReader):
         self.last_number += 1
         return (line[found.end() :] if found else line).partition(b"*")[0]
 
+    def clear(self) -> None:
+        """Count anew, as a reset does."""
+        self.last_number = 0
 
-def _g92(board: MainLoop, command: Command) -> None:
+
+def _g92(board: Controller, command: Command) -> None:
     """Without a word it counts every axis from 0, which Marlin doesn't."""
     if not command.values:
         split_line(b"G92 X0 Y0 Z0 E0", board.words)
-    g92_silent(board, command)
+    rename_place(board)
 
 
-def _g28(board: MainLoop, command: Command) -> Steps:
-    if isinstance(board, KlipperPrinter):
-        board.homed |= (command.flags | command.values.keys()) & set("XYZ") or set("XYZ")
-    return HANDLERS["G28"](board, command)
-
-
-def _m114(board: MainLoop, command: Command) -> None:
-    machine = board.machine
-    at, shift = machine.modal["position"][0], machine.modal["shift"][0]
+def _m114(board: Controller, command: Command) -> None:
+    modal = board.machine.motion.modal
+    at, shift = modal["position"][0], modal["shift"][0]
     x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
-    machine.say(f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}")
+    board.machine.say(f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}")
 
 
-def _m115(board: MainLoop, command: Command) -> None:
+def _m115(board: Controller, command: Command) -> None:
     board.say_ok(" FIRMWARE_NAME:Klipper FIRMWARE_VERSION:v0.13.0")
 
 
-def _m84(board: MainLoop, command: Command) -> None:
-    if isinstance(board, KlipperPrinter):
-        board.homed = set()
-
-
-def _limits(board: MainLoop) -> str:
-    state = board.machine.state
+def _limits(board: Controller) -> str:
+    state = board.machine.motion.state
     speed, acceleration = float(state["max_speed"][0]), float(state["acceleration"][0])
     return f"// max_velocity: {speed:.6f}\n// max_accel: {acceleration:.6f}"
 
 
-class KlipperPrinter(DuetPrinter):
-    """See the module; parameters as `sim.marlin.MarlinPrinter`'s.
+class Klipper(Marlin):
+    """See the module.
 
     The heater's least temperature for extrusion is off, as bioprinters set it in printer.cfg.
     """
 
-    handlers: ClassVar[Mapping[str, Handler]] = {
+    handlers: ClassVar[Handlers] = {
         **{name: HANDLERS[name] for name in _KNOWN},
-        "G28": _g28,
         "G92": _g92,
-        "M18": _m84,
-        "M84": _m84,
         "M114": _m114,
         "M115": _m115,
+        "M220": set_speed_percent,
+        "M221": set_flow_percent,
     }
+    offsets_by: ClassVar[str] = ""  # none: SET_GCODE_OFFSET is one for all heads
     too_cold_words: ClassVar[str] = "!! Extrude below minimum temp"
-    unhomed_words: ClassVar[str] = "!! Must home axis first"
     banner: ClassVar[tuple[str, ...]] = ("// Klipper state: Ready",)
 
-    def __init__(self, *given: object, **named: object) -> None:
-        super().__init__(*given, **named)
-        self.lines = KlipperLines(self.machine.printer.max_line_bytes)
-        self.machine.cold_allowed = True
-        self.machine.idle_limit_s = IDLE_S
+    def __init__(self, board: Controller) -> None:
+        super().__init__(board)
+        self._axes = PlacedAxes()
+        self._offsets = Offsets(board.machine.motion)
         self._after_empty = False
-        self._no_offsets()
 
-    def reset(self) -> None:
+    def power_up(self) -> None:
         """FIRMWARE_RESTART, or power."""
-        super().reset()
-        self._no_offsets()
-        self.machine.cold_allowed = True
-        self.machine.idle_limit_s = IDLE_S
+        machine = self.board.machine
+        machine.reports.keepalive_s = 0.0
+        machine.heat.cold_allowed = True
+        machine.idle_limit_s = IDLE_S
+        self._axes.forget()
+        self._offsets = Offsets(machine.motion)
 
-    def say_unknown(self, command: Command) -> None:
-        """There is no such command."""
-        self.machine.say(f'// Unknown command:"{command.name}"')
+    # -- lines
 
-    def take_tool(self, command: Command) -> Iterator[Wait]:
-        """T: no command of its own, but a configuration with one head may take it in silence."""
-        if self.machine.printer.head_count > 1:
-            self.say_unknown(command)
-        return
-        yield Still()
+    def numbering(self) -> Numbering:
+        """Numbers are skipped."""
+        return KlipperNumbering()
 
-    def say_halted(self, reason: str) -> None:
-        """It stops for good."""
-        self.machine.say("// Klipper state: Shutdown")
-
-    def kill(self, reason: str) -> None:
-        """Stop for good; answer what waited, with the empty line that stood before an M112."""
-        waiting = [b""] * self._after_empty + [line for line in self._queue if line != b"M112"]
-        super().kill(reason)
-        for line in waiting:
-            self._answer_stopped(line)
-
-    def hear_dead(self) -> None:
-        """Answer each line."""
-        *lines, rest = bytes(self.wire.ring).split(b"\n")
-        self.wire.ring[:] = rest
-        for line in lines:
-            self._answer_stopped(line.strip())
-
-    def _answer_stopped(self, line: bytes) -> None:
-        for text in () if line == b"M112" else _STOPPED:
-            self.machine.say(text)
-        self.machine.say("ok")
-
-    def _read_line(self) -> bool:
-        ring = self.wire.ring
+    def look_at(self, ring: bytearray) -> None:
+        """Note whether an empty line stands before what comes next."""
         if ring:
             halts = self._after_empty and ring.startswith(b"M112")
             self._after_empty = halts or ring.startswith(b"\n")
-        return super()._read_line()
 
-    def idle_is_over(self) -> None:
-        """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
-        self.machine.heaters_off()
-        self.machine.idle_since = math.inf
-        self.homed = set()
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take nothing: each line goes through the main loop."""
+        return data
 
-    def _work(self, command: Command) -> Steps:
-        named = _NAMED.match(self._command)
-        if named is None:
-            return super()._work(command)
-        name = named[1].decode().upper()
+    # -- commands
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command, by letter and number or by its name."""
+        named = _NAMED.match(self.board.work.line)
+        if named is not None:
+            return self._start_named(named[1].decode().upper(), named[2])
+        if self._axes.refuse(command):
+            self.board.machine.say("!! Must home axis first")
+            return None
+        if command.name == "G28":
+            self._axes.home(command)
+        elif command.name in ("M18", "M84"):
+            self._axes.forget()
+        return super().start(command)
+
+    def _start_named(self, name: str, words: bytes) -> Steps:
+        machine = self.board.machine
         if name == "SET_KINEMATIC_POSITION":
-            self._stand_at(_values(named[2]))
+            self._offsets.stand_at(_values(words))
+            self._axes.place_all()
         elif name == "SET_IDLE_TIMEOUT":
-            self._set_idle_timeout(named[2].upper())
+            self._set_idle_timeout(words.upper())
         elif name == "SET_GCODE_OFFSET":
-            self._set_offset(_values(named[2]))
+            self._offsets.set(_values(words))
         elif name == "ACTIVATE_EXTRUDER":
-            return self._activate(named[2])
+            return self._activate(words)
         elif name == "SET_VELOCITY_LIMIT":
-            self.machine.say(_limits(self))
+            machine.say(_limits(self.board))
         elif name == "SET_PRESSURE_ADVANCE":
-            self.machine.say("// pressure_advance: 0.000000")
+            machine.say("// pressure_advance: 0.000000")
         elif name == "TURN_OFF_HEATERS":
-            self.machine.heaters_off()
+            machine.heaters_off()
         else:
-            self.machine.say(f'// Unknown command:"{name}"')
+            machine.say(f'// Unknown command:"{name}"')
         return None
 
-    # What a job calls a place is the head's own place less all shifts; ``shift`` of the modal state
-    # leads from the planner's count to the job's, ``_own`` from that count to the head's.
-
-    def _no_offsets(self) -> None:
-        self._own = self.machine.modal["shift"][0].copy()
-        self._offset = np.zeros(3)
-
-    def _stand_at(self, values: dict[str, float]) -> None:
-        """SET_KINEMATIC_POSITION: the head is there; what G92 and offsets shift stays shifted."""
-        modal = self.machine.modal[0]
-        for axis, name in enumerate("XYZ"):
-            if name in values:
-                own = values[name] - modal["position"][axis]
-                modal["shift"][axis] += own - self._own[axis]
-                self._own[axis] = own
-        self.homed |= set("XYZ")
-
-    def _set_offset(self, values: dict[str, float]) -> None:
-        """SET_GCODE_OFFSET without MOVE: what is named later lies so much farther."""
-        for axis, name in enumerate("XYZ"):
-            now = self._offset[axis]
-            value = values.get(name, now + values.get(f"{name}_ADJUST", 0.0))
-            self.machine.modal["shift"][0][axis] -= value - now
-            self._offset[axis] = value
-
-    def _activate(self, words: bytes) -> Iterator[Wait]:
+    def _activate(self, words: bytes) -> Task:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
-        machine = self.machine
+        machine, motion = self.board.machine, self.board.machine.motion
         chosen = plain_command(Named(0, "ACTIVATE_EXTRUDER", _parameters(words)))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")
             return
         called = f"extruder{number or ''}"
-        if number == machine.tool:
+        if number == motion.tool:
             machine.say(f"// Extruder {called} already active")
             return
         machine.say(f"// Activating extruder {called}")
         yield Still()
-        split_line(chosen, self.words)
-        interpret(machine.modal[0], self.words[0])
-        machine.modal["plunger_shift"] += machine.modal["position"][0, 3]
-        machine.modal["position"][0, 3] = 0.0
+        split_line(chosen, self.board.words)
+        interpret(motion.modal[0], self.board.words[0])
+        motion.modal["plunger_shift"] += motion.modal["position"][0, 3]
+        motion.modal["position"][0, 3] = 0.0
         machine.use_head(number)
 
     def _set_idle_timeout(self, words: bytes) -> None:
+        machine = self.board.machine
         given = _TIMEOUT.search(words)
         if given is not None:
-            self.machine.idle_limit_s = float(given[1])
-        self.machine.idle_since = self.machine.now  # theirs begins anew, too
-        self.machine.say(f"// idle_timeout: Timeout set to {self.machine.idle_limit_s:.2f} s")
+            machine.idle_limit_s = float(given[1])
+        machine.idle_since = machine.now  # theirs begins anew, too
+        machine.say(f"// idle_timeout: Timeout set to {machine.idle_limit_s:.2f} s")
+
+    def take_tool(self, command: Command) -> Steps:
+        """T: no command of its own, but a configuration with one head may take it in silence."""
+        if self.board.machine.printer.head_count > 1:
+            self.say_unknown(command)
+        return None
+
+    def say_unknown(self, command: Command) -> None:
+        """There is no such command."""
+        self.board.machine.say(f'// Unknown command:"{command.name}"')
+
+    # -- ends
+
+    def idle_is_over(self) -> None:
+        """Heaters and motors go off: TURN_OFF_HEATERS, M84."""
+        self.board.machine.heaters_off()
+        self.board.machine.idle_since = math.inf
+        self._axes.forget()
+
+    def run_on(self) -> Callable[[Machine], RunOn] | None:
+        """Motors stop at once."""
+        return None
+
+    def say_halted(self, reason: str) -> None:
+        """It stops for good."""
+        self.board.machine.say("// Klipper state: Shutdown")
+
+    def answer_unserved(self, waiting: list[bytes]) -> None:
+        """Answer what waited, with the empty line that stood before an M112."""
+        for line in [b""] * self._after_empty + [line for line in waiting if line != b"M112"]:
+            self._answer_stopped(line)
+
+    def hear_dead(self) -> None:
+        """Answer each line."""
+        ring = self.board.wire.ring
+        *lines, rest = bytes(ring).split(b"\n")
+        ring[:] = rest
+        for line in lines:
+            self._answer_stopped(line.strip())
+
+    def _answer_stopped(self, line: bytes) -> None:
+        for text in () if line == b"M112" else _STOPPED:
+            self.board.machine.say(text)
+        self.board.machine.say("ok")
+
+
+class KlipperPrinter(SimulatedPrinter):
+    """A board with Klipper; see the module."""
+
+    def make_firmware(self) -> Klipper:
+        """Return its firmware part."""
+        return Klipper(self)
 
 
 PRINTER: Final = KlipperPrinter

@@ -7,6 +7,9 @@ they are. No ``Resend``, no busy messages, no M113, M211; M85 is taken and does 
 moved only once they are homed or G92 has said where they are. Wordings of M92, M114, M115, M201,
 M203, M208, of unknown commands, of cold extrusion and of the emergency stop.
 
+It takes Marlin's codes by design, so this twin is Marlin's firmware part with other words and
+commands: what isn't listed here is done and said as Marlin does.
+
 Not modelled: its motion (Marlin's planner runs here), its macros, object model and expressions,
 tools beyond T P0 and G10 P with offsets, its larger buffers but for what the profile says. After
 the emergency stop a real one still answers; this one is silent.
@@ -15,17 +18,21 @@ the emergency stop a real one still answers; this one is silent.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
+from sim.board.controller import Controller, Handlers
+from sim.board.lines import Numbering
+from sim.board.machine import Machine, RunOn
+from sim.board.moves import rename_place
+from sim.board.placed_axes import PlacedAxes
+from sim.board.printer import SimulatedPrinter
+from sim.board.tools import take_tool_in_silence
+from sim.board.waits import Steps
+from sim.families.marlin.commands import HANDLERS
+from sim.families.marlin.factors import set_flow_percent, set_speed_percent
+from sim.families.marlin.firmware import Marlin
 from sim.gcode import Command, checksum
-from sim.marlin import MarlinPrinter
-from sim.marlin_commands import HANDLERS, Handler
-from sim.marlin_lines import LineReader
-from sim.marlin_loop import MainLoop
-from sim.marlin_machine import Wait
-from sim.marlin_tools import take_tool_in_silence
-from sim.marlin_waits import Steps
 
 _NUMBER: Final = re.compile(rb"N(\d+)")
 _DIGITS: Final = re.compile(rb"\d*")
@@ -42,8 +49,17 @@ def crc16(data: bytes) -> int:
     return crc
 
 
-class DuetLines(LineReader):
-    """Takes what isn't provably wrong."""
+class DuetNumbering:
+    """Takes what isn't provably wrong.
+
+    Attributes
+    ----------
+    last_number : int
+        Of the last line with a checksum.
+    """
+
+    def __init__(self) -> None:
+        self.last_number = 0
 
     def accept(self, line: bytes) -> bytes | None:
         """The command to queue, or None for a line that is dropped."""
@@ -59,28 +75,32 @@ class DuetLines(LineReader):
         self.last_number = int(number[1])
         return body
 
+    def clear(self) -> None:
+        """Forget the numbers, as a reset does."""
+        self.last_number = 0
 
-def _m92(board: MainLoop, command: Command) -> None:
+
+def _m92(board: Controller, command: Command) -> None:
     if command.values:
         HANDLERS["M92"](board, command)
         return
-    x, y, z, e = (float(value) for value in board.machine.state["steps_per_mm"])
+    x, y, z, e = (float(value) for value in board.machine.motion.state["steps_per_mm"])
     board.machine.say(f"Steps/mm: X: {x:.3f}, Y: {y:.3f}, Z: {z:.3f}, E: {e:.3f}")
 
 
-def _where(board: MainLoop) -> str:
+def _where(board: Controller) -> str:
     machine = board.machine
-    at, shift = machine.modal["position"][0], machine.modal["shift"][0]
+    at, shift = machine.motion.modal["position"][0], machine.motion.modal["shift"][0]
     x, y, z = (float(at[k] + shift[k]) + 0.0 for k in range(3))
     return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{float(at[3]) + 0.0:.3f}"
 
 
-def _m114(board: MainLoop, command: Command) -> None:
-    counts = " ".join(str(int(v)) for v in board.machine.planner["position"][0][:3])
+def _m114(board: Controller, command: Command) -> None:
+    counts = " ".join(str(int(v)) for v in board.machine.motion.planner["position"][0][:3])
     board.machine.say(f"{_where(board)} E0:0.0 Count {counts} Machine 0.000 0.000 0.000")
 
 
-def _m115(board: MainLoop, command: Command) -> None:
+def _m115(board: Controller, command: Command) -> None:
     board.machine.say(
         "FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC FIRMWARE_VERSION: 3.6.0 "
         "ELECTRONICS: Duet 3 MB6HC v1.02 or later FIRMWARE_DATE: 2025-04-01"
@@ -93,56 +113,40 @@ def _listed(values: Any, factor: float = 1.0) -> str:
     )
 
 
-def _m201(board: MainLoop, command: Command) -> None:
+def _m201(board: Controller, command: Command) -> None:
     if command.values:
         HANDLERS["M201"](board, command)
         return
     board.machine.say(
-        f"Accelerations (mm/sec^2): {_listed(board.machine.state['max_acceleration'])}"
+        f"Accelerations (mm/sec^2): {_listed(board.machine.motion.state['max_acceleration'])}"
     )
 
 
-def _m203(board: MainLoop, command: Command) -> None:
+def _m203(board: Controller, command: Command) -> None:
     """In mm/min, where Marlin's is in mm/s."""
     if not command.values:
-        speeds = _listed(board.machine.state["max_speed"], 60.0)
+        speeds = _listed(board.machine.motion.state["max_speed"], 60.0)
         board.machine.say(f"Max speeds (mm/min): {speeds}, min. speed 30.00")
 
 
-def _m208(board: MainLoop, command: Command) -> None:
-    modal = board.machine.modal
+def _m208(board: Controller, command: Command) -> None:
+    modal = board.machine.motion.modal
     spans = zip("XYZ", modal["low"][0], modal["high"][0], strict=True)
     words = ", ".join(f"{axis}{float(low):.1f}:{float(high):.1f}" for axis, low, high in spans)
     board.machine.say(f"Axis limits (mm)s {words}")
 
 
-def g92_silent(board: MainLoop, command: Command) -> None:
-    """As Marlin's, which reports the position too."""
-    begin, now = len(board.machine.output), board.machine.now
-    HANDLERS["G92"](board, command)
-    del board.machine.output[begin:]
-    board.machine.now = now
+def _g92(board: Controller, command: Command) -> None:
+    """Where Marlin reports the position too."""
+    rename_place(board)
 
 
-def _g92(board: MainLoop, command: Command) -> None:
-    g92_silent(board, command)
-    if isinstance(board, DuetPrinter):
-        board.homed |= command.values.keys() & set("XYZ")
+class RepRapFirmware(Marlin):
+    """See the module."""
 
-
-def _g28(board: MainLoop, command: Command) -> Steps:
-    if isinstance(board, DuetPrinter):
-        board.homed |= (command.flags | command.values.keys()) & set("XYZ") or set("XYZ")
-    return HANDLERS["G28"](board, command)
-
-
-class DuetPrinter(MarlinPrinter):
-    """See the module; parameters as `sim.marlin.MarlinPrinter`'s."""
-
-    handlers: ClassVar[Mapping[str, Handler]] = {
+    handlers: ClassVar[Handlers] = {
         **{name: handler for name, handler in HANDLERS.items() if name not in _MISSING},
         "G20": HANDLERS["G21"],
-        "G28": _g28,
         "G92": _g92,
         "M85": HANDLERS["M107"],  # known, does nothing
         "M92": _m92,
@@ -151,57 +155,75 @@ class DuetPrinter(MarlinPrinter):
         "M208": _m208,
         "M114": _m114,
         "M115": _m115,
+        "M220": set_speed_percent,
+        "M221": set_flow_percent,
     }
     too_cold_words: ClassVar[str] = (
         "Warning: Tool 0 was not driven because its heater temperatures were not high enough"
     )
-    unhomed_words: ClassVar[str] = "Error: G0/G1: insufficient axes homed"
     banner: ClassVar[tuple[str, ...]] = ()
     offsets_by: ClassVar[str] = "G10"
-    motors_run_on: ClassVar[bool] = False
-    whole_percents: ClassVar[bool] = False
 
-    def __init__(self, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
-        self.lines = DuetLines(self.machine.printer.max_line_bytes)
-        self.machine.reports.keepalive_s = 0.0
-        self.homed: set[str] = set()
+    def __init__(self, board: Controller) -> None:
+        super().__init__(board)
+        self._axes = PlacedAxes()
 
-    def reset(self) -> None:
-        """Reset line or power button."""
-        super().reset()
-        self.machine.reports.keepalive_s = 0.0
-        self.homed = set()
+    def numbering(self) -> Numbering:
+        """Checksums of two kinds; numbers aren't compared."""
+        return DuetNumbering()
+
+    def power_up(self) -> None:
+        """Say nothing of being busy; no axis has a place."""
+        self.board.machine.reports.keepalive_s = 0.0
+        self._axes.forget()
+
+    def take_at_once(self, data: bytes, alarm: Callable[[], float]) -> bytes:
+        """Take nothing: each line goes through the main loop."""
+        return data
+
+    def start(self, command: Command) -> Steps:
+        """Begin a command; a move of an axis without a place is an error."""
+        if self._axes.refuse(command):
+            self.board.machine.say("Error: G0/G1: insufficient axes homed")
+            return None
+        if command.name == "G28":
+            self._axes.home(command)
+        elif command.name == "G92":
+            self._axes.place(command)
+        return super().start(command)
+
+    def take_tool(self, command: Command) -> Steps:
+        """T: none with that number deselects all, and is no head here; T alone tells."""
+        machine, count = self.board.machine, self.board.machine.printer.head_count
+        if count == 1:
+            return None
+        if 0 <= command.number < count:
+            return take_tool_in_silence(self.board, command.number)
+        if command.number < 0:
+            machine.say(f"Tool {machine.motion.tool} is selected")
+        else:
+            machine.say(f"Error: Tool {command.number} not found")
+        return None
 
     def say_unknown(self, command: Command) -> None:
         """There is no such command."""
-        self.machine.say(f"Warning: {command.name}: Command is not supported")
+        self.board.machine.say(f"Warning: {command.name}: Command is not supported")
+
+    def run_on(self) -> Callable[[Machine], RunOn] | None:
+        """Motors stop at once."""
+        return None
 
     def say_halted(self, reason: str) -> None:
         """It stops for good."""
-        self.machine.say("Emergency Stop! Reset the controller to continue.")
+        self.board.machine.say("Emergency Stop! Reset the controller to continue.")
 
-    def take_tool(self, command: Command) -> Iterator[Wait]:
-        """T: none with that number deselects all, and is no head here; T alone tells."""
-        machine = self.machine
-        if machine.printer.head_count == 1:
-            return
-        if command.number < 0:
-            machine.say(f"Tool {machine.tool} is selected")
-        elif command.number >= machine.printer.head_count:
-            machine.say(f"Error: Tool {command.number} not found")
-        else:
-            yield from take_tool_in_silence(self, command.number)
 
-    def _work(self, command: Command) -> Steps:
-        moved = command.values.keys() & set("XYZ")
-        if command.letter == "G" and command.number <= 3 and not moved <= self.homed:
-            self.machine.say(self.unhomed_words)
-            return None
-        return super()._work(command)
+class DuetPrinter(SimulatedPrinter):
+    """A board with RepRapFirmware; see the module."""
 
-    def _take_plain_moves(self, data: bytes) -> bytes:
-        return data
+    def make_firmware(self) -> RepRapFirmware:
+        """Return its firmware part."""
+        return RepRapFirmware(self)
 
 
 PRINTER: Final = DuetPrinter
