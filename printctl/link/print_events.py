@@ -104,9 +104,14 @@ class PrintEvents:
     def _on_fault(self, event: said.Fault) -> None:
         job = self._progress.job
         where = f"line {job.file_line(event.line)} of {job.name}"
-        if self._logbook.state in OWN_MOVES:
-            where = f"to a command of the link's own, behind {where}"
-        text = f"the printer says {event.text!r} ({where})"
+        if event.refused and self._progress.refuse(event.line):
+            text = f"the printer refused {where}: {event.text!r}"
+        elif self._logbook.state in OWN_MOVES:
+            text = (
+                f"the printer says {event.text!r} (to a command of the link's own, behind {where})"
+            )
+        else:
+            text = f"the printer says {event.text!r} ({where})"
         self._logbook.complain(text)
         self._logbook.alarm(text)
 
@@ -177,12 +182,22 @@ class PrintEvents:
                 f"printer is on, its baud rate (profile: {printer.baud}) and its firmware "
                 f"(profile: {printer.firmware})"
             )
-        raise PrintEnded(
-            LinkState.FAILED,
-            f"the printer gave no usable answer for {event.seconds:.0f} s after "
-            f"{self._progress.words()}; the next line may or may not have been taken",
-            known=False,
-        )
+        silent = f"the printer gave no usable answer for {event.seconds:.0f} s after "
+        complaint = self._complaint
+        if complaint:
+            message = f"{complaint}; then {silent}{self._progress.words()}: cut its power"
+        else:
+            message = (
+                f"{silent}{self._progress.words()}; the next line may or may not have been taken"
+            )
+        raise PrintEnded(LinkState.FAILED, message, known=False)
+
+    @property
+    def _complaint(self) -> str:
+        """The error for which the print is being ended, or is to be; empty for none."""
+        if self._logbook.state is LinkState.STOPPING:
+            return self._logbook.status.message
+        return self._logbook.fault
 
 
 def print_channel(wiring: Wiring, logbook: Logbook, requests: RequestQueue) -> Channel:

@@ -32,6 +32,8 @@ _STATUS: Final = b"STATUS"
 class KlipperProtocol(AckProtocol):
     """See the module."""
 
+    error_starts = (b"!!", b"//")
+
     def __init__(self, timing: Timing | None = None) -> None:
         super().__init__(timing)
         self._halted = ""
