@@ -8,7 +8,7 @@ from typing import Any, Final
 from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import Channel, Heard
 from printctl.link.errors import HandshakeError
-from printctl.link.kill import Kill
+from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
 from printctl.link.states import EARLY, LinkState, PrintEnded
@@ -135,7 +135,11 @@ class PrintEvents:
         self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
 
     def _on_halted(self, event: said.Halted) -> None:
+        itself = self._kill.halted_itself
         self._kill.halted()
+        if itself and self._kill.asked.is_set():
+            message = f"{HALTED_BEFORE} ({event.text})"
+            raise PrintEnded(LinkState.KILLED, message, known=False)
         speed = self._progress.speed_mm_s
         if self._kill.asked.is_set():
             raise PrintEnded(LinkState.KILLED, self._kill.words(speed), known=False)
