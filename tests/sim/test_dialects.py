@@ -14,7 +14,8 @@ from printctl.link.wiring import Wiring
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
 from sim.families.registry import simulated_printer
-from sim.families.reprapfirmware.printer import DuetPrinter, crc16
+from sim.families.reprapfirmware.numbering import crc16
+from sim.families.reprapfirmware.printer import DuetPrinter
 from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol
@@ -135,6 +136,7 @@ def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
     two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
     printer = simulated_printer(two)(two, START)
     assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
+    assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
 
 
 @pytest.mark.parametrize("firmware", ["klipper", "reprapfirmware"])
