@@ -301,7 +301,7 @@ def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
     transport = doomed(printer, clock, 2 * at + 20, 1.0)
     with pytest.raises(HostDiedError):
         played(DATA, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
-    printer.take_tool = lambda command: None  # as a build with one extruder: silence
+    printer.firmware.take_tool = lambda command: None  # as a build with one extruder: silence
     before = printer.machine.motion.planner["position"][0].tolist()
     status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.POSITION_UNKNOWN
