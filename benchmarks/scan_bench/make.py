@@ -71,7 +71,7 @@ def image(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace,
             mean = np.zeros((nx, detector.cells), np.float32)
             scatter.cast(field, dz / 2, detector.delta, asked.per_cell, *media, beam, relative_index(asked),
                          specular(asked, detector), CARRIER_PER_MM, int(rng.integers(2**31)), light, mean)
-            scatter.tail(mean, detector.delta, asked.tail * 40, 0.25, int(0.15 / pitch), int(rng.integers(2**31)), light)
+            scatter.tail(mean, detector.delta, asked.tail, 0.25, int(0.15 / pitch), int(rng.integers(2**31)), light)
             shot = detector.image(overlap(light, beam, pitch, detector.delta), rng, 1.0)
             out[:, j] += shot[:, :: FINE // detector.pixel][:, :nz].T / asked.looks
     return out

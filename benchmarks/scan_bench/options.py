@@ -62,7 +62,7 @@ def add_light(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--index", type=float, default=1.333, help="true group index; the file says 1.333")
     group.add_argument("--gel-index", type=float, help="of the gel, where it differs from --index")
     group.add_argument("--attenuation-per-mm", type=float, default=0.25, help="of the gel, one way")
-    group.add_argument("--tail", type=float, default=0.006)
+    group.add_argument("--tail", type=float, default=0.05, help="multiply scattered over single scattered power")
     group.add_argument("--reflection-db", type=float, default=12, help="of a level wall over the gel")
     group.add_argument("--looks", type=int, default=1)
     group.add_argument("--per-cell", type=float, default=1.2, help="scatterers per 3 um of depth in the beam")
