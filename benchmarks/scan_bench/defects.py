@@ -35,7 +35,7 @@ class Lumens:
 
 def plant(design: Design, asked: argparse.Namespace) -> Lumens:
     """Return the lumens as printed with the defects asked for."""
-    longest = max(v.along[-1] for v in design.vessels)
+    longest = max((v.along[-1] for v in design.vessels), default=1.0)
     places = np.arange(int(longest / STEP_MM) + 200) * STEP_MM
     radius = [v.radius_at(places) for v in design.vessels]
     defects = [*widths(design, asked, places, radius), *plugs(design, asked)]
@@ -49,7 +49,7 @@ def plant(design: Design, asked: argparse.Namespace) -> Lumens:
         radius.append(np.full(len(places), given[2] / 2))
         defects.append(noted)
     closed = [[d["vessel"], d["at_mm"], d["to_mm"] - d["at_mm"]] for d in defects if d["kind"] == "occlusion"]
-    return Lumens(np.array(pieces, float), np.array(radius), np.array(closed, float).reshape(-1, 3), defects)
+    return Lumens(np.array(pieces, float).reshape(-1, 9), np.array(radius).reshape(len(radius), -1), np.array(closed, float).reshape(-1, 3), defects)
 
 
 def chain(design: Design, number: int) -> list[list[float]]:
