@@ -21,16 +21,29 @@ from benchmarks.scan_bench.cases import FAMILIES, Case
 from benchmarks.scan_bench.rows import rows_of
 from benchmarks.scan_bench.runs import SHARED, measure, name_of, present, shared_designs
 
-COUNTS = {"changes": 200, "poses": 100, "intervals": 40, "ways": 60, "diameters": 10, "faces": 20, "formats": 10, "time": 1}
+COUNTS = {
+    "changes": 200,
+    "poses": 100,
+    "intervals": 40,
+    "ways": 60,
+    "diameters": 10,
+    "faces": 20,
+    "formats": 10,
+    "time": 1,
+}
 QUICK = 2
 
 
 def parse(argv: list[str] | None) -> argparse.Namespace:
     """Parse the command line."""
-    ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ap = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     ap.add_argument("--generator", choices=("shared", "spectral", "both"), default="both")
     ap.add_argument("--only", choices=sorted(FAMILIES), action="append", help="may be given again")
-    ap.add_argument("--count", type=int, help="scans of each family and generator; default by family")
+    ap.add_argument(
+        "--count", type=int, help="scans of each family and generator; default by family"
+    )
     ap.add_argument("--first-seed", type=int, default=1000)
     ap.add_argument("--jobs", type=int, default=2)
     ap.add_argument("--keep", type=Path, help="folder of scans and results; else a temporary one")
@@ -43,7 +56,9 @@ def cases(asked: argparse.Namespace) -> list[tuple[str, Case]]:
     """Return the families' cases; say which generator isn't there."""
     generators = ["shared", "spectral"] if asked.generator == "both" else [asked.generator]
     if "shared" in generators and not present("shared"):
-        print(f"{SHARED}/make_scan.py isn't there: only the spectral generator runs", file=sys.stderr)
+        print(
+            f"{SHARED}/make_scan.py isn't there: only the spectral generator runs", file=sys.stderr
+        )
         generators = ["spectral"]
     out = []
     for family in asked.only or FAMILIES:
@@ -56,7 +71,11 @@ def cases(asked: argparse.Namespace) -> list[tuple[str, Case]]:
 
 def known(path: Path, of: str) -> dict[tuple[str, str], dict[str, Any]]:
     """Return the results of one commit that are there already, by family and name."""
-    lines = [json.loads(x) for x in path.read_text().splitlines() if x.endswith("}")] if path.exists() else []
+    lines = (
+        [json.loads(x) for x in path.read_text().splitlines() if x.endswith("}")]
+        if path.exists()
+        else []
+    )
     return {(x["family"], x["name"]): x for x in lines if x["commit"] == of}
 
 
@@ -87,7 +106,18 @@ def main(argv: list[str] | None = None) -> int:
     with ThreadPoolExecutor(asked.jobs) as pool:
         lines = [x for x in pool.map(one, todo) if x]
     rows = [r for family in asked.only or FAMILIES for r in rows_of(family, lines)]
-    print(json.dumps({"machine": machine(), "commit": of, "load_before": load, "keep": str(keep), "rows": rows}, indent=1))
+    print(
+        json.dumps(
+            {
+                "machine": machine(),
+                "commit": of,
+                "load_before": load,
+                "keep": str(keep),
+                "rows": rows,
+            },
+            indent=1,
+        )
+    )
     return 0
 
 

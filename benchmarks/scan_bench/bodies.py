@@ -39,7 +39,7 @@ class Body:
         """Distance of points (n, 3) outwards beyond the surface, mm; negative inside."""
         flat = (points @ self.planes[:, :3].T - self.planes[:, 3]).max(axis=1)
         x, y, radius = self.cylinder
-        return np.maximum(flat, np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
+        return np.asarray(np.maximum(flat, np.hypot(points[:, 0] - x, points[:, 1] - y) - radius))
 
     def solid(self) -> Any:
         """The body as a manifold."""

@@ -31,7 +31,9 @@ class Vessel:
     @property
     def along(self) -> np.ndarray:
         """Length from the start to each point, mm."""
-        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+        return np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))]
+        )
 
     def at(self, along: np.ndarray | float) -> np.ndarray:
         """Return points at lengths along it, mm; shape (..., 3)."""
@@ -55,7 +57,9 @@ class Design:
         self.nodes.append((float(x), float(y), float(z)))
         return len(self.nodes) - 1
 
-    def add(self, a: int, b: int, diameters: tuple[float, ...], bend: tuple[float, ...] = ()) -> None:
+    def add(
+        self, a: int, b: int, diameters: tuple[float, ...], bend: tuple[float, ...] = ()
+    ) -> None:
         """Add a vessel between two nodes.
 
         Diameters (mm) are spread evenly along it. `bend` (x, y, z, mm) moves the middle of a
@@ -64,9 +68,13 @@ class Design:
         ends = np.array([self.nodes[a], self.nodes[b]])
         points = curve(ends, np.array(bend)) if bend else ends
         if len(diameters) > 1 and not bend:
-            points = np.linspace(*ends, 9)
+            points = np.linspace(ends[0], ends[1], 9)
         share = np.linspace(0, 1, len(points))
-        radius = np.interp(share, np.linspace(0, 1, max(len(diameters), 2)), np.resize(diameters, max(len(diameters), 2)))
+        radius = np.interp(
+            share,
+            np.linspace(0, 1, max(len(diameters), 2)),
+            np.resize(diameters, max(len(diameters), 2)),
+        )
         self.vessels.append(Vessel((a, b), points, radius / 2))
 
     def open_ends(self, vessel: int) -> tuple[bool, bool]:
@@ -77,7 +85,7 @@ class Design:
 
 
 def curve(ends: np.ndarray, bend: np.ndarray) -> np.ndarray:
-    """Return points of a spline through two ends and a middle moved by `bend`, S-shaped by a third of it."""
+    """Return points of an S-shaped spline through two ends, its middle moved by `bend`."""
     share = np.array([0, 0.25, 0.5, 0.75, 1])
     knots = ends[0] + share[:, None] * (ends[1] - ends[0])
     knots += np.outer([0, 0.9, 1, 0.35, 0], bend)
@@ -88,7 +96,21 @@ def curve(ends: np.ndarray, bend: np.ndarray) -> np.ndarray:
 def curved() -> Design:
     """Return a block with a curved branching tree and a tapering channel, seven vessels."""
     d = Design(block(10, 8, 2.8))
-    n = [d.node(*p) for p in ((0, 3.2, 1.3), (3, 3.6, 1.4), (6, 2.4, 1.6), (5.8, 5.2, 1.2), (10, 1.2, 1.5), (10, 3.4, 1.3), (10, 4.9, 1.5), (7.6, 8, 1.2), (0, 6.3, 1.6), (4.6, 6.9, 1.3))]
+    n = [
+        d.node(*p)
+        for p in (
+            (0, 3.2, 1.3),
+            (3, 3.6, 1.4),
+            (6, 2.4, 1.6),
+            (5.8, 5.2, 1.2),
+            (10, 1.2, 1.5),
+            (10, 3.4, 1.3),
+            (10, 4.9, 1.5),
+            (7.6, 8, 1.2),
+            (0, 6.3, 1.6),
+            (4.6, 6.9, 1.3),
+        )
+    ]
     d.add(n[0], n[1], (0.9, 0.8), (0, 0.35, 0.1))
     d.add(n[1], n[2], (0.7,), (0.1, -0.3, 0))
     d.add(n[1], n[3], (0.66,), (-0.2, 0.2, 0))
@@ -114,7 +136,18 @@ def fifteen() -> Design:
 def slanted() -> Design:
     """Return a wedge with a chamfer and five vessels, one bent."""
     d = Design(wedge(9, 7.5, 2.9))
-    n = [d.node(*p) for p in ((0, 1.4, 1.2), (9, 1.9, 1.0), (0, 3.6, 1.6), (4.2, 3.4, 1.2), (9, 4.6, 0.9), (0, 5.9, 1.4), (6.2, 7.5, 1.2))]
+    n = [
+        d.node(*p)
+        for p in (
+            (0, 1.4, 1.2),
+            (9, 1.9, 1.0),
+            (0, 3.6, 1.6),
+            (4.2, 3.4, 1.2),
+            (9, 4.6, 0.9),
+            (0, 5.9, 1.4),
+            (6.2, 7.5, 1.2),
+        )
+    ]
     d.add(n[0], n[1], (0.45,), (0, 0.1, 0.2))
     d.add(n[2], n[3], (0.7,))
     d.add(n[3], n[4], (0.55, 0.4))
@@ -125,7 +158,17 @@ def slanted() -> Design:
 def compact() -> Design:
     """Return a small chunky block that can lie on any face, four vessels."""
     d = Design(block(4.6, 4.0, 3.4))
-    n = [d.node(*p) for p in ((0, 1.1, 1.1), (2.1, 1.6, 1.5), (4.6, 1.0, 2.3), (2.6, 4.0, 1.9), (0, 2.9, 2.3), (1.6, 2.9, 3.4))]
+    n = [
+        d.node(*p)
+        for p in (
+            (0, 1.1, 1.1),
+            (2.1, 1.6, 1.5),
+            (4.6, 1.0, 2.3),
+            (2.6, 4.0, 1.9),
+            (0, 2.9, 2.3),
+            (1.6, 2.9, 3.4),
+        )
+    ]
     d.add(n[0], n[1], (0.6,))
     d.add(n[1], n[2], (0.45,), (0, -0.2, 0.1))
     d.add(n[1], n[3], (0.4,))
@@ -133,11 +176,26 @@ def compact() -> Design:
     return d
 
 
+def rim(degrees: float, z: float) -> tuple[float, float, float]:
+    """Return a point on the drum's side, mm."""
+    angle = np.radians(degrees)
+    return (float(3.75 + 3.75 * np.cos(angle)), float(3.75 + 3.75 * np.sin(angle)), z)
+
+
 def drum() -> Design:
     """Return a cylinder with a branching and a bent channel."""
     d = Design(cylinder(7.5, 2.8))
-    rim = lambda deg, z: (3.75 + 3.75 * np.cos(np.radians(deg)), 3.75 + 3.75 * np.sin(np.radians(deg)), z)
-    n = [d.node(*p) for p in (rim(180, 1.3), (3.2, 3.5, 1.4), rim(20, 1.6), rim(-50, 1.2), rim(130, 1.5), rim(70, 1.1))]
+    n = [
+        d.node(*p)
+        for p in (
+            rim(180, 1.3),
+            (3.2, 3.5, 1.4),
+            rim(20, 1.6),
+            rim(-50, 1.2),
+            rim(130, 1.5),
+            rim(70, 1.1),
+        )
+    ]
     d.add(n[0], n[1], (0.8, 0.7))
     d.add(n[1], n[2], (0.5,), (0, 0.3, 0))
     d.add(n[1], n[3], (0.6,))
@@ -154,7 +212,7 @@ def half_turns() -> Design:
 
 
 def quarter_turns() -> Design:
-    """Return a cylinder with a cross of four equal channels: quarter turns about z leave it as it is."""
+    """Return a cylinder with a cross of four equal channels, unchanged by quarter turns about z."""
     d = Design(cylinder(7.5, 2.6))
     middle = d.node(3.75, 3.75, 1.1)
     for x, y in ((7.5, 3.75), (3.75, 7.5), (0, 3.75), (3.75, 0)):
@@ -172,4 +230,7 @@ def mirrored_pair() -> Design:
     return d
 
 
-DESIGNS = {f.__name__: f for f in (curved, fifteen, slanted, compact, drum, half_turns, quarter_turns, mirrored_pair)}
+DESIGNS = {
+    f.__name__: f
+    for f in (curved, fifteen, slanted, compact, drum, half_turns, quarter_turns, mirrored_pair)
+}

@@ -21,11 +21,21 @@ def wall(p, pieces, k, radius, plugs, sag, out):
 
     A sagging lumen's upper half (towards +z) is flattened by `sag`.
     """
-    ex, ey, ez = pieces[k, 3] - pieces[k, 0], pieces[k, 4] - pieces[k, 1], pieces[k, 5] - pieces[k, 2]
+    ex, ey, ez = (
+        pieces[k, 3] - pieces[k, 0],
+        pieces[k, 4] - pieces[k, 1],
+        pieces[k, 5] - pieces[k, 2],
+    )
     squared = ex * ex + ey * ey + ez * ez
-    t = ((p[0] - pieces[k, 0]) * ex + (p[1] - pieces[k, 1]) * ey + (p[2] - pieces[k, 2]) * ez) / squared
+    t = (
+        (p[0] - pieces[k, 0]) * ex + (p[1] - pieces[k, 1]) * ey + (p[2] - pieces[k, 2]) * ez
+    ) / squared
     t = min(max(t, 0.0), 1.0)
-    dx, dy, dz = p[0] - pieces[k, 0] - t * ex, p[1] - pieces[k, 1] - t * ey, p[2] - pieces[k, 2] - t * ez
+    dx, dy, dz = (
+        p[0] - pieces[k, 0] - t * ex,
+        p[1] - pieces[k, 1] - t * ey,
+        p[2] - pieces[k, 2] - t * ez,
+    )
     gap = math.sqrt(dx * dx + dy * dy + dz * dz) + 1e-9
     along = pieces[k, 6] + t * (pieces[k, 7] - pieces[k, 6])
     row = int(pieces[k, 8])
@@ -101,7 +111,7 @@ def outside(p, planes, cylinder, out):
 
 @nb.njit(cache=True)
 def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, field):
-    """Fill field (2, 3, nx, nz) with distances and lateral gradients, lumen then body, of one B-scan.
+    """Fill field (2, 3, nx, nz) with distances and lateral gradients: lumen, then body.
 
     shape: planes, cylinder, size, swelling; lumens: pieces, radius, plugs, sag; rough: amplitude
     of walls (mm), cell (mm); boxes (n, 6): low and high x, y, z of each piece in the scan, mm.
@@ -165,5 +175,9 @@ def strew(y, nx, pitch, nz, dz, m, balls, field):
                 for a in range(3):
                     p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
                 for b in range(len(balls)):
-                    gap = math.sqrt((p[0] - balls[b, 0]) ** 2 + (p[1] - balls[b, 1]) ** 2 + (p[2] - balls[b, 2]) ** 2)
+                    gap = math.sqrt(
+                        (p[0] - balls[b, 0]) ** 2
+                        + (p[1] - balls[b, 1]) ** 2
+                        + (p[2] - balls[b, 2]) ** 2
+                    )
                     field[0, 0, i, k] = max(field[0, 0, i, k], balls[b, 3] - gap)

@@ -1,6 +1,6 @@
 """Hold a report folder of `printctl register` against the truth of either generator.
 
-    python -m benchmarks.scan_bench.judge REPORT_DIR TRUTH.json
+python -m benchmarks.scan_bench.judge REPORT_DIR TRUTH.json
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from benchmarks.scan_bench.judge_pose import best_equivalent, judge_pose
 
 
 def judge(folder: Path, truth: dict[str, Any], tolerance: float = 10.0) -> dict[str, Any]:
-    """Return the judgement; defects, diameters and faces only where the pose has landed near the truth."""
+    """Return the judgement; diameters and faces only where the pose is near the truth."""
     whole = json.loads((folder / "registration.json").read_text())
     report = whole["registration"]
     pose = judge_pose(report, truth)
     turn, _ = best_equivalent(report, truth)
-    out = {"pose": pose, "verdict": judge_verdict(whole, truth, tolerance)}
+    out: dict[str, Any] = {"pose": pose, "verdict": judge_verdict(whole, truth, tolerance)}
     out["defects"] = judge_defects(report, truth, turn, tolerance)
     placed = pose["tre_rms_um"] < 300
     out["quantities"] = judge_intervals(report, truth, pose["turned"]) if placed else []

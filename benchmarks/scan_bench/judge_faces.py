@@ -20,15 +20,18 @@ def true_planes(truth: dict[str, Any]) -> np.ndarray:
     if truth.get("planes"):
         return np.array(truth["planes"], float)
     low, high = np.array(truth["block_mm"], float)
-    return np.array([[*np.eye(3)[k] * s, (high[k] if s > 0 else -low[k])] for k in range(3) for s in (1, -1)])
+    return np.array(
+        [[*np.eye(3)[k] * s, (high[k] if s > 0 else -low[k])] for k in range(3) for s in (1, -1)]
+    )
 
 
 def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> list[dict[str, Any]]:
     """Return for each flat face the distance (um) of its measured surface from the true one.
 
-    deviation.ply is carried back into the scan by the report's own pose and into the part by the true
-    one, so that the pose's error doesn't count. `worst_um` is the largest median of a patch of 0.8 mm;
-    points within 0.5 mm of an edge or a vessel's mouth are left out. Sag and swelling aren't taken off.
+    deviation.ply is carried back into the scan by the report's own pose and into the part by the
+    true one, so that the pose's error doesn't count. `worst_um` is the largest median of a patch
+    of 0.8 mm. Points within 0.5 mm of an edge, in a vessel's mouth or near a leak are left out.
+    Swelling isn't taken off.
     """
     if not path.exists():
         return []
@@ -39,19 +42,30 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
     gaps = points @ planes[:, :3].T - planes[:, 3]
     for k, plane in enumerate(planes):
         others = np.delete(gaps, k, axis=1)
-        near = (np.abs(gaps[:, k]) < NEAR_MM) & (others < -NEAR_MM).all(axis=1) & away(points, plane, truth)
+        near = (
+            (np.abs(gaps[:, k]) < NEAR_MM)
+            & (others < -NEAR_MM).all(axis=1)
+            & away(points, plane, truth)
+        )
         if near.sum() < FEWEST:
             out.append({"face": plane[:3].round(3).tolist(), "seen": False})
             continue
         length = 1 / np.linalg.norm(plane[:3] / scale)
         error = 1e3 * gaps[near, k] * length
         worst = patches(points[near], plane[:3], error)
-        out.append({"face": plane[:3].round(3).tolist(), "seen": True, "median_um": float(np.median(error)), "worst_um": worst})
+        out.append(
+            {
+                "face": plane[:3].round(3).tolist(),
+                "seen": True,
+                "median_um": float(np.median(error)),
+                "worst_um": worst,
+            }
+        )
     return out
 
 
 def away(points: np.ndarray, plane: np.ndarray, truth: dict[str, Any]) -> np.ndarray:
-    """Whether points on a face are 0.2 mm off every mouth and way; coarse: off each planted way's ends."""
+    """Whether points are off every vessel's mouth and 1.5 mm off planted leaks and bridges."""
     keep = np.ones(len(points), bool)
     for planted in truth["defects"]:
         if planted["kind"] in ("leak", "bridge"):
@@ -64,5 +78,7 @@ def patches(points: np.ndarray, normal: np.ndarray, error: np.ndarray) -> float:
     sides = np.linalg.svd(normal[None])[2][1:]
     cells = np.floor(points @ sides.T / PATCH_MM).astype(int)
     _, which = np.unique(cells, axis=0, return_inverse=True)
-    medians = [np.median(error[which == c]) for c in range(which.max() + 1) if (which == c).sum() >= FEWEST]
+    medians = [
+        np.median(error[which == c]) for c in range(which.max() + 1) if (which == c).sum() >= FEWEST
+    ]
     return float(np.abs(medians).max()) if medians else float(abs(np.median(error)))

@@ -37,11 +37,11 @@ def lattice(truth: Truth) -> np.ndarray:
     """Return the 98 points of a lattice on the faces of the part's box, mm."""
     low, high = np.array(truth["block_mm"], float)
     share = np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 3), axis=-1).reshape(-1, 3)
-    return low + share[((share == 0) | (share == 1)).any(axis=1)] * (high - low)
+    return np.asarray(low + share[((share == 0) | (share == 1)).any(axis=1)] * (high - low))
 
 
 def best_equivalent(report: dict[str, Any], truth: Truth) -> tuple[np.ndarray, np.ndarray]:
-    """Return the turn (4x4, part to part) whose pose is nearest to the reported one, and the errors there, um."""
+    """Return the symmetry's turn (4x4) nearest to the reported pose, and the errors there, um."""
     found = np.linalg.inv(np.array(report["scaled_scan_to_part"], float))
     true = np.array(truth["transform_model_to_scan_mm"])
     points, best = lattice(truth), None
@@ -54,8 +54,10 @@ def best_equivalent(report: dict[str, Any], truth: Truth) -> tuple[np.ndarray, n
     return best
 
 
-def judge_pose(report: dict[str, Any], truth: Truth, landed_um: float = 50.0, wrong_um: float = 100.0) -> dict[str, Any]:
-    """Return the target registration error and whether the pose landed, was flagged, or is silently wrong."""
+def judge_pose(
+    report: dict[str, Any], truth: Truth, landed_um: float = 50.0, wrong_um: float = 100.0
+) -> dict[str, Any]:
+    """Return the target registration error; whether landed, flagged, or silently wrong."""
     turn, error = best_equivalent(report, truth)
     rms = float(np.sqrt((error**2).mean()))
     flagged = bool(report["ambiguity"]["flag"])
@@ -73,7 +75,7 @@ def judge_pose(report: dict[str, Any], truth: Truth, landed_um: float = 50.0, wr
 
 
 def scales(report: dict[str, Any], truth: Truth) -> tuple[np.ndarray, np.ndarray]:
-    """Return reported and true scales along the part's axes, in the frame of the nearest equivalent pose."""
+    """Return reported and true scales along the axes of the nearest equivalent pose."""
     turn, _ = best_equivalent(report, truth)
     order = np.abs(turn[:3, :3])
     return np.array(report["scale"], float), order.T @ np.array(truth["scale"])

@@ -3,7 +3,7 @@
 Writes PREFIX.tif, PREFIX.json (sidecar by docs/scans.md), PREFIX_truth.json, PREFIX_design/.
 
 Modelled: discrete scatterers (see `scatter`), spectrometer (see `spectrometer`), confocal beam with
-defocus, attenuation by each path's own media (so lumens leave brighter stripes below them), multiple
+defocus, attenuation by each path's own media (lumens leave brighter stripes below them), multiple
 scattering, reflections at gel's surfaces by slope, a group index per medium, B-scans that jitter.
 Not modelled: bending of light at surfaces, fan and bow of the field, birefringence, bubbles.
 """
@@ -45,17 +45,33 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def image(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace, rng: np.random.Generator) -> np.ndarray:
+def image(
+    design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace, rng: np.random.Generator
+) -> np.ndarray:
     """Return the linear intensities (z, y, x), 1 for gel at focus."""
     pitch, pitch_y, dz = (v / 1e3 for v in asked.voxel_um)
-    nx, ny, nz = (int(np.ceil(e / s)) for e, s in zip(pose.extent, (pitch, pitch_y, dz), strict=True))
-    detector = Spectrometer(FINE * int(np.ceil(1.1 * nz / 4) * 4), dz / FINE, asked.resolution_um / 1e3,
-                            asked.rolloff_db_mm, asked.snr_db, asked.saturation, asked.stripes)
+    nx, ny, nz = (
+        int(np.ceil(e / s)) for e, s in zip(pose.extent, (pitch, pitch_y, dz), strict=True)
+    )
+    detector = Spectrometer(
+        FINE * int(np.ceil(1.1 * nz / 4) * 4),
+        dz / FINE,
+        asked.resolution_um / 1e3,
+        asked.rolloff_db_mm,
+        asked.snr_db,
+        asked.saturation,
+        asked.stripes,
+    )
     to_part = np.linalg.inv(pose.transform)
     boxes = piece_boxes(lumens, pose)
     balls = debris(design, asked, rng)
     media = optics(asked, detector)
-    shape = (design.body.planes, np.array(design.body.cylinder), design.body.size, asked.swelling_um / 1e3)
+    shape = (
+        design.body.planes,
+        np.array(design.body.cylinder),
+        design.body.size,
+        asked.swelling_um / 1e3,
+    )
     rough = np.array([asked.roughness_um / 1e3, asked.grain_um / 1e3])
     parts = (lumens.pieces, lumens.radius, lumens.plugs, asked.sag_um / 1e3)
     field = np.empty((2, 3, nx, 2 * nz + 2), np.float32)
@@ -63,22 +79,60 @@ def image(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace,
     beam = np.array([asked.beam_um / 1e3, asked.focus_mm, asked.rayleigh_mm])
     for j in range(ny):
         moved = to_part.copy()
-        moved[:, 3] += to_part @ [*(asked.jitter_um / 1e3 * rng.standard_normal(3) * [1, 0, 0.5]), 0]
-        geometry.bscan(j * pitch_y, nx, pitch, 2 * nz + 2, dz / 2, moved, boxes, shape, parts, rough, asked.seed, field)
+        moved[:, 3] += to_part @ [
+            *(asked.jitter_um / 1e3 * rng.standard_normal(3) * [1, 0, 0.5]),
+            0,
+        ]
+        geometry.bscan(
+            j * pitch_y,
+            nx,
+            pitch,
+            2 * nz + 2,
+            dz / 2,
+            moved,
+            boxes,
+            shape,
+            parts,
+            rough,
+            asked.seed,
+            field,
+        )
         geometry.strew(j * pitch_y, nx, pitch, 2 * nz + 2, dz / 2, moved, balls, field)
         for _ in range(asked.looks):
             light = np.zeros((nx, detector.cells), np.complex64)
             mean = np.zeros((nx, detector.cells), np.float32)
-            scatter.cast(field, dz / 2, detector.delta, asked.per_cell, *media, beam, relative_index(asked),
-                         specular(asked, detector), CARRIER_PER_MM, int(rng.integers(2**31)), light, mean)
-            scatter.tail(mean, detector.delta, asked.tail, 0.25, int(0.15 / pitch), int(rng.integers(2**31)), light)
+            scatter.cast(
+                field,
+                dz / 2,
+                detector.delta,
+                asked.per_cell,
+                *media,
+                beam,
+                relative_index(asked),
+                specular(asked, detector),
+                CARRIER_PER_MM,
+                int(rng.integers(2**31)),
+                light,
+                mean,
+            )
+            scatter.tail(
+                mean,
+                detector.delta,
+                asked.tail,
+                0.25,
+                int(0.15 / pitch),
+                int(rng.integers(2**31)),
+                light,
+            )
             shot = detector.image(overlap(light, beam, pitch, detector.delta), rng, 1.0)
             out[:, j] += shot[:, :: FINE // detector.pixel][:, :nz].T / asked.looks
     return out
 
 
-def optics(asked: argparse.Namespace, detector: Spectrometer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return density, power and attenuation of gel, lumen and bath; attenuation goes with scattering."""
+def optics(
+    asked: argparse.Namespace, detector: Spectrometer
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return density, power and attenuation of gel, lumen and bath."""
     shared = 100 / asked.contrast if asked.contrast else None
 
     def share(own: float | None, usual: float) -> float:
@@ -96,12 +150,12 @@ def relative_index(asked: argparse.Namespace) -> np.ndarray:
 
 
 def specular(asked: argparse.Namespace, detector: Spectrometer) -> np.ndarray:
-    """Return amplitude, width in slope (the lens takes 3 degrees) and diffuse share of reflections."""
+    """Return amplitude, width in slope (lens: 3 degrees) and diffuse share of reflections."""
     return np.array([detector.reflection(1.0, asked.reflection_db), np.tan(np.radians(3.0)), 0.2])
 
 
 def piece_boxes(lumens: Lumens, pose: Pose) -> np.ndarray:
-    """Return the low and high corners (n, 6) of each piece in the scan, mm, with 0.25 mm to spare."""
+    """Return low and high corners (n, 6) of each piece in the scan, mm, 0.25 mm to spare."""
     ends = np.stack([lumens.pieces[:, 0:3], lumens.pieces[:, 3:6]])
     ends = ends @ pose.transform[:3, :3].T + pose.transform[:3, 3]
     spare = lumens.radius.max(axis=1)[lumens.pieces[:, 8].astype(int)][:, None] * 1.1 + 0.25
@@ -126,11 +180,19 @@ def store(intensity: np.ndarray, asked: argparse.Namespace) -> None:
     if asked.depth_up:
         intensity = intensity[::-1]
     values, meaning = grey_values(intensity.transpose(["zyx".index(a) for a in asked.axes]), asked)
-    tifffile.imwrite(asked.out + ".tif", values, photometric="minisblack", metadata=None, description=meaning)
+    tifffile.imwrite(
+        asked.out + ".tif", values, photometric="minisblack", metadata=None, description=meaning
+    )
     x, y, z = (v / 1e3 for v in asked.voxel_um)
-    said = {"voxel_mm": [z * asked.index / FILE_INDEX, y, x], "axes": asked.axes, "modality": "oct",
-            "scale": "db" if asked.db else "linear", "depth_down": not asked.depth_up,
-            "refractive_index": FILE_INDEX, "optical_depth": False}
+    said = {
+        "voxel_mm": [z * asked.index / FILE_INDEX, y, x],
+        "axes": asked.axes,
+        "modality": "oct",
+        "scale": "db" if asked.db else "linear",
+        "depth_down": not asked.depth_up,
+        "refractive_index": FILE_INDEX,
+        "optical_depth": False,
+    }
     Path(asked.out + ".json").write_text(json.dumps(said))
 
 
@@ -142,9 +204,13 @@ def grey_values(intensity: np.ndarray, asked: argparse.Namespace) -> tuple[np.nd
     top = np.iinfo(asked.dtype).max
     if asked.db:
         counts = (values - DB_LOW) / DB_SPAN * top
-        return np.clip(counts, 0, top).round().astype(asked.dtype), f"dB = {DB_LOW:g} + {DB_SPAN:g} * value / {top}"
+        return np.clip(counts, 0, top).round().astype(
+            asked.dtype
+        ), f"dB = {DB_LOW:g} + {DB_SPAN:g} * value / {top}"
     full = float(np.percentile(values, 99.99))
-    return np.clip(values / full * top, 0, top).round().astype(asked.dtype), f"linear intensity, {top} = {full:.4g} of the gel"
+    return np.clip(values / full * top, 0, top).round().astype(
+        asked.dtype
+    ), f"linear intensity, {top} = {full:.4g} of the gel"
 
 
 if __name__ == "__main__":

@@ -14,7 +14,9 @@ def numbers(text: str) -> list[float]:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `python -m benchmarks.scan_bench.make`."""
-    ap = argparse.ArgumentParser(description="Make a synthetic spectral-domain OCT scan and its truth.")
+    ap = argparse.ArgumentParser(
+        description="Make a synthetic spectral-domain OCT scan and its truth."
+    )
     ap.add_argument("design", choices=sorted(DESIGNS))
     ap.add_argument("out", help="prefix; part.stl and network.csv go to PREFIX_design/")
     ap.add_argument("--seed", type=int, default=0)
@@ -27,11 +29,15 @@ def parser() -> argparse.ArgumentParser:
 
 def add_pose(group: argparse._ArgumentGroup) -> None:
     """Add where the part lies and how it differs as a whole."""
-    group.add_argument("--orientation", type=int, default=0, help="0 to 23, on top of yaw and tilt; 0 is upright")
+    group.add_argument(
+        "--orientation", type=int, default=0, help="0 to 23, on top of yaw and tilt; 0 is upright"
+    )
     group.add_argument("--turned-over", action="store_true", help="light enters through the bottom")
     group.add_argument("--yaw", type=float, help="degrees; default within 12")
     group.add_argument("--tilt", type=numbers, metavar="X,Y", help="degrees; default within 2")
-    group.add_argument("--shrink", type=numbers, metavar="X,Y,Z", help="scale; default 0.965 to 1.005")
+    group.add_argument(
+        "--shrink", type=numbers, metavar="X,Y,Z", help="scale; default 0.965 to 1.005"
+    )
     group.add_argument("--swelling-um", type=float, default=0)
     group.add_argument("--sag-um", type=float, default=0)
     group.add_argument("--roughness-um", type=float, default=8)
@@ -59,13 +65,21 @@ def add_light(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--lumen", type=float, help="percent of the gel; default 2")
     group.add_argument("--snr-db", type=float, default=32)
     group.add_argument("--rolloff-db-mm", type=float, default=0.5)
-    group.add_argument("--index", type=float, default=1.333, help="true group index; the file says 1.333")
+    group.add_argument(
+        "--index", type=float, default=1.333, help="true group index; the file says 1.333"
+    )
     group.add_argument("--gel-index", type=float, help="of the gel, where it differs from --index")
     group.add_argument("--attenuation-per-mm", type=float, default=0.25, help="of the gel, one way")
-    group.add_argument("--tail", type=float, default=0.05, help="multiply scattered over single scattered power")
-    group.add_argument("--reflection-db", type=float, default=12, help="of a level wall over the gel")
+    group.add_argument(
+        "--tail", type=float, default=0.05, help="multiply scattered over single scattered power"
+    )
+    group.add_argument(
+        "--reflection-db", type=float, default=12, help="of a level wall over the gel"
+    )
     group.add_argument("--looks", type=int, default=1)
-    group.add_argument("--per-cell", type=float, default=1.2, help="scatterers per 3 um of depth in the beam")
+    group.add_argument(
+        "--per-cell", type=float, default=1.2, help="scatterers per 3 um of depth in the beam"
+    )
     group.add_argument("--resolution-um", type=float, default=14)
     group.add_argument("--beam-um", type=float, default=22, help="1/e2 radius at the waist")
     group.add_argument("--focus-mm", type=float, default=1.3)
@@ -82,6 +96,10 @@ def add_file(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--db", action="store_true", help="integers hold -40 to 20 dB")
     group.add_argument("--axes", choices=("zyx", "yzx", "yxz"), default="zyx")
     group.add_argument("--depth-up", action="store_true")
-    group.add_argument("--mirror", choices=("x", "y", "z"), help="reverse this axis and don't say so")
+    group.add_argument(
+        "--mirror", choices=("x", "y", "z"), help="reverse this axis and don't say so"
+    )
     group.add_argument("--half-field", action="store_true", help="lower half of x only")
-    group.add_argument("--field-mm", type=numbers, metavar="X,Y,Z", help="size of the field, part in its middle")
+    group.add_argument(
+        "--field-mm", type=numbers, metavar="X,Y,Z", help="size of the field, part in its middle"
+    )

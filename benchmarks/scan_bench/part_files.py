@@ -60,14 +60,19 @@ def sweep(points: np.ndarray, radius: np.ndarray) -> Any:
         side = side - axis * (side @ axis)
         side /= np.linalg.norm(side)
         other = np.cross(axis, side)
-        rings.append(point + wide * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other))
+        rings.append(
+            point + wide * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other)
+        )
     vertices = np.vstack([*rings, points[:1], points[-1:]])
     here = np.arange(FACETS)
     after, low, high = (here + 1) % FACETS, len(vertices) - 2, len(vertices) - 1
     faces = [np.column_stack([np.full(FACETS, low), after, here])]
     for k in range(len(points) - 1):
         a, b = k * FACETS, (k + 1) * FACETS
-        faces += [np.column_stack([a + here, a + after, b + after]), np.column_stack([a + here, b + after, b + here])]
+        faces += [
+            np.column_stack([a + here, a + after, b + after]),
+            np.column_stack([a + here, b + after, b + here]),
+        ]
     last = (len(points) - 1) * FACETS
     faces.append(np.column_stack([np.full(FACETS, high), last + here, last + after]))
     mesh = manifold3d.Mesh(vertices.astype(np.float32), np.vstack(faces).astype(np.uint32))

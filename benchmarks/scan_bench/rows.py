@@ -27,13 +27,33 @@ def counted(rows: list[bool]) -> str:
 def changes(lines: list[Line]) -> Iterator[Row]:
     """Return what was found, what passed, false alarms."""
     planted = [p for x in lines for p in x["judged"]["defects"]["planted"]]
-    beyond = [p["found"] for p in planted if abs(p["true_worst_percent"] or 0) > TOLERANCE_PERCENT + 2]
-    yield row(f"changes beyond tolerance and 2 % found ({counted(beyond)})", percent(sum(beyond), len(beyond)), "%", ">= 98", percent(sum(beyond), len(beyond)) >= 98)
+    beyond = [
+        p["found"] for p in planted if abs(p["true_worst_percent"] or 0) > TOLERANCE_PERCENT + 2
+    ]
+    yield row(
+        f"changes beyond tolerance and 2 % found ({counted(beyond)})",
+        percent(sum(beyond), len(beyond)),
+        "%",
+        ">= 98",
+        percent(sum(beyond), len(beyond)) >= 98,
+    )
     passes = sum(x["judged"]["verdict"]["false_pass"] for x in lines)
-    yield row(f"passes with a true section beyond 1.5 x tolerance, {len(lines)} scans", passes, "", "0", passes == 0)
+    yield row(
+        f"passes with a true section beyond 1.5 x tolerance, {len(lines)} scans",
+        passes,
+        "",
+        "0",
+        passes == 0,
+    )
     clean = sum(x["judged"]["defects"]["clean_vessels"] for x in lines)
     alarms = sum(x["judged"]["defects"]["false_alarm_vessels"] for x in lines)
-    yield row(f"false alarms, {alarms} of {clean} clean vessels", percent(alarms, clean), "%", "<= 1", percent(alarms, clean) <= 1)
+    yield row(
+        f"false alarms, {alarms} of {clean} clean vessels",
+        percent(alarms, clean),
+        "%",
+        "<= 1",
+        percent(alarms, clean) <= 1,
+    )
 
 
 def poses(lines: list[Line]) -> Iterator[Row]:
@@ -41,7 +61,13 @@ def poses(lines: list[Line]) -> Iterator[Row]:
     pose = [x["judged"]["pose"] for x in lines]
     wrong = [p["silently_wrong"] for p in pose]
     fine = [p["landed"] or p["flagged"] for p in pose]
-    yield row(f"poses landed or flagged ({counted(fine)})", percent(sum(fine), len(fine)), "%", ">= 99", percent(sum(fine), len(fine)) >= 99)
+    yield row(
+        f"poses landed or flagged ({counted(fine)})",
+        percent(sum(fine), len(fine)),
+        "%",
+        ">= 99",
+        percent(sum(fine), len(fine)) >= 99,
+    )
     yield row(f"poses silently wrong ({counted(wrong)})", sum(wrong), "", "0", not any(wrong))
     passes = sum(x["judged"]["verdict"]["false_pass"] for x in lines)
     yield row("passes of half a part or a wrong one", passes, "", "0", passes == 0)
@@ -55,11 +81,23 @@ def intervals(lines: list[Line]) -> Iterator[Row]:
         claimed = [q for q in own if q["holds"] is not None]
         error = np.array([q["error"] for q in own])
         unit = "%" if name[:5] in ("scale", "resis", "press") else "um"
-        yield row(f"{name}: error, rms (bias {error.mean():.3g}, sd {error.std():.3g}; {len(own)})", float(np.sqrt((error**2).mean())), unit)
+        yield row(
+            f"{name}: error, rms (bias {error.mean():.3g}, sd {error.std():.3g}; {len(own)})",
+            float(np.sqrt((error**2).mean())),
+            unit,
+        )
         if claimed:
             held = percent(sum(q["holds"] for q in claimed), len(claimed))
-            yield row(f"{name}: 95 % intervals hold the truth ({len(claimed)})", held, "%", "92 to 98", 92 <= held <= 98)
-            width = float(np.median([2 * q["half"] for q in claimed])) / max(float(error.std()), 1e-12)
+            yield row(
+                f"{name}: 95 % intervals hold the truth ({len(claimed)})",
+                held,
+                "%",
+                "92 to 98",
+                92 <= held <= 98,
+            )
+            width = float(np.median([2 * q["half"] for q in claimed])) / max(
+                float(error.std()), 1e-12
+            )
             yield row(f"{name}: median width over the errors' sd", width, "", "<= 5", width <= 5)
         else:
             yield row(f"{name}: 95 % intervals claimed", 0, "", ">= 300 of all kinds", False)
@@ -73,10 +111,22 @@ def ways(lines: list[Line]) -> Iterator[Row]:
         hits = [p["found"] for p in own]
         if own:
             share = percent(sum(hits), len(hits))
-            yield row(f"{kind or 'all ways'} found ({counted(hits)})", share, "%", ">= 95", share >= 95)
-    near = [p["place_mm"] <= 0.2 for p in planted if p["place_mm"] is not None and p["kind"] != "missing"]
+            yield row(
+                f"{kind or 'all ways'} found ({counted(hits)})", share, "%", ">= 95", share >= 95
+            )
+    near = [
+        p["place_mm"] <= 0.2
+        for p in planted
+        if p["place_mm"] is not None and p["kind"] != "missing"
+    ]
     if near:
-        yield row(f"place within 0.2 mm ({counted(near)})", percent(sum(near), len(near)), "%", "100", all(near))
+        yield row(
+            f"place within 0.2 mm ({counted(near)})",
+            percent(sum(near), len(near)),
+            "%",
+            "100",
+            all(near),
+        )
     false = sum(len(x["judged"]["defects"]["false"]) for x in lines)
     yield row(f"false defects listed beside them, {len(lines)} scans", false, "", "0", false == 0)
 
@@ -89,9 +139,21 @@ def diameters(lines: list[Line]) -> Iterator[Row]:
     held = [q["holds"] for q in every if q["quantity"] == "mean"]
     inside = bool(held) and all(held)
     if len(error):
-        yield row(f"diameter bias, {len(error)} sections", float(error.mean()), "um", "<= 5, or inside U", abs(error.mean()) <= 5 or inside)
+        yield row(
+            f"diameter bias, {len(error)} sections",
+            float(error.mean()),
+            "um",
+            "<= 5, or inside U",
+            abs(error.mean()) <= 5 or inside,
+        )
         yield row("diameter rms error of sections", float(np.sqrt((error**2).mean())), "um")
-        yield row(f"worst of {len(means)} vessels' means", float(np.abs(means).max()), "um", "<= 5, or inside U", bool(np.abs(means).max() <= 5) or inside)
+        yield row(
+            f"worst of {len(means)} vessels' means",
+            float(np.abs(means).max()),
+            "um",
+            "<= 5, or inside U",
+            bool(np.abs(means).max() <= 5) or inside,
+        )
 
 
 def faces(lines: list[Line]) -> Iterator[Row]:
@@ -100,7 +162,13 @@ def faces(lines: list[Line]) -> Iterator[Row]:
     if seen:
         worst = [f["worst_um"] for f in seen]
         far = [w > 50 for w in worst]
-        yield row(f"worst patch of a face called seen ({counted(far)} faces beyond 50 um)", max(worst), "um", "<= 50", max(worst) <= 50)
+        yield row(
+            f"worst patch of a face called seen ({counted(far)} faces beyond 50 um)",
+            max(worst),
+            "um",
+            "<= 50",
+            max(worst) <= 50,
+        )
         middle = [abs(f["median_um"]) for f in seen]
         yield row("median of a face, worst", max(middle), "um", "<= 50", max(middle) <= 50)
 
@@ -111,14 +179,26 @@ def formats(lines: list[Line]) -> Iterator[Row]:
         form = " ".join(x["case"]["options"])
         wrong = not (x["judged"]["pose"]["landed"] or x["judged"]["pose"]["flagged"])
         false = len(x["judged"]["defects"]["false"]) + x["judged"]["defects"]["false_alarm_vessels"]
-        yield row(f"{form}: TRE rms; false findings {false}", x["judged"]["pose"]["tre_rms_um"], "um", "landed or flagged, none false", not wrong and not false)
+        yield row(
+            f"{form}: TRE rms; false findings {false}",
+            x["judged"]["pose"]["tre_rms_um"],
+            "um",
+            "landed or flagged, none false",
+            not wrong and not false,
+        )
 
 
 def time(lines: list[Line]) -> Iterator[Row]:
     """Return time and memory."""
     for x in lines:
         ran = x["ran"]
-        yield row(f"1000 x 500 x 250 voxels to report (CPU {ran['cpu_s']:.1f} s)", ran["wall_s"], "s", "<= 8 on quiet cores", ran["wall_s"] <= 8)
+        yield row(
+            f"1000 x 500 x 250 voxels to report (CPU {ran['cpu_s']:.1f} s)",
+            ran["wall_s"],
+            "s",
+            "<= 8 on quiet cores",
+            ran["wall_s"] <= 8,
+        )
         yield row("the same, peak memory", ran["peak_mb"], "MB", "<= 1200", ran["peak_mb"] <= 1200)
 
 

@@ -26,16 +26,29 @@ def present(generator: str) -> bool:
 
 
 def name_of(case: Case) -> str:
-    """Return a case's name: generator, design, seed, and a digest of its options and of the generator."""
+    """Return a case's name: generator, design, seed, digest of options and generator."""
     source = SHARED if case.generator == "shared" else Path(__file__).parent
-    files = sorted(source.glob("*.py")) if case.generator == "shared" else [source / f for f in PHYSICS]
+    files = (
+        sorted(source.glob("*.py")) if case.generator == "shared" else [source / f for f in PHYSICS]
+    )
     digest = hashlib.sha256(json.dumps(case.options).encode())
     for file in files:
         digest.update(file.read_bytes())
     return f"{case.generator}_{case.design}_{case.seed}_{digest.hexdigest()[:10]}"
 
 
-PHYSICS = ("bodies.py", "defects.py", "designs.py", "geometry.py", "make.py", "options.py", "pose.py", "scatter.py", "spectrometer.py", "truth.py")
+PHYSICS = (
+    "bodies.py",
+    "defects.py",
+    "designs.py",
+    "geometry.py",
+    "make.py",
+    "options.py",
+    "pose.py",
+    "scatter.py",
+    "spectrometer.py",
+    "truth.py",
+)
 
 
 def run(command: list[str], **more: Any) -> subprocess.CompletedProcess[str]:
@@ -62,32 +75,68 @@ def make(case: Case, keep: Path) -> tuple[Path, Path]:
 def shared_designs(keep: Path) -> None:
     """Write the designs of the shared generator unless they are there."""
     if not (keep / "shared_designs" / "symmetric" / "part.stl").exists():
-        run([sys.executable, str(SHARED / "make_scan.py"), "--designs", str(keep / "shared_designs")])
+        run(
+            [
+                sys.executable,
+                str(SHARED / "make_scan.py"),
+                "--designs",
+                str(keep / "shared_designs"),
+            ]
+        )
 
 
 def register(prefix: Path, design: Path, out: Path, more: tuple[str, ...]) -> dict[str, Any]:
-    """Run `printctl register` on a scan; return exit code, wall and processor time, peak memory, last words."""
-    command = [sys.executable, "-m", "printctl", "register", f"{prefix}.tif", "--model", str(design / "part.stl"),
-               "--network", str(design / "network.csv"), "--out", str(out), "--diameter-tolerance-percent", str(TOLERANCE_PERCENT), "--json", *more]
+    """Run `printctl register` on a scan; return exit code, times, peak memory, last words."""
+    command = [
+        sys.executable,
+        "-m",
+        "printctl",
+        "register",
+        f"{prefix}.tif",
+        "--model",
+        str(design / "part.stl"),
+        "--network",
+        str(design / "network.csv"),
+        "--out",
+        str(out),
+        "--diameter-tolerance-percent",
+        str(TOLERANCE_PERCENT),
+        "--json",
+        *more,
+    ]
     began = time.monotonic()
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    ) as process:
         assert process.stderr is not None
         words = process.stderr.read()
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-    return {"exit": process.returncode, "wall_s": time.monotonic() - began, "cpu_s": usage.ru_utime + usage.ru_stime,
-            "peak_mb": usage.ru_maxrss * 1024 / 1e6, "stderr": words[-400:]}
+    return {
+        "exit": process.returncode,
+        "wall_s": time.monotonic() - began,
+        "cpu_s": usage.ru_utime + usage.ru_stime,
+        "peak_mb": usage.ru_maxrss * 1024 / 1e6,
+        "stderr": words[-400:],
+    }
 
 
 def measure(case: Case, family: str, keep: Path, commit: str) -> dict[str, Any]:
-    """Return a case's result line: what was asked, how it ran, and the judgement (None: refused)."""
+    """Return a case's result line: how it was made and ran, the judgement (None: refused)."""
     prefix, design = make(case, keep)
     out = keep / "reports" / commit / (prefix.name + "_" + "_".join(case.register).strip("_"))
     out.mkdir(parents=True, exist_ok=True)
     for old in KEPT:
         (out / old).unlink(missing_ok=True)
     ran = register(prefix, design, out, case.register)
-    line = {"family": family, "name": prefix.name, "case": asdict(case), "commit": commit, "ran": ran, "judged": None}
+    line = {
+        "family": family,
+        "name": prefix.name,
+        "case": asdict(case),
+        "commit": commit,
+        "ran": ran,
+        "judged": None,
+    }
     if (out / "registration.json").exists():
         truth = json.loads(Path(f"{prefix}_truth.json").read_text())
         line["judged"] = judge(out, truth, TOLERANCE_PERCENT)

@@ -1,10 +1,13 @@
 """Scatterers along the A-scans of a B-scan, summed in fine depth cells.
 
-Equivalent formulation: scatterers have circular Gaussian complex reflectivities, Poisson numbers and
-random phases. Their places are rounded to a fine cell (an eighth of a voxel, far below the axial
-resolution); the phase that the rest of the place would give is in the random phase. Within one
+Equivalent formulation: scatterers have circular Gaussian complex reflectivities, Poisson numbers
+and random phases. Their places are rounded to a fine cell (an eighth of a voxel, far below the
+axial resolution); the phase that the rest of the place would give is in the random phase. Within one
 medium the sum of n of them is drawn at once as sqrt(n) times one; beside a wall each is placed.
 """
+
+# numba knows the legacy generator only for seeds of its own.
+# ruff: noqa: NPY002
 
 from __future__ import annotations
 
@@ -41,7 +44,22 @@ def facing(cosine, specular):
 
 
 @nb.njit(cache=True)
-def cast(field, dz_field, delta, count, density, power, loss, beam, index, specular, carrier, seed, amplitude, mean):
+def cast(
+    field,
+    dz_field,
+    delta,
+    count,
+    density,
+    power,
+    loss,
+    beam,
+    index,
+    specular,
+    carrier,
+    seed,
+    amplitude,
+    mean,
+):
     """Add the light of single scattering to amplitude (nx, m); its mean power goes to mean (nx, m).
 
     Parameters
@@ -66,12 +84,15 @@ def cast(field, dz_field, delta, count, density, power, loss, beam, index, specu
     np.random.seed(seed)
     nx, m = amplitude.shape
     for x in range(nx):
-        path, depth, before, last = 0.0, 0.0, BATH, 0.0
+        path, depth, before = 0.0, 0.0, BATH
         for c in range(m):
             z = c * delta
             if z > (field.shape[3] - 1) * dz_field:
                 break
-            lumen, body = at_depth(field[0, 0, x], z, dz_field), at_depth(field[1, 0, x], z, dz_field)
+            lumen, body = (
+                at_depth(field[0, 0, x], z, dz_field),
+                at_depth(field[1, 0, x], z, dz_field),
+            )
             now = medium(lumen, body)
             # Amplitude; two ways of intensity's loss are one way's square.
             light = math.exp(-path)
@@ -87,7 +108,19 @@ def cast(field, dz_field, delta, count, density, power, loss, beam, index, specu
                 amplitude[x, cell] += complex(np.random.normal() * size, np.random.normal() * size)
                 mean[x, cell] += power[now] * (light * focus) ** 2
             else:
-                edge(field[:, :, x], z, dz_field, count, density, power, light * focus, wide, amplitude[x], mean[x], cell)
+                edge(
+                    field[:, :, x],
+                    z,
+                    dz_field,
+                    count,
+                    density,
+                    power,
+                    light * focus,
+                    wide,
+                    amplitude[x],
+                    mean[x],
+                    cell,
+                )
             if now != before and c > 0 and now + before != LUMEN + BATH:
                 which = 0 if now + before == GEL + LUMEN else 1
                 here = lumen if which == 0 else body
@@ -118,7 +151,7 @@ def edge(column, z, dz, count, density, power, light, wide, amplitude, mean, cel
 
 @nb.njit(cache=True)
 def tail(mean, delta, share, length, blur, seed, amplitude):
-    """Add multiply scattered light: power delayed by `length` (mm, exponential), blurred over A-scans."""
+    """Add multiply scattered light, delayed by `length` (mm, exponential), blurred over A-scans."""
     np.random.seed(seed)
     nx, m = mean.shape
     keep = math.exp(-delta / length)

@@ -57,7 +57,7 @@ class Spectrometer:
     def rolloff(self) -> np.ndarray:
         """Return the amplitude kept at each fine cell."""
         depth = np.arange(self.cells) * self.delta
-        return 10 ** (-self.rolloff_db_mm * depth / 20)
+        return np.asarray(10 ** (-self.rolloff_db_mm * depth / 20))
 
     def image(self, light: np.ndarray, rng: np.random.Generator, power: float) -> np.ndarray:
         """Return intensities (nx, pixels), 1 for gel at focus whose cells have mean `power`."""

@@ -32,7 +32,9 @@ def signature(design: Design) -> np.ndarray:
     for vessel in design.vessels:
         length = vessel.along[-1]
         along = np.linspace(0, length, int(length / 0.05) + 2)
-        rows.append(np.column_stack([vessel.at(along) - design.body.size / 2, vessel.radius_at(along)]))
+        rows.append(
+            np.column_stack([vessel.at(along) - design.body.size / 2, vessel.radius_at(along)])
+        )
     return np.concatenate(rows)
 
 
@@ -40,11 +42,13 @@ def same_body(design: Design, matrix: np.ndarray) -> bool:
     """Whether a turn or reflection about its middle leaves the body as it is."""
     middle, body = design.body.size / 2, design.body
     points = np.random.default_rng(0).uniform(-0.6, 0.6, (4000, 3)) * body.size
-    return bool(np.abs(body.depth(points + middle) - body.depth(points @ matrix.T + middle)).max() < NEAR_MM)
+    return bool(
+        np.abs(body.depth(points + middle) - body.depth(points @ matrix.T + middle)).max() < NEAR_MM
+    )
 
 
 def symmetries(design: Design) -> tuple[list[np.ndarray], bool]:
-    """Return the rotations but the identity that leave a design as it is, and whether a mirror does."""
+    """Return the rotations (without identity) that keep a design, and whether a mirror does."""
     points = signature(design)
     tree = cKDTree(points)
     found, mirror = [], False

@@ -57,8 +57,10 @@ def moved_by_swelling(point: np.ndarray, size: np.ndarray, swell: float) -> np.n
     return out
 
 
-def sections(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace) -> list[dict[str, Any]]:
-    """Return each vessel's places (mm of the design), diameters as printed (um), and what is clear and in view."""
+def sections(
+    design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Return each vessel's places (mm), diameters as printed (um), what is clear and in view."""
     size, sag, swell = design.body.size, asked.sag_um / 1e3, asked.swelling_um / 1e3
     none, scratch, out = np.zeros((0, 3)), np.zeros(3), []
     ways = lumens.pieces[lumens.pieces[:, 8] < len(design.vessels)]
@@ -95,7 +97,7 @@ def stretch(points: np.ndarray, scale: np.ndarray) -> float:
 
 
 def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace) -> dict[str, Any]:
-    """Return the truth in the form of /work/shared/scans/make_scan.py, with more about symmetry and body."""
+    """Return the truth in make_scan.py's form, with more about symmetry and body."""
     matrices, mirror = symmetries(design)
     in_file = np.diag([1, 1, asked.index / 1.333, 1]) @ pose.transform
     body = design.body

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.scan_bench.bodies import block
 from benchmarks.scan_bench.defects import plant
 from benchmarks.scan_bench.designs import DESIGNS, Design
 from benchmarks.scan_bench.make import image
@@ -10,10 +11,30 @@ from benchmarks.scan_bench.part_files import write_design
 from benchmarks.scan_bench.pose import draw
 from benchmarks.scan_bench.symmetry import symmetries
 from benchmarks.scan_bench.truth import sections
-from benchmarks.scan_bench.bodies import block
 
-STILL = ["--yaw", "0", "--tilt", "0,0", "--roughness-um", "0", "--reflection-db", "-90", "--tail", "0"]
-FLAT = [*STILL, "--attenuation-per-mm", "0", "--rolloff-db-mm", "0", "--rayleigh-mm", "1000", "--snr-db", "60"]
+STILL = [
+    "--yaw",
+    "0",
+    "--tilt",
+    "0,0",
+    "--roughness-um",
+    "0",
+    "--reflection-db",
+    "-90",
+    "--tail",
+    "0",
+]
+FLAT = [
+    *STILL,
+    "--attenuation-per-mm",
+    "0",
+    "--rolloff-db-mm",
+    "0",
+    "--rayleigh-mm",
+    "1000",
+    "--snr-db",
+    "60",
+]
 
 
 def asked(design, *options):
@@ -28,7 +49,9 @@ def scan(design, options):
 
 
 def test_speckle_of_one_look_is_fully_developed():
-    volume, _ = scan(Design(block(2.0, 2.0, 1.0)), [*FLAT, "--shrink", "1,1,1"])
+    design = Design(block(2.0, 2.0, 1.0))
+    design.add(design.node(0, 0.2, 0.5), design.node(0.3, 0.2, 0.5), (0.2,))
+    volume, _ = scan(design, [*FLAT, "--shrink", "1,1,1"])
     gel = volume[15:40, 20:40, 20:40]
     assert gel.mean() == pytest.approx(1.0, abs=0.03)
     assert gel.std() / gel.mean() == pytest.approx(1.0, abs=0.04)
@@ -48,7 +71,10 @@ def test_many_looks_show_each_wall_where_the_truth_says():
     true = (pose.transform @ [0.2, 0.8, 1.2, 1])[2]
     assert 1e3 * abs(top - true) < 5
     x, _, z = (pose.transform @ [0.8, 0.8, 0.6, 1])[:3]
-    inside = mean[int((z - 0.45) / 0.0125) : int((z + 0.45) / 0.0125), int((x - 0.45) / 0.025) : int((x + 0.45) / 0.025)]
+    inside = mean[
+        int((z - 0.45) / 0.0125) : int((z + 0.45) / 0.0125),
+        int((x - 0.45) / 0.025) : int((x + 0.45) / 0.025),
+    ]
     area = (1 - inside).sum() * 0.025 * 0.0125
     assert 1e3 * abs(2 * np.sqrt(area / np.pi) - 0.5) < 5
 
@@ -59,7 +85,9 @@ def test_true_diameters_are_those_of_the_solid_cut_across(tmp_path):
     write_design(design, tmp_path)
     mesh = trimesh.load(tmp_path / "part.stl")
     assert mesh.is_watertight
-    truth = sections(design, plant(design, given), draw(design, given, np.random.default_rng(0)), given)
+    truth = sections(
+        design, plant(design, given), draw(design, given, np.random.default_rng(0)), given
+    )
     for number in (0, 4, 7):
         vessel, row = design.vessels[number], truth[number]
         k = len(row["along_mm"]) // 2
@@ -86,7 +114,15 @@ class closed:  # noqa: N801
         return abs(angle[-1] - angle[0]) > 6
 
 
-@pytest.mark.parametrize(("name", "turns", "mirror"), [("half_turns", 3, True), ("quarter_turns", 3, True), ("mirrored_pair", 0, True), ("curved", 0, False)])
+@pytest.mark.parametrize(
+    ("name", "turns", "mirror"),
+    [
+        ("half_turns", 3, True),
+        ("quarter_turns", 3, True),
+        ("mirrored_pair", 0, True),
+        ("curved", 0, False),
+    ],
+)
 def test_symmetries_are_the_ones_drawn(name, turns, mirror):
     found, mirrors = symmetries(DESIGNS[name]())
     assert (len(found), mirrors) == (turns, mirror)
