@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import os
@@ -17,6 +18,7 @@ from benchmarks.scan_bench.cases import TOLERANCE_PERCENT, Case
 from benchmarks.scan_bench.judge import judge
 
 SHARED = Path(os.environ.get("SHARED_SCANS", "/work/shared/scans"))
+DOCUMENTED = (ast.Module, ast.FunctionDef, ast.ClassDef)
 KEPT = ("registration.json",)
 
 
@@ -33,7 +35,7 @@ def name_of(case: Case) -> str:
     )
     digest = hashlib.sha256(json.dumps(case.options).encode())
     for file in files:
-        digest.update(file.read_bytes())
+        digest.update(meaning(file.read_text()).encode())
     return f"{case.generator}_{case.design}_{case.seed}_{digest.hexdigest()[:10]}"
 
 
@@ -49,6 +51,15 @@ PHYSICS = (
     "spectrometer.py",
     "truth.py",
 )
+
+
+def meaning(source: str) -> str:
+    """Return a module's code without comments, layout and docstrings."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if ast.get_docstring(node) if isinstance(node, DOCUMENTED) else False:
+            node.body = node.body[1:]
+    return ast.dump(tree)
 
 
 def run(command: list[str], **more: Any) -> subprocess.CompletedProcess[str]:

@@ -2,7 +2,7 @@
 
 Equivalent formulation: scatterers have circular Gaussian complex reflectivities, Poisson numbers
 and random phases. Their places are rounded to a fine cell (an eighth of a voxel, far below the
-axial resolution); the phase that the rest of the place would give is in the random phase. Within one
+resolution); the phase that the rest of the place would give is in the random phase. Within one
 medium the sum of n of them is drawn at once as sqrt(n) times one; beside a wall each is placed.
 """
 

@@ -52,7 +52,7 @@ class Spectrometer:
         """Return the source's spectrum at the samples, unit peak."""
         n = np.arange(self.samples) - self.samples / 2
         sigma_pixels = self.resolution / (self.delta * self.pixel) / 1.665
-        return np.exp(-0.5 * (n * 2 * np.pi * sigma_pixels / self.samples) ** 2)
+        return np.asarray(np.exp(-0.5 * (n * 2 * np.pi * sigma_pixels / self.samples) ** 2))
 
     def rolloff(self) -> np.ndarray:
         """Return the amplitude kept at each fine cell."""
