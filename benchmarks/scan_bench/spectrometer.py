@@ -76,7 +76,7 @@ class Spectrometer:
         if self.saturation:
             fringe = np.clip(fringe, -self.saturation * level, self.saturation * level)
         image = np.abs(fft.fft(fringe, axis=1)[:, : self.samples // 2]) ** 2
-        return image / gel
+        return image / gel  # type: ignore[no-any-return]
 
     def reflection(self, power: float, decibels: float) -> float:
         """Return the amplitude in one cell whose image stands `decibels` over gel of `power`."""
