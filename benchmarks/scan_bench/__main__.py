@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.machine import commit, machine
 from benchmarks.scan_bench.cases import FAMILIES, Case
 from benchmarks.scan_bench.rows import rows_of
-from benchmarks.scan_bench.runs import SHARED, measure, name_of, present, shared_designs
+from benchmarks.scan_bench.runs import SHARED, again, measure, name_of, present, shared_designs
 
 COUNTS = {
     "changes": 200,
@@ -48,6 +48,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     ap.add_argument("--jobs", type=int, default=2)
     ap.add_argument("--keep", type=Path, help="folder of scans and results; else a temporary one")
     ap.add_argument("--commit", help="name of what is measured; default: the tree's commit")
+    ap.add_argument("--rows-only", action="store_true", help="of the results that are there")
     ap.add_argument("--quick", action="store_true", help=f"{QUICK} scans of each")
     return ap.parse_args(argv)
 
@@ -92,7 +93,9 @@ def main(argv: list[str] | None = None) -> int:
     def one(item: tuple[str, Case]) -> dict[str, Any] | None:
         family, case = item
         if (family, name_of(case)) in done:
-            return done[family, name_of(case)]
+            return again(done[family, name_of(case)], keep)
+        if asked.rows_only:
+            return None
         try:
             line = measure(case, family, keep, of)
         except RuntimeError as exc:
