@@ -13,6 +13,8 @@ from benchmarks.scan_bench.judge_pose import apply
 NEAR_MM = 0.5
 PATCH_MM = 0.8
 FEWEST = 25
+LEVEL = 0.85
+NO_CYLINDER = (0.0, 0.0, 1e6)
 
 
 def true_planes(truth: dict[str, Any]) -> np.ndarray:
@@ -30,12 +32,14 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
 
     deviation.ply is carried back into the scan by the report's own pose and into the part by the
     true one, so that the pose's error doesn't count. `worst_um` is the largest median of a patch
-    of 0.8 mm. Points within 0.5 mm of an edge, in a vessel's mouth or near a leak are left out.
+    of 0.8 mm. Points within 0.5 mm of an edge, near a leak, or whose normal isn't the face's
+    (a vessel's mouth) are left out.
     Swelling isn't taken off.
     """
     if not path.exists():
         return []
-    vertices = np.asarray(trimesh.load(path, process=False).vertices, float)
+    mesh = trimesh.load(path, process=False)
+    vertices, normals = np.asarray(mesh.vertices, float), np.asarray(mesh.vertex_normals)
     scan = apply(np.linalg.inv(np.array(report["scaled_scan_to_part"])), vertices)
     points = apply(np.linalg.inv(np.array(truth["transform_model_to_scan_mm"])), scan)
     scale, planes, out = np.array(truth["scale"]), true_planes(truth), []
@@ -45,7 +49,8 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
         near = (
             (np.abs(gaps[:, k]) < NEAR_MM)
             & (others < -NEAR_MM).all(axis=1)
-            & away(points, plane, truth)
+            & away(points, truth)
+            & (np.abs(normals @ plane[:3]) > LEVEL)
         )
         if near.sum() < FEWEST:
             out.append({"face": plane[:3].round(3).tolist(), "seen": False})
@@ -64,9 +69,10 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
     return out
 
 
-def away(points: np.ndarray, plane: np.ndarray, truth: dict[str, Any]) -> np.ndarray:
-    """Whether points are off every vessel's mouth and 1.5 mm off planted leaks and bridges."""
-    keep = np.ones(len(points), bool)
+def away(points: np.ndarray, truth: dict[str, Any]) -> np.ndarray:
+    """Whether points are within a drum's rim and 1.5 mm off planted leaks and bridges."""
+    x, y, radius = truth.get("cylinder") or NO_CYLINDER
+    keep = np.hypot(points[:, 0] - x, points[:, 1] - y) < radius - NEAR_MM
     for planted in truth["defects"]:
         if planted["kind"] in ("leak", "bridge"):
             keep &= np.linalg.norm(points - planted["center_mm"], axis=1) > 1.5

@@ -61,8 +61,8 @@ def test_many_looks_show_each_wall_where_the_truth_says():
     """A level face by half power along depth, a channel's section by the sum of its gel missing."""
     design = Design(block(1.6, 1.6, 1.2))
     design.add(design.node(0.8, 0, 0.6), design.node(0.8, 1.6, 0.6), (0.5,))
-    options = [*FLAT, "--shrink", "1,1,1", "--looks", "200", "--lumen", "0.01", "--bath", "0.01"]
-    volume, pose = scan(design, [*options, "--voxel-um", "25,400,12.5", "--per-cell", "3"])
+    options = [*FLAT, "--shrink", "1,1,1", "--looks", "100", "--lumen", "0.01", "--bath", "0.01"]
+    volume, pose = scan(design, [*options, "--voxel-um", "25,400,12.5"])
     mean = volume[:, 2:4].mean(axis=1)
     column = mean[:, 20:30].mean(axis=1)
     depth = np.arange(len(column)) * 0.0125
