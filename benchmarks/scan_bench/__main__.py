@@ -61,12 +61,15 @@ def cases(asked: argparse.Namespace) -> list[tuple[str, Case]]:
             f"{SHARED}/make_scan.py isn't there: only the spectral generator runs", file=sys.stderr
         )
         generators = ["spectral"]
+    counts = {f: min(COUNTS[f], QUICK) if asked.quick else COUNTS[f] for f in COUNTS}
+    if asked.count:
+        counts = {f: 1 if f == "time" else asked.count for f in counts}
     out = []
-    for family in asked.only or FAMILIES:
-        count = asked.count or (min(QUICK, COUNTS[family]) if asked.quick else COUNTS[family])
-        count = 1 if family == "time" else count
-        for k in range(count):
-            out += [(family, FAMILIES[family](g, asked.first_seed + k)) for g in generators]
+    # Seeds in turn, so that an interrupted bench has some of every family.
+    for k in range(max(counts.values())):
+        for family in asked.only or FAMILIES:
+            if k < counts[family]:
+                out += [(family, FAMILIES[family](g, asked.first_seed + k)) for g in generators]
     return out
 
 
