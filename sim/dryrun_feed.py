@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from kernels import jit
+from sim.board.hardware import Board
 from sim.gcode import Program
 from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 from sim.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S, LineTimes
-from sim.marlin_board import Board
 from sim.planner import add_move, main_share, next_event, run_until, set_axis, take_head
 from sim.planner_state import LOG, Records, new_planner, new_ring
 

@@ -226,7 +226,7 @@ def command_time(
     Parameters
     ----------
     costs : (5,) float64
-        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.marlin_board.Board`.
+        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.board.hardware.Board`.
     """
     seconds = costs[0] + planner_of[0].count * costs[1]
     return seconds / main_share(planner_of, ring, now, costs)

@@ -19,7 +19,8 @@ reload     a change of syringe begins after ``done`` lines; the plunger's count 
            of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
-end        state, message, done, error, position_known: last
+end        state, message, done, error, position_known: last; where the printer refused a line of
+           the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
 job, state, alarm, checkpoint, reload, syringe and end records also have ``at``, the wall-clock
