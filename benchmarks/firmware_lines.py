@@ -229,7 +229,8 @@ def _apart(board: dict[str, int], meant: dict[str, int]) -> dict[str, int]:
 
 def sent_pass(image: Path, folder: Path, count: int, note: list[str]) -> dict[str, int]:
     """Lines as the product's reader renders them, until ``count`` of them were sent."""
-    lines, refused = [], Counter[str]()
+    lines: list[str] = []
+    refused = Counter[str]()
     for number, text in enumerate(Lines(1, 0.1)):
         if len(lines) >= 1.15 * count:
             break
