@@ -12,7 +12,6 @@ M118 quotes the command that it doesn't know, which is as good.
 from __future__ import annotations
 
 import math
-from os.path import commonprefix
 from typing import Final
 
 from firmware_profiles.families.marlin.replies import unknown_command
@@ -147,9 +146,14 @@ def _alike(text: bytes, said: bytes) -> bool:
     """Whether all but `_GARBLED` bytes of ``said`` begin or end a text of about its length."""
     if abs(len(text) - len(said)) > _GARBLED:
         return False
-    begin = len(commonprefix((text, said)))
-    end = len(commonprefix((text[begin:][::-1], said[begin:][::-1])))
+    begin = _alike_from_start(text, said)
+    end = _alike_from_start(text[begin:][::-1], said[begin:][::-1])
     return begin + end >= len(said) - _GARBLED
+
+
+def _alike_from_start(one: bytes, other: bytes) -> int:
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
 
 
 def _quotes(text: bytes, token: bytes) -> bool:
