@@ -1,4 +1,4 @@
-"""A token's echo that noise has garbled: the printer is asked again at once, not after a silence."""
+"""A garbled echo of a token: the printer is asked again at once."""
 
 from __future__ import annotations
 

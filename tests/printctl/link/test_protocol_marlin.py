@@ -152,7 +152,7 @@ def test_unknown_command_is_a_fault_although_ok_follows():
 def test_cold_extrusion_is_a_fault_although_ok_follows():
     protocol = started()
     events = protocol.feed(b"echo: cold extrusion prevented\nok\n", 1.0)
-    assert events == [Fault("echo: cold extrusion prevented", 1)]
+    assert events == [Fault("echo: cold extrusion prevented", 1, refused=True)]
     assert protocol.lines_done == 1
 
 
