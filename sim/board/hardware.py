@@ -1,0 +1,43 @@
+"""Speed of the board that a simulated firmware runs on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Board:
+    """How fast an ATmega2560 at 16 MHz is, from the recorded transcripts.
+
+    Attributes
+    ----------
+    command_s : float
+        For one command while the motors stand.
+    block_s : float
+        More, for each block that the planner holds.
+    interrupt_s, pulse_s : float
+        Of the stepper's interrupt, once and for each pulse in it; the main thread waits for it.
+    most_load : float
+        Largest share of the processor that the interrupt gets.
+    thermistors : bool
+        Whether the temperature inputs are wired; without, a heater ends in a MINTEMP stop.
+    store_s : float
+        To write the settings' 597 bytes into the EEPROM, 3.4 ms each; nothing else is done then.
+    """
+
+    command_s: float = 1.0e-3
+    block_s: float = 95e-6
+    interrupt_s: float = 55e-6
+    pulse_s: float = 27.5e-6
+    most_load: float = 0.9
+    thermistors: bool = True
+    store_s: float = 2.03
+
+    def costs(self) -> NDArray[np.float64]:
+        """What `sim.planner.command_time` wants."""
+        return np.array(
+            [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
+        )
