@@ -104,6 +104,7 @@ class Hearing:
             state.deadline = now + tokens.ok_wait_s(state.timing.answer_s)
             return True
         if tokens.flying and not tokens.echoed and tokens.resembles(reply.text):
+            tokens.move_on()
             self._begin_doubt(reply, now, events)
             return True
         if reply.kind is not Kind.OK or not tokens.flying:
