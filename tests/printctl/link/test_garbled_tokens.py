@@ -61,3 +61,11 @@ def test_another_text_isnt_taken_for_the_echo():
     assert protocol.deadline > 2.0
     protocol.feed(b"echo:at 3.1\nok\n", 0.6)
     assert b"G1 X3" in protocol.take_output()
+
+
+def test_an_ok_whose_line_end_is_garbled_is_asked_about_soon():
+    protocol = waiting_for_echo()
+    protocol.feed(b"echo:at 3.1\r\nok\x8a", 0.5)
+    assert protocol.deadline < 0.8
+    protocol.tick(protocol.deadline)
+    assert b"N99999999" in protocol.take_output()
