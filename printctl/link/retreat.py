@@ -1,4 +1,4 @@
-"""How the needle leaves the bath in a controlled stop or a pause, and how it comes back.
+"""Way of the needle out of the bath, and back.
 
 A plunger is relieved and primed again; a pneumatic head's valve is shut (`printctl.link.valve`),
 and no E is sent to it. Opening it again is left to who comes back: only when the tip is in place.

@@ -199,6 +199,8 @@ class MarlinProtocol:
         classify = self.wording.classify
         replies = [classify(text.rstrip(b"\r")) for text in texts if text.strip()]
         self._hearing.hear_all(replies, now, events)
+        if state.rest.startswith(b"ok") and state.phase is Phase.FLIGHT:  # its line end is garbled
+            state.deadline = min(state.deadline, now + state.timing.whole_s)
         return events
 
     def _take_ok(self, now: float) -> None:

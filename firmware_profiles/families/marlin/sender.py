@@ -1,4 +1,4 @@
-"""What Marlin's protocol sends: job lines and control commands, numbered, one or two in flight."""
+"""Sending part of Marlin's protocol: numbered lines, one or two in flight."""
 
 from __future__ import annotations
 

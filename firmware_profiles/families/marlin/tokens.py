@@ -24,6 +24,7 @@ PATIENCE_S: Final = 20.0
 MOST_DOUBLINGS: Final = 8
 TRIES: Final = 60
 """So many tokens that don't come back, though they are taken: the firmware has no such command."""
+_GARBLED: Final = 2
 IDLE_S: Final = 20.0
 """Without a busy message for so long nothing is being worked on: the echo was lost."""
 
@@ -89,6 +90,12 @@ class Tokens:
                 return True
         return False
 
+    def resembles(self, text: bytes) -> bool:
+        """Whether a line from the printer may be an echo that noise has garbled."""
+        return any(
+            _alike(text, said) for token in self._texts for said in (token, b"echo:" + token)
+        )
+
     def come_back(self) -> bool:
         """Note that the newest has come back; False where none was sent."""
         any_sent, self._texts = bool(self._texts), []
@@ -133,6 +140,20 @@ class Tokens:
         self.tries = 0
         self._texts.clear()
         return surplus
+
+
+def _alike(text: bytes, said: bytes) -> bool:
+    """Whether all but `_GARBLED` bytes of ``said`` begin or end a text of about its length."""
+    if abs(len(text) - len(said)) > _GARBLED:
+        return False
+    begin = _alike_from_start(text, said)
+    end = _alike_from_start(text[begin:][::-1], said[begin:][::-1])
+    return begin + end >= len(said) - _GARBLED
+
+
+def _alike_from_start(one: bytes, other: bytes) -> int:
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
 
 
 def _quotes(text: bytes, token: bytes) -> bool:
