@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NoReturn
 
 from printctl.link.channel import Channel
+from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
+from printctl.link.interruption import Interruption
 from printctl.link.position_check import PositionCheck, Standstill
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
@@ -25,6 +27,8 @@ class Ending:
     heads : HeadChoice
     position : PositionCheck
     valve : ValveSwitch
+    excursion : Excursion
+    interruption : Interruption
     """
 
     def __init__(
@@ -34,10 +38,23 @@ class Ending:
         heads: HeadChoice,
         position: PositionCheck,
         valve: ValveSwitch,
+        excursion: Excursion,
+        interruption: Interruption,
     ) -> None:
+        self._excursion, self._interruption = excursion, interruption
         self._channel, self._firmware, self._heads = channel, firmware, heads
         self._position, self._valve = position, valve
         self._logbook, self._printer = channel.logbook, channel.wiring.printer
+
+    def stop(self) -> NoReturn:
+        """End the print as somebody asked, wherever the link has the needle.
+
+        Raises
+        ------
+        PrintEnded
+            Always: stopped.
+        """
+        self.retreat(LinkState.STOPPED, "stopped by the user" + self._excursion.words())
 
     def retreat(self, state: LinkState, message: str) -> NoReturn:
         """Relieve the plunger, lift the needle, switch off; nothing may be in flight.
@@ -47,6 +64,7 @@ class Ending:
         PrintEnded
             Always, in ``state``.
         """
+        self._interruption.disarm()
         self._channel.commands(shut(self._printer))
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
@@ -69,6 +87,10 @@ class Ending:
     def _stop_motors(self) -> Standstill:
         """Have the firmware drop the moves that it holds, where it can."""
         quickstop = link_facts(self._printer).quickstop
+        if self._excursion.going_on:
+            if quickstop:
+                self._channel.command(quickstop)
+            return self._position.standing_away()
         if not quickstop:
             return Standstill(self._position.actual(), read=True, dropped=False)
         self._logbook.progress.moves_dropped()
@@ -83,22 +105,12 @@ class Ending:
         """
         at, printer = stop.at, self._printer
         retreat = self._heads.retreat
+        if self._excursion.going_on:
+            return self._excursion.way_out(at, retreat, printer)
         if not stop.dropped:
             return retreat.leave(at, printer, self._logbook.progress.relieved_mm)
         counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
         return [*counted, *retreat.leave(at, printer)]
-
-    def end_paused(self, message: str) -> NoReturn:
-        """Switch off where the needle is out of the bath already.
-
-        Raises
-        ------
-        PrintEnded
-            Always: stopped.
-        """
-        self._heaters_off()
-        self._firmware.undo_settings()
-        raise PrintEnded(LinkState.STOPPED, message)
 
     def end_on_fault(self) -> None:
         """End the print where printer or journal complained of something."""

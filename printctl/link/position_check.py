@@ -13,7 +13,7 @@ from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
-from printctl.link.modal import Modal, disagreement
+from printctl.link.modal import AXES, Modal, disagreement
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
 
@@ -90,6 +90,31 @@ class PositionCheck:
         self._logbook.alarm(wrong)
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
+
+    def height(self) -> float:
+        """Return the needle's height, mm.
+
+        Raises
+        ------
+        PrintEnded
+            Where it can't be read.
+        """
+        position = self._said_twice()
+        if not position:
+            self._valve.shut()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
+                "status` says what next",
+                known=False,
+            )
+        return position["Z"]
+
+    def standing_away(self) -> Standstill:
+        """Return where the printer says it stands, whatever the job's text says."""
+        position = self._said_twice()
+        words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
+        return Standstill(Modal(**words), read=bool(position), dropped=False)
 
     def standstill(self) -> Standstill:
         """Return where the printer stands after it dropped moves."""

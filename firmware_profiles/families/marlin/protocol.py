@@ -164,8 +164,23 @@ class MarlinProtocol:
         """Have a token come back from behind all that was sent; `InStep` follows."""
         self.state.confirming, self.state.deadline = True, now
 
+    def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:
+        """Write commands past the line in flight; no ok is believed until a token came back.
+
+        Only with a line in flight and no doubt: an error empties the receive buffer.
+        """
+        state = self.state
+        if state.phase is not Phase.FLIGHT:
+            return False
+        state.out.append(b"\n%b\n" % b"\n".join(commands))
+        state.tokens.expect(len(commands))
+        state.behind_moves = b"\n%b\n" % commands[-1] if again else b""
+        state.fast, state.deadline = False, now + state.timing.silence_s
+        return True
+
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
+        self.state.behind_moves = b""
         self.state.controls.append(self.wording.guard(command))
         self.go(now)
 

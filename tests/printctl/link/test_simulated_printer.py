@@ -320,7 +320,7 @@ def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert np.array_equal(motion.end[-1], foreseen.end[-1])
     assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
-    assert len(motion) == len(foreseen) + 4  # relieve, lift, come down, prime
+    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
 
 
 def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
