@@ -303,7 +303,7 @@ class LinkProtocol(Protocol):
         Returns
         -------
         bool
-            Whether they were written; not while a doubt is open, nor where the family can't tell
+            Whether they were written; not with nothing in flight, nor where the family can't tell
             their oks from others.
         """
         ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import NoReturn
 
 from printctl.link.channel import Channel
@@ -10,9 +11,11 @@ from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.interruption import Interruption
+from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck, Standstill
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
+from printctl.link.stood import Stood
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
@@ -76,6 +79,8 @@ class Ending:
         self._heaters_off()
         self._channel.command(b"M400")
         known = stop.read and self._logbook.complaints == complaints
+        if known and state is LinkState.STOPPED:
+            self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault
         if fault:
@@ -96,6 +101,21 @@ class Ending:
         self._logbook.progress.moves_dropped()
         self._channel.command(quickstop)
         return self._position.standstill()
+
+    def _record_stood(self, stop: Standstill) -> None:
+        """Write down with which line of the job it can be gone on, and from where."""
+        progress = self._logbook.progress
+        all_made = self._excursion.going_on or stop.place == Modal()
+        found = Stood(progress.done, None, True) if all_made else progress.stood(stop.place)
+        self._logbook.record(
+            "stood",
+            done=progress.done,
+            line=found.line,
+            begin_at=None if found.at is None else asdict(found.at),
+            certain=found.certain,
+            dropped=stop.dropped,
+            place=asdict(stop.place),
+        )
 
     def _way_out(self, stop: Standstill) -> list[bytes]:
         """Commands that relieve the plunger and lift the needle from there.

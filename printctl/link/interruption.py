@@ -8,6 +8,7 @@ on is sent, with any firmware.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from printctl.link.families import link_facts
@@ -18,6 +19,11 @@ from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.valve import shut
 from printctl.link.wiring import Wiring
 
+AGAIN_S: Final = 3.0
+MOST: Final = 3
+"""So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
+HEATS: Final = b" W:"
+"""In temperatures that are told while heat is waited for."""
 WAITS: Final = (
     "stopping; this firmware can't drop the moves that it holds, so they are made first: "
     "kill doesn't wait"
@@ -38,16 +44,12 @@ class Interruption:
     queue : RequestQueue
     kill : Kill
         Knows whether the firmware has an emergency parser.
-
-    Attributes
-    ----------
-    cut : bool
-        Whether the motors were stopped past the line in flight.
     """
 
     def __init__(self, wiring: Wiring, logbook: Logbook, queue: RequestQueue, kill: Kill) -> None:
         self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
-        self._over = self._told = self.cut = False
+        self._over = self._told = False
+        self._cuts, self._again_s = 0, -math.inf
 
     def disarm(self) -> None:
         """Let nothing cut what follows: the way out, or a print that is over."""
@@ -61,7 +63,7 @@ class Interruption:
         PrintEnded
             Where the printer hasn't got the job's first line.
         """
-        if not self._asked or self.cut:
+        if not self._asked:
             return
         if self._logbook.state in EARLY:
             self._end_early()
@@ -88,13 +90,16 @@ class Interruption:
         if not link.quickstop:
             self._tell(WAITS)
             return
+        if self._cuts == MOST or now < self._again_s:
+            return
         # a second would hold up a firmware that looks at it in its turn
         again = self._kill.halting.stops_at_once
-        commands = (*shut(wiring.printer), link.ends_waits, link.quickstop)
+        heats = HEATS in wiring.protocol.report  # else its place in the queue is wanted
+        commands = (*shut(wiring.printer), link.ends_waits if heats else b"", link.quickstop)
         if not wiring.protocol.cut_in([text for text in commands if text], again, now):
             return
         wiring.transport.write(wiring.protocol.take_output())
-        self.cut = True
+        self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
         self._logbook.progress.moves_dropped()
         self._tell(f"stopping the motors ({link.quickstop.decode()})")
 

@@ -8,7 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
@@ -35,11 +35,14 @@ class Standstill:
         Whether the printer's own word could be read; else it is the job's.
     dropped : bool
         Whether moves of the job weren't made.
+    place : Modal
+        What the printer told, where its motors were stopped.
     """
 
     at: Modal
     read: bool
     dropped: bool
+    place: Modal = field(default_factory=Modal)
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
@@ -127,7 +130,8 @@ class PositionCheck:
             self._logbook.alarm(disagreement(Modal(z=at.z), position))
         x, y, e = position["X"], position["Y"], position.get("E")
         there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
-        return Standstill(there, read=True, dropped=bool(disagreement(at, position)))
+        dropped = bool(disagreement(at, position))
+        return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
 
     def _said_twice(self) -> dict[str, float]:
         """Return the position once it was said twice running: no checksum guards it; else empty."""

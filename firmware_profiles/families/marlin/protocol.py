@@ -167,15 +167,18 @@ class MarlinProtocol:
     def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:
         """Write commands past the line in flight; no ok is believed until a token came back.
 
-        Only with a line in flight and no doubt: an error empties the receive buffer.
+        In a doubt they may be lost: an error empties the receive buffer of a firmware without
+        emergency parser. Whoever wrote them writes them again.
         """
         state = self.state
-        if state.phase is not Phase.FLIGHT:
+        if state.phase in (Phase.READY, Phase.OVER):
             return False
         state.out.append(b"\n%b\n" % b"\n".join(commands))
         state.tokens.expect(len(commands))
         state.behind_moves = b"\n%b\n" % commands[-1] if again else b""
-        state.fast, state.deadline = False, now + state.timing.silence_s
+        state.fast = False
+        if state.phase is Phase.FLIGHT:
+            state.deadline = now + state.timing.silence_s
         return True
 
     def submit(self, command: bytes, now: float) -> None:
