@@ -28,8 +28,8 @@ from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import commit, machine, row
 from firmware_profiles import Printer, load
 from sim.errors import LineError
+from sim.families.marlin.printer import MarlinPrinter
 from sim.gcode_modal import BAD
-from sim.marlin import MarlinPrinter
 from sim.reading import read_line
 from sim.written import read_written
 
@@ -153,7 +153,7 @@ class Both:
         """Motors' steps of both, at rest."""
         self.tell("M400")
         self.twin.finish()
-        counts = [int(count) for count in self.twin.machine.planner["position"][0]]
+        counts = [int(count) for count in self.twin.machine.motion.planner["position"][0]]
         pushed = self.twin.executed().plunger_end
         counts[3] = round(float(pushed[-1]) * STEPS["E"]) if len(pushed) else 0
         return self.board.positions(), dict(zip("XYZE", counts, strict=True))

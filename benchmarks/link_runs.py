@@ -22,8 +22,8 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.wiring import Wiring
 from sim.executed import ExecutedMotion
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import parse_fault
-from sim.marlin import MarlinPrinter
 
 MOST_BREAKS = 200
 

@@ -205,7 +205,7 @@ def _heaters_off_after(found: Run, since: float) -> float:
     """Let time pass until both heaters are off; from the fault on, s (infinite for never)."""
     printer = found.ledger.printer
     printer.finish()
-    while printer.machine.hotend.target_c or printer.machine.bed.target_c:
+    while printer.machine.heat.hotend.target_c or printer.machine.heat.bed.target_c:
         printer.advance(1.0)
         if printer.now - since > 2 * M85_S:
             return float("inf")

@@ -6,7 +6,7 @@ from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import Facts, Span
-from firmware_profiles.families.aerotech.controller import Aerotech
+from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.materials import Bath, Ink, MeasuredLag
@@ -18,12 +18,12 @@ from firmware_profiles.watching import Watched
 
 __all__ = [
     "MOST_HEADS",
-    "Aerotech",
     "Axes",
     "Bath",
     "Dish",
     "Doubt",
     "Facts",
+    "FileController",
     "Head",
     "Ink",
     "MeasuredFlow",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -10,8 +10,12 @@ from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import CommandName, Facts, NonNegative, Positive, Span
-from firmware_profiles.families.aerotech.controller import Aerotech, check_controller
 from firmware_profiles.families.registry import family_names, family_of, find_family
+from firmware_profiles.file_controller import (
+    FileController,
+    check_file_controller,
+    refuse_family_sections,
+)
 from firmware_profiles.heads import Head, check_heads
 from firmware_profiles.watching import Watched
 
@@ -49,8 +53,10 @@ class Printer(Facts):
         "and not sent.",
         json_schema_extra=lambda schema: schema.update(enum=list(family_names())),
     )
-    aerotech: Aerotech | None = Field(
-        default=None, description="Which controller; to be said for Aerotech's firmware alone."
+    file_controller: FileController | None = Field(
+        default=None,
+        description="Which controller loads the job's file; to be said for firmwares that take no "
+        "lines from a host (Aerotech's), and for those alone.",
     )
     baud: Annotated[int, Field(ge=9600, le=2_000_000)] = 115_200
     x_mm: Span
@@ -140,6 +146,13 @@ class Printer(Facts):
         default=(), description="What must stay on after a stop (cooling of ink and bath)."
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _sections_have_neutral_names(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            refuse_family_sections(data)
+        return data
+
     @model_validator(mode="after")
     def _pairs_need_a_count(self) -> Printer:
         link = family_of(self).link
@@ -164,7 +177,7 @@ class Printer(Facts):
     def _controller_agrees(self) -> Printer:
         asked = tuple(watched.query for watched in self.watch)
         sent = {"safe_state_off": self.safe_state_off, "watch": asked}
-        check_controller(self.firmware, self.aerotech, self.dispenser, sent)
+        check_file_controller(self.firmware, self.file_controller, self.dispenser, sent)
         return self
 
     @model_validator(mode="after")

@@ -1,6 +1,7 @@
 """The simulated printer and scanner, the dry run and the product's one G-code reader.
 
-Import from the modules: `sim.gcode.read_gcode`, `sim.dryrun.dry_run`, `sim.marlin.MarlinPrinter`,
-`sim.executed.ExecutedMotion`; ``python -m sim`` is the printer as a process of its own. Nothing is
-imported here, so that what needs one of them doesn't wait for the compiled kernels of all.
+Import from the modules: `sim.gcode.read_gcode`, `sim.dryrun.dry_run`,
+`sim.families.registry.simulated_printer`, `sim.executed.ExecutedMotion`; ``python -m sim`` is the
+printer as a process of its own. Nothing is imported here, so that what needs one of them doesn't
+wait for the compiled kernels of all.
 """

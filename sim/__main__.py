@@ -11,11 +11,11 @@ import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
 from sim.bad_line import BadLine
+from sim.board.hardware import Board
 from sim.errors import ServeError, SimError
 from sim.families.registry import simulated_printer
 from sim.faults import Fault, FaultFile, load_faults, parse_fault
 from sim.job_lines import JobLines
-from sim.marlin_board import Board
 from sim.pace import Pace
 from sim.ports import Port, PtyPort, TcpPort
 from sim.serve import Server, Serving

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from kernels import jit
+from sim.board.hardware import Board
 from sim.cold import extrusion_allowed
 from sim.dryrun_checks import check, sent_length
 from sim.dryrun_finding import Finding
@@ -26,7 +27,6 @@ from sim.gcode import Program
 from sim.gcode_extended import Named
 from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
 from sim.heads import Heads, read_heads
-from sim.marlin_board import Board
 from sim.planner import add_move, command_time, next_event, run_until, set_axis, take_head
 from sim.planner_state import LOG, Records, new_planner, new_ring
 from sim.reading.others import Others, other_lines

@@ -2,7 +2,8 @@
 
 Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while it
 tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink and
-bath alike; commands with names (`Meaning.HEATS`).
+bath alike; commands with names (`Meaning.HEATS`), and those that wait for a
+temperature (`Meaning.AWAITS`): for ever, where what is mounted doesn't bear it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,11 @@ from sim.gcode import Command, Program, code, parse_line
 from sim.gcode_extended import Named
 
 Part = Literal["ink", "bath", "both"]
+Bound = Literal["is", "least", "most"]
+_KEYS: Final[dict[Meaning, dict[str, Bound]]] = {
+    Meaning.HEATS: {"TARGET": "is"},
+    Meaning.AWAITS: {"MINIMUM": "least", "MAXIMUM": "most"},
+}
 _TOOL, _BED, _CHAMBER = ("M104", "M109", "G10", "M568"), ("M140", "M190"), ("M141", "M191")
 _CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
 
@@ -34,11 +40,14 @@ class Heating:
         What it warms or cools; a Klipper heater of one's own naming counts as both.
     celsius : float, °C
         0 switches off.
+    bound : "is", "least" or "most"
+        Whether it is set, or waited for from below or from above.
     """
 
     line: int
     part: Part
     celsius: float
+    bound: Bound = "is"
 
 
 def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[Heating, ...]:
@@ -59,8 +68,7 @@ def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[
         for number in program.line[rows].tolist()
         for said in _said(parse_line(lines[number - 1]))
     ]
-    sets = [at for at in named if meanings().get(at.name) is Meaning.HEATS]
-    found += [Heating(at.line, *said) for at in sets for said in _named(at)]
+    found += [one for at in named for one in _named(at)]
     return tuple(sorted(found, key=lambda heating: heating.line))
 
 
@@ -75,14 +83,24 @@ def _said(command: Command) -> list[tuple[Part, float]]:
     return [(part, command.values[word]) for word in letters if word in command.values]
 
 
-def _named(at: Named) -> list[tuple[Part, float]]:
-    heater = at.words.get("HEATER", "")
+def _named(at: Named) -> list[Heating]:
+    heater = at.words.get("HEATER") or at.words.get("SENSOR", "")
     part: Part = "both"
     if heater.startswith("extruder"):
         part = "ink"
     elif heater == "heater_bed":
         part = "bath"
+    keys = _KEYS.get(meanings().get(at.name, Meaning.OTHER), {})
+    if "TARGET" in keys:
+        told = [(at.words.get("TARGET", "0"), keys["TARGET"])]
+    else:
+        told = [(at.words[key], bound) for key, bound in keys.items() if key in at.words]
+    return [Heating(at.line, part, number, bound) for text, bound in told for number in _read(text)]
+
+
+def _read(text: str) -> list[float]:
+    """The number, or none where it isn't one: the gate refuses the line."""
     try:
-        return [(part, float(at.words.get("TARGET", "0")))]
+        return [float(text)]
     except ValueError:
         return []

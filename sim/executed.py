@@ -29,8 +29,9 @@ class ExecutedMotion:
         On the printer's own clock.
     line : (n,) int64
         Zero-based number of the job's command line that made the block; -1 when unknown, or a
-        host's own. Of a simulated printer that doesn't know the job (`sim.marlin`) the number of
-        the line that came, which counts a host's own lines; `sim.valve_blocks` finds the job's.
+        host's own. Of a simulated printer that doesn't know the job (`sim.board.printer`) the
+        number of the line that came, which counts a host's own lines; `sim.valve_blocks` finds the
+        job's.
     tool : (n,) int64
         The head whose plunger E moved; zeros where not given.
     """

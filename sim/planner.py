@@ -201,7 +201,7 @@ def command_time(
     Parameters
     ----------
     costs : (5,) float64
-        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.marlin_board.Board`.
+        command_s, block_s, interrupt_s, pulse_s and most_load of `sim.board.hardware.Board`.
     """
     planner = planner_of[0]
     seconds = costs[0] + planner.count * costs[1]

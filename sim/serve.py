@@ -1,6 +1,6 @@
 """The simulated printer as a process of its own, behind a port.
 
-The loop: what the host sends goes to the firmware (`sim.marlin`), what that says goes back. At
+The loop: what the host sends goes to the firmware (`sim.board`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
 to K times real time. A board that its faults make slow, or stall, is so at speed K; at speed 0 a
 stall isn't felt.
@@ -24,8 +24,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
+from sim.board.printer import SimulatedPrinter
 from sim.errors import ServeError
-from sim.marlin import MarlinPrinter
 from sim.ports import Port
 from sim.waiter import Event, Waiter
 
@@ -64,12 +64,12 @@ class Server:
 
     Parameters
     ----------
-    printer : MarlinPrinter
+    printer : SimulatedPrinter
     port : Port
     serving : Serving
     """
 
-    def __init__(self, printer: MarlinPrinter, port: Port, serving: Serving) -> None:
+    def __init__(self, printer: SimulatedPrinter, port: Port, serving: Serving) -> None:
         self._printer = printer
         self._port = port
         self._serving = serving

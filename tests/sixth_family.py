@@ -16,7 +16,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.gate.rules import rules
-from sim.families import registry
+from sim.families.parts import family_part
 from sim.reading.words import known
 
 NAME = "sixthware"
@@ -66,7 +66,8 @@ FAMILY = Family(
 TWIN = '''
 """The printer that plays it."""
 
-from sim.marlin import MarlinPrinter
+from sim.board.printer import SimulatedPrinter
+from sim.families.marlin.firmware import Marlin
 
 
 def _m777(board, command):
@@ -77,10 +78,17 @@ def _m115(board, command):
     board.machine.say("FIRMWARE_NAME:Sixthware 1.0")
 
 
-class SixthPrinter(MarlinPrinter):
-    """Marlin's machine with a question more."""
+class Sixth(Marlin):
+    """Marlin with a question more."""
 
-    handlers = {**MarlinPrinter.handlers, "M115": _m115, "M777": _m777}
+    handlers = {**Marlin.handlers, "M115": _m115, "M777": _m777}
+
+
+class SixthPrinter(SimulatedPrinter):
+    """A board with it."""
+
+    def make_firmware(self):
+        return Sixth(self)
 
 
 PRINTER = SixthPrinter
@@ -102,7 +110,7 @@ def installed(folder: Path) -> Iterator[Printer]:
     finally:
         for home, path in paths.items():
             home.__path__.remove(str(path))
-        for remembers in (find_family, meanings, registry._part, known, rules):
+        for remembers in (find_family, meanings, family_part, known, rules):
             remembers.cache_clear()
 
 

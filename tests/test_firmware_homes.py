@@ -16,8 +16,6 @@ PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl", "d
 HOMES = ("firmware_profiles.families", "sim.families")
 NAME = re.compile(rf"\b({'|'.join(family_names())})\b")
 INSIDE = re.compile(rf"({'|'.join(HOMES)})\.({'|'.join(family_names())})\b")
-SECTION = {"firmware_profiles/__init__.py", "firmware_profiles/printers.py"}
-"""The profile's section `aerotech` has a type, which these two hand on."""
 
 
 def sources() -> Iterator[Path]:
@@ -76,8 +74,6 @@ def test_no_family_is_named_outside_its_home() -> None:
     for path in sources():
         name = path.relative_to(ROOT).as_posix()
         told = faults(path.read_text(encoding="utf-8"))
-        if name in SECTION:
-            told = [one for one in told if "families.aerotech.controller" not in one]
         if told:
             found[name] = told
     assert not found

@@ -44,7 +44,11 @@ _ENDS: Final = frozenset({Sort.FAULT, Sort.HALT, Sort.RESTART})
 class AckProtocol(ABC):
     """State machine of one printer; see `firmware_profiles.families.link_protocol.LinkProtocol`.
 
-    A family gives `frame` (a command as it is sent), `sort` (what a reply is) and `on_silence`.
+    A family gives `frame` (a command as it is sent), `sort` (what a reply is), `on_silence`, and
+    how its errors begin (`error_starts`).
+
+    Nothing leaves while a line from the printer is cut by a read: it may be an error. After
+    ``silence_s`` its first half counts: as an error where it may be the beginning of one.
 
     Parameters
     ----------
@@ -52,6 +56,7 @@ class AckProtocol(ABC):
     """
 
     kill_bytes: bytes = b"\nM112\n"
+    error_starts: tuple[bytes, ...]
 
     def __init__(self, timing: Timing | None = None) -> None:
         self.timing = timing or Timing()
@@ -62,6 +67,7 @@ class AckProtocol(ABC):
         self._controls: deque[bytes] = deque()
         self.flight: bytes | None = None
         self.in_job = self.probing = self._placing = self._over = self._waits = False
+        self._behind_job = False
         self.sent_at = 0.0
         self._rest = self.report = b""
         self.out: list[bytes] = []
@@ -144,25 +150,43 @@ class AckProtocol(ABC):
         *texts, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > _REST_LIMIT:
             texts, self._rest = [*texts, self._rest], b""
-        self._waits = len(texts) > 1 and any(self.sort(text.strip()) in _ENDS for text in texts)
+        ends = len(texts) > 1 and any(self.sort(text.strip()) in _ENDS for text in texts)
+        waited, self._waits = self._waits, ends or bool(self._rest)
         for text in map(bytes.strip, texts):
             if text and not self._over:
                 self.hear(text, now, events)
-        if self._waits:
-            self._waits = False
-            if self._controls or not self.held:
-                self.go(now)
+        if (waited or ends) and not self._rest:
+            self._go_on(now)
         return events
+
+    def _go_on(self, now: float) -> None:
+        """Send what had to wait until all of an answer was heard."""
+        self._waits = False
+        if self._controls or not self.held:
+            self.go(now)
 
     def tick(self, now: float) -> Sequence[Event]:
         """Take notice that it is ``now`` and nothing has come."""
         events: list[Event] = []
         if now >= self.deadline:
-            if now - self.sent_at > self._patience():
+            if self.flight is None and self._rest:
+                self._take_half(now, events)
+            elif now - self.sent_at > self._patience():
                 self.end(said.Silent(now - self.sent_at), events)
             else:
                 self.on_silence(now, events)
         return events
+
+    def _take_half(self, now: float, events: list[Event]) -> None:
+        """Judge a line by its first half: the second hasn't come."""
+        half, self._rest = self._rest.strip(), b""
+        if any(half.startswith(start) or start.startswith(half) for start in self.error_starts):
+            words = half.decode("ascii", "backslashreplace")
+            late = f"{words} ... (the rest of the line didn't come in {self.timing.silence_s:g} s)"
+            self.held = True
+            events.append(said.Fault(late, self.lines_done, self._behind_job))
+        self.deadline = math.inf
+        self._go_on(now)
 
     # --- steps -----------------------------------------------------------------------------
 
@@ -176,7 +200,8 @@ class AckProtocol(ABC):
         elif not self.held and not self._waits and self.lines_done < self.limit:
             self.flight, self.in_job = self.lines[self.lines_done], True
         else:
-            self.flight, self.in_job, self.deadline = None, False, math.inf
+            self.flight, self.in_job = None, False
+            self.deadline = now + self.timing.silence_s if self._rest else math.inf
             return
         self.fly(now)
 
@@ -204,7 +229,8 @@ class AckProtocol(ABC):
             self.end(said.WasReset(), events) if over else events.append(said.Booted())
         elif sort is Sort.FAULT:
             self.held = True
-            events.append(said.Fault(words, self.lines_done + self.in_job))
+            answers = self.in_job or (self._waits and self._behind_job)
+            events.append(said.Fault(words, self.lines_done + self.in_job, answers))
         elif sort is Sort.OK:
             self._hear_ok(text, now, events)
         elif self.flight is not None:
@@ -232,6 +258,7 @@ class AckProtocol(ABC):
             self.flight, self.deadline = None, math.inf
             return
         self.number += 1
+        self._behind_job = self.in_job
         if self.in_job:
             self.lines_done += 1
         else:

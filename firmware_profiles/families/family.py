@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -46,6 +46,9 @@ class Family:
         Pattern of the command that sets pressure advance, its group the value, s; empty for none.
     advances_across_only : bool
         Whether it advances the plunger in moves along x or y alone.
+    file_controllers : mapping of str to str
+        Controllers of the family, where they load a file and take no lines, and how the command
+        begins that sets an output of each; empty for all others.
     """
 
     link: LinkFacts | None
@@ -59,3 +62,4 @@ class Family:
     by_hand: ByHand | None = None
     advance: bytes = b""
     advances_across_only: bool = False
+    file_controllers: Mapping[str, str] = field(default_factory=dict)

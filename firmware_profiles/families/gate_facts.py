@@ -66,17 +66,17 @@ class HeatNamed:
 
     Attributes
     ----------
-    keys : tuple of str
-        Those that name the heater.
+    key : str
+        Names the heater.
     heaters : mapping
         Name to what it heats: ``nozzle`` or ``bed``.
     numbered : str
         What a name begins with that a nozzle's number follows.
     targets : tuple of str
-        Keys of temperatures, °C.
+        Keys of temperatures, °C, the lowest first.
     """
 
-    keys: tuple[str, ...]
+    key: str
     heaters: Mapping[str, str]
     numbered: str
     targets: tuple[str, ...]

@@ -24,6 +24,8 @@ class Meaning(Enum):
     """Chooses a head (``EXTRUDER=``), as T does."""
     HEATS = auto()
     """Sets the target (``TARGET=``) of a heater (``HEATER=``), °C."""
+    AWAITS = auto()
+    """Waits until a heater (``SENSOR=``) is at least ``MINIMUM=``, at most ``MAXIMUM=``, °C."""
     OTHER = auto()
     """Moves nothing, and heats nothing."""
 

@@ -48,10 +48,13 @@ class Fault:
         Its own words.
     line : int
         Job lines taken, the one in flight at the time included.
+    refused : bool
+        Whether it answers that line, which wasn't carried out as it is written.
     """
 
     text: str
     line: int
+    refused: bool = False
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ class Timing:
         Interval of notices on a firmware that says nothing while it is busy and can't be asked.
     quiet_s : float
         Of silence that counts as "no reply is under way"; longer than a USB adapter's latency.
+    whole_s : float
+        For the second half of a line from the printer, before it is asked for a token.
     answer_s : float
         For the answer to a question.
     doubt_limit_s : float
@@ -36,6 +38,7 @@ class Timing:
     silence_s: float = 2.5
     deaf_s: float = 60.0
     quiet_s: float = 0.05
+    whole_s: float = 0.2
     answer_s: float = 1.0
     doubt_limit_s: float = 6.0
     silent_limit_s: float = 60.0

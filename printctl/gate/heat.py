@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -50,7 +51,7 @@ def set_target(line: GcodeLine, known: Known) -> Allowed:
     celsius = line.number("S")
     if celsius is None or set(line.words) - {"S", "T"}:
         raise NotAllowed("say the target as S and a number of °C")
-    heater = _heater(line)
+    heater = _heater(line, known)
     check_heat(known, heater, celsius)
     return Allowed(line.text.decode("ascii"), Act.HEAT, heater=heater, celsius=celsius)
 
@@ -62,12 +63,14 @@ def wait_for(line: GcodeLine, known: Known) -> Allowed:
     ------
     NotAllowed
     """
-    for letter in "SR":
-        celsius = line.number(letter)
-        if celsius is not None:
-            check_heat(known, _heater(line), celsius)
     if set(line.words) - {"S", "R", "T"}:
         raise NotAllowed("only S or R (°C) and T (head) are looked at; take the rest out")
+    targets = [line.number(letter) for letter in "SR" if letter in line.words]
+    if not targets or None in targets:
+        raise NotAllowed("it names no target, and firmwares differ then; say S or R and °C")
+    heater = _heater(line, known)
+    for celsius in targets:
+        check_heat(known, heater, celsius or 0.0)
     return Allowed(line.text.decode("ascii"))
 
 
@@ -84,19 +87,33 @@ class NamedTarget:
         ------
         NotAllowed
         """
-        heater = self._heater(line)
-        for key in self.facts.targets:
-            if key in line.parameters:
-                check_heat(known, heater, _number(line.parameters[key], key))
+        facts, told = self.facts, line.parameters
+        if unknown := set(told) - {facts.key, *facts.targets}:
+            raise NotAllowed(f"it takes no {', '.join(sorted(unknown))}; {self._form}")
+        heater = self._heater(line, known)
+        targets = [_number(told[key], key) for key in facts.targets if key in told]
+        if not targets:
+            raise NotAllowed(f"it names no temperature; {self._form}")
+        if targets != sorted(targets):
+            raise NotAllowed(f"{' to '.join(f'{one:g}' for one in targets)} °C is no range")
+        for celsius in targets:
+            check_heat(known, heater, celsius)
         return Allowed(line.text.decode("ascii"))
 
-    def _heater(self, line: GcodeLine) -> str:
+    @property
+    def _form(self) -> str:
         facts = self.facts
-        name = next((line.parameters[key] for key in facts.keys if key in line.parameters), "")
+        return f"say {facts.key}=NAME and {' or '.join(f'{key}=°C' for key in facts.targets)}"
+
+    def _heater(self, line: GcodeLine, known: Known) -> str:
+        facts = self.facts
+        name = line.parameters.get(facts.key, "")
         number = name.removeprefix(facts.numbered)
         if name in facts.heaters:
             return facts.heaters[name]
         if name.startswith(facts.numbered) and number.isdigit():
+            if not 0 < int(number) < known.printer.head_count:
+                raise _no_head(name, known)
             return f"nozzle {int(number)}"
         raise NotAllowed(f"{name or 'no heater'} is neither {' nor '.join(facts.heaters)}")
 
@@ -106,9 +123,22 @@ def _number(text: str, key: str) -> float:
         value = float(text)
     except ValueError as exc:
         raise NotAllowed(f"{key}={text} is no number of °C") from exc
+    if not math.isfinite(value):
+        raise NotAllowed(f"{key}={text} is no number of °C")
     return value
 
 
-def _heater(line: GcodeLine) -> str:
-    head = line.number("T")
-    return HEATERS[line.code] + (f" {head:.0f}" if head else "")
+def _heater(line: GcodeLine, known: Known) -> str:
+    kind, head = HEATERS[line.code], line.words.get("T", 0.0)
+    if "T" in line.words and kind != "nozzle":
+        raise NotAllowed(f"T names a head, and {line.code} heats the {kind}; take T out")
+    if head not in range(known.printer.head_count):
+        raise _no_head("T" if head is None else f"T{head:g}", known)
+    return kind + (f" {head:.0f}" if head else "")
+
+
+def _no_head(name: str, known: Known) -> NotAllowed:
+    """Say which heads the machine has."""
+    printer = known.printer
+    heads = "one head, T0" if printer.head_count == 1 else f"T0 to T{printer.head_count - 1}"
+    return NotAllowed(f"{name} is no head of {printer.name}, which has {heads} (profile: heads)")

@@ -113,6 +113,8 @@ class Channel:
         self.kill.await_halt(self._hear)
 
     def _hear(self) -> None:
+        if self.kill.halted_itself and (question := self.wiring.protocol.take_output()):
+            self.wiring.transport.write(question)  # why: nothing else is left
         data = self.wiring.transport.read(POLL_S)
         if data:
             self.kill.heard()

@@ -21,7 +21,8 @@ syringe    ``n``, ``command``: the line about to call the new plunger's place th
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `Stood`; ``done`` lines taken;
            ``dropped``: whether moves of theirs weren't made; ``place`` that the printer told
-end        state, message, done, error, position_known: last
+end        state, message, done, error, position_known: last; where the printer refused a line of
+           the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
 job, state, alarm, checkpoint, reload, syringe, stood and end records also have ``at``, the

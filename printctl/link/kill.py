@@ -17,6 +17,7 @@ KILL_REPEAT_S: Final = 0.2
 KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
 WIRE_S: Final = 0.1
+HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself before"
 
 
 class Kill:
@@ -41,7 +42,7 @@ class Kill:
         self._wiring = wiring
         self._parser = wiring.printer.emergency_parser
         self._left = self._host_s = 0.0
-        self._sent = self._alive = False
+        self._sent = self._alive = self._itself = False
         self._halted = threading.Event()
         self._ended = threading.Event()
 
@@ -91,7 +92,13 @@ class Kill:
 
     def halted(self) -> None:
         """Take notice that the printer says that it has halted."""
+        self._itself |= not (self.asked.is_set() or self._halted.is_set())
         self._halted.set()
+
+    @property
+    def halted_itself(self) -> bool:
+        """Whether the firmware had halted itself before anybody asked for it."""
+        return self._itself
 
     def heard(self) -> None:
         """Take notice that the printer says something, after `strike`.
@@ -128,13 +135,12 @@ class Kill:
         while clock.now() < limit or not self._sent:
             if not self._sent:
                 limit = clock.now() + KILL_WAIT_S
-            elif self._halted.is_set():
-                message = "killed by the user; the firmware had halted itself before"
-                raise PrintEnded(LinkState.KILLED, message, known=False)
             try:
                 hear()
             except PortLost:
                 break
+        if self._halted.is_set():  # it didn't say why
+            raise PrintEnded(LinkState.KILLED, HALTED_BEFORE, known=False)
         raise PrintEnded(
             LinkState.KILLED,
             "killed by the user; the printer has NOT confirmed: cut its power",

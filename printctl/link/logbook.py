@@ -136,6 +136,7 @@ class Logbook:
         )
         self._state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters
+        refused = self.progress.refused
         self.record(
             "end",
             state=status.state,
@@ -143,6 +144,7 @@ class Logbook:
             done=status.lines_done,
             error=ended.error,
             position_known=ended.known,
+            **({} if refused is None else {"refused": refused, "made": status.lines_executed}),
         )
         return status
 

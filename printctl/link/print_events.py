@@ -9,7 +9,7 @@ from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import Channel, Heard
 from printctl.link.errors import HandshakeError
 from printctl.link.interruption import Interruption
-from printctl.link.kill import Kill
+from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
 from printctl.link.states import EARLY, LinkState, PrintEnded
@@ -112,9 +112,14 @@ class PrintEvents:
     def _on_fault(self, event: said.Fault) -> None:
         job = self._progress.job
         where = f"line {job.file_line(event.line)} of {job.name}"
-        if self._logbook.state in OWN_MOVES:
-            where = f"to a command of the link's own, behind {where}"
-        text = f"the printer says {event.text!r} ({where})"
+        if event.refused and self._progress.refuse(event.line):
+            text = f"the printer refused {where}: {event.text!r}"
+        elif self._logbook.state in OWN_MOVES:
+            text = (
+                f"the printer says {event.text!r} (to a command of the link's own, behind {where})"
+            )
+        else:
+            text = f"the printer says {event.text!r} ({where})"
         self._logbook.complain(text)
         self._logbook.alarm(text)
 
@@ -138,7 +143,11 @@ class PrintEvents:
         self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
 
     def _on_halted(self, event: said.Halted) -> None:
+        itself = self._kill.halted_itself
         self._kill.halted()
+        if itself and self._kill.asked.is_set():
+            message = f"{HALTED_BEFORE} ({event.text})"
+            raise PrintEnded(LinkState.KILLED, message, known=False)
         speed = self._progress.speed_mm_s
         if self._kill.asked.is_set():
             raise PrintEnded(LinkState.KILLED, self._kill.words(speed), known=False)
@@ -185,12 +194,22 @@ class PrintEvents:
                 f"printer is on, its baud rate (profile: {printer.baud}) and its firmware "
                 f"(profile: {printer.firmware})"
             )
-        raise PrintEnded(
-            LinkState.FAILED,
-            f"the printer gave no usable answer for {event.seconds:.0f} s after "
-            f"{self._progress.words()}; the next line may or may not have been taken",
-            known=False,
-        )
+        silent = f"the printer gave no usable answer for {event.seconds:.0f} s after "
+        complaint = self._complaint
+        if complaint:
+            message = f"{complaint}; then {silent}{self._progress.words()}: cut its power"
+        else:
+            message = (
+                f"{silent}{self._progress.words()}; the next line may or may not have been taken"
+            )
+        raise PrintEnded(LinkState.FAILED, message, known=False)
+
+    @property
+    def _complaint(self) -> str:
+        """The error for which the print is being ended, or is to be; empty for none."""
+        if self._logbook.state is LinkState.STOPPING:
+            return self._logbook.status.message
+        return self._logbook.fault
 
 
 def print_channel(

@@ -31,11 +31,18 @@ class JobProgress:
         self._trail = ModalTrail(job.lines)
         self._made = Made(job.lines, wiring.printer)
         self.unverified = False
+        self._refused: int | None = None
 
     @property
     def done(self) -> int:
-        """Job lines that were taken."""
-        return self._protocol.lines_done
+        """Job lines that were taken, and not refused: none behind a refused one counts."""
+        done = self._protocol.lines_done
+        return done if self._refused is None else min(done, self._refused)
+
+    @property
+    def refused(self) -> int | None:
+        """Job lines before the one that the printer refused; None where it refused none."""
+        return self._refused
 
     @property
     def taken(self) -> list[bytes]:
@@ -62,8 +69,8 @@ class JobProgress:
 
     def heights(self) -> list[float]:
         """Return the needle's heights after each line that may not have been made yet, mm."""
-        lines, done = self.job.lines, self.done
-        found = (modal_state(lines, k).z for k in range(self.executed(done), done + 1))
+        lines, done, sent = self.job.lines, self.done, self._protocol.lines_done
+        found = (modal_state(lines, k).z for k in range(self.executed(done), sent + 1))
         return [z for z in found if z is not None]
 
     def stood(self, place: Modal) -> Stood:
@@ -96,6 +103,13 @@ class JobProgress:
     def moves_dropped(self) -> None:
         """Take notice that the printer has dropped the moves that it held."""
         self._made.drop()
+
+    def refuse(self, line: int) -> bool:
+        """Take notice that line ``line`` of the job was refused; False where one was before."""
+        first = self._refused is None and line > 0
+        if first:
+            self._refused = line - 1
+        return first
 
     def went_back(self) -> None:
         """Take notice that lines weren't taken after all: what is there must be verified."""

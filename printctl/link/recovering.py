@@ -177,6 +177,9 @@ def _line_to_begin(
         if not 0 < begin < len(job):
             raise LinkError(f"line {from_line} isn't between the job's first line and its last")
         return begin, "as asked"
+    refused = _refused(history)
+    if refused is not None:
+        return refused, "the printer refused it"
     queued = printer.planner_blocks + printer.command_queue
     sure = surely_moved(job.lines, history.done, queued)
     for record in reversed(history.checkpoints):
@@ -186,6 +189,13 @@ def _line_to_begin(
         f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
         "were surely made; look at the part and give --from-line"
     )
+
+
+def _refused(history: History) -> int | None:
+    """Lines before the one that the printer refused, if all of those were surely made."""
+    end = history.end or {}
+    refused = end.get("refused")
+    return refused if refused and refused == end.get("made") else None
 
 
 def _way_in(
@@ -310,6 +320,13 @@ def _what_is_there(
     steps = [f"The file begins with line {first} of {job.name} ({found.why})."]
     if found.stood:
         return (*steps, found.stood)
+    refused = (history.end or {}).get("refused")
+    if refused is not None and refused >= begin:
+        words = job.lines[refused].decode("ascii", "replace")
+        steps.append(
+            f"The printer refused line {job.file_lines[refused]} ({words}): change it in "
+            "the new file, or mend at the printer what it complained of, else it is refused again."
+        )
     if history.done > begin:
         head = head_at(job.lines, begin) if printer.heads else None
         travel = plunger_travel(job.lines, head)

@@ -11,8 +11,8 @@ import numpy as np
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.bad_line import BadLine
+from sim.board.printer import SimulatedPrinter
 from sim.faults import Troubles
-from sim.marlin import MarlinPrinter
 from sim.pace import Pace
 
 
@@ -25,7 +25,7 @@ class SimulatedTransport:
 
     Parameters
     ----------
-    printer : MarlinPrinter
+    printer : SimulatedPrinter
     clock : VirtualClock
     troubles : Troubles, optional
         Of the cable; it works as it should without.
@@ -37,7 +37,7 @@ class SimulatedTransport:
 
     def __init__(
         self,
-        printer: MarlinPrinter,
+        printer: SimulatedPrinter,
         clock: VirtualClock,
         troubles: Troubles | None = None,
         rng: np.random.Generator | None = None,

@@ -74,8 +74,12 @@ def temperature_checks(run: DryRun, ink: Ink, bath: Bath | None) -> list[Check]:
 
 def _setting(run: DryRun, part: str, which: str, limit: float, bears: str) -> Check:
     """The warmest or coldest setting of one part against its limit."""
-    sign = 1 if which == "warmest" else -1
-    those = [heat for heat in run.heats if heat.part in (part, "both") and heat.celsius != 0]
+    sign, bounds = (1, ("is", "least")) if which == "warmest" else (-1, ("is", "most"))
+    those = [
+        heat
+        for heat in run.heats
+        if heat.part in (part, "both") and heat.celsius != 0 and heat.bound in bounds
+    ]
     worst = max(those, key=lambda heat: sign * heat.celsius, default=None)
     return Check(
         f"{which} setting of the {part}",

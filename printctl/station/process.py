@@ -19,7 +19,7 @@ from printctl.link.families import refuse_unsent
 from printctl.link.journal import Journal
 from printctl.link.process import ignore_signals, only_one
 from printctl.station.knowledge import Knowledge
-from printctl.station.record import JOURNAL, LOCK, SOCKET, StationRecord, load_station
+from printctl.station.record import JOURNAL, LOCK, RECORD, SOCKET, StationRecord, load_station
 from printctl.station.server import StationServer, forget, listen
 from printctl.station.station_loop import StationLoop
 from printctl.station.status import Mounted, Place, StationState, StationStatus
@@ -75,7 +75,9 @@ def serve_station(opening: Opening) -> StationStatus:
             started=time.time(),
         )
         before = _before(folder)
-        record.save(folder)
+        if before is not None:  # a station that dies before it is open has learnt nothing else
+            record = _with_what_was_known(record, before)
+        _begin(record, folder)
         try:
             record, status = _open(opening, record, before)
         except (LinkError, ProfileError) as exc:
@@ -87,8 +89,41 @@ def serve_station(opening: Opening) -> StationStatus:
             status = _failed(record, message, "LinkError")
             raise
         finally:
-            replace(record, address="", token="", status=status.to_dict()).save(folder)
+            _save(replace(record, address="", token="", status=status.to_dict()), folder)
     return status
+
+
+def _with_what_was_known(record: StationRecord, before: StationRecord) -> StationRecord:
+    return replace(
+        record,
+        status=replace(record.last, mounted=before.mounted).to_dict(),
+        plunger_mm=before.plunger_mm,
+        part_in_dish=before.part_in_dish,
+    )
+
+
+def _begin(record: StationRecord, folder: Path) -> None:
+    """Write the first record: without it no client would find the station.
+
+    Raises
+    ------
+    LinkError
+    """
+    try:
+        record.save(folder)
+    except OSError as exc:
+        raise LinkError(
+            f"{folder / RECORD} can't be written: {exc.strerror}; free space on the disk, or name "
+            "another folder; nothing was sent to the printer"
+        ) from exc
+
+
+def _save(record: StationRecord, folder: Path) -> None:
+    """Write a record; on a full disk the older one stays, and the journal says the rest."""
+    try:
+        record.save(folder)
+    except OSError:  # a full disk mustn't end a station that holds a needle in a gel
+        log.exception("%s can't be written", RECORD)
 
 
 def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
@@ -98,6 +133,7 @@ def _failed(record: StationRecord, message: str, error: str) -> StationStatus:
         profile=record.profile,
         port=record.port,
         error=error,
+        mounted=record.mounted,
     )
 
 
@@ -156,10 +192,7 @@ class _Keeper:
             self.save(status)
 
     def save(self, status: StationStatus) -> None:
-        try:
-            self.latest(status).save(self._folder)
-        except OSError:  # a full disk mustn't end a station that holds a needle in a gel
-            log.exception("station.json can't be written")
+        _save(self.latest(status), self._folder)
 
     def latest(self, status: StationStatus) -> StationRecord:
         return replace(

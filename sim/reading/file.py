@@ -9,7 +9,7 @@ from typing import Final
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import GcodeError, LineError
-from sim.families.registry import translator_of
+from sim.families.translators import translator_of
 from sim.gcode_extended import Named, plain_command
 from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine

@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
-from sim.families.registry import Translate, translator_of
+from sim.families.translators import Translate, translator_of
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.meaning import check_meaning

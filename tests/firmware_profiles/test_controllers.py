@@ -28,19 +28,19 @@ def test_shipped_one_isnt_streamed_and_all_else_is() -> None:
 
 def test_a_plunger_has_a_letter_of_its_own(tmp_path: Path) -> None:
     text = PLUNGER.replace("{controller: a3200}", "{controller: automation1, plunger_axis: A}")
-    aerotech = loaded(tmp_path, text).aerotech
-    assert aerotech is not None
-    assert aerotech.plunger_axis == "A"
+    chosen = loaded(tmp_path, text).file_controller
+    assert chosen is not None
+    assert chosen.plunger_axis == "A"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("aerotech: {controller: a3200}\n", "", "which controller|starting_values"),
+        ("file_controller: {controller: a3200}\n", "", "which controller|starting_values"),
         ("firmware: aerotech", "firmware: marlin", "marlin isn't one"),
         ("{controller: a3200}", "{controller: a3200, plunger_axis: A}", "leave it out for a pneu"),
         ("{controller: a3200}", "{controller: automation1}", "by DigitalOutputSet"),
-        ("{controller: a3200}", "{controller: a3100}", "aerotech.controller"),
+        ("{controller: a3200}", "{controller: a3100}", "file_controller.controller"),
         ("$DO[0].X=0", "M106 P0 S0", "one command with two"),
         ("$DO[0].X=0", "$DO[1].X=0", "one command with two"),
         ("$DO[0].X=0", "$DO[0].X=1", "one command with two"),
@@ -52,8 +52,15 @@ def test_what_doesnt_fit_is_refused(tmp_path: Path, old: str, new: str, message:
         loaded(tmp_path, TEXT.replace(old, new))
 
 
+def test_a_section_called_by_a_firmwares_name_is_refused_with_the_key_in_its_place(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(ProfileError, match="write file_controller in place of aerotech"):
+        loaded(tmp_path, TEXT.replace("file_controller", "aerotech"))
+
+
 def test_commands_that_nobody_would_send_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="nothing is sent to an Aerotech"):
+    with pytest.raises(ProfileError, match="nothing is sent to a controller"):
         loaded(tmp_path, TEXT + "safe_state_off: ['$DO[1].X=0']\n")
 
 
@@ -66,7 +73,7 @@ def test_letters_that_mean_something_else_are_refused(tmp_path: Path, letter: st
 
 def test_a_plunger_without_a_letter_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="plunger_axis is the letter"):
-        loaded(tmp_path, PLUNGER.replace("dispenser, aerotech", "aerotech"))
+        loaded(tmp_path, PLUNGER.replace("dispenser, file_controller", "file_controller"))
 
 
 def test_an_output_is_no_marlins() -> None:

@@ -8,7 +8,7 @@ import pytest
 from design.toolpath import MoveKind
 from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
-from firmware_profiles import Aerotech, Plunger, Printer, Syringe, load
+from firmware_profiles import FileController, Plunger, Printer, Syringe, load
 from sim.dryrun import dry_run
 from sim.errors import GcodeError, ServeError
 from sim.families.aerotech.reading import translate
@@ -21,7 +21,7 @@ A3200, SYRINGE = load(Printer, "aerotech_pneumatic"), load(Syringe, "hamilton_1m
 START = (60.0, 70.0, 30.0)
 NEWER = A3200.model_copy(
     update={
-        "aerotech": Aerotech(controller="automation1", plunger_axis="A"),
+        "file_controller": FileController(controller="automation1", plunger_axis="A"),
         "dispenser": Plunger(),
         "plunger_travel_mm": 60.0,
     }
@@ -155,4 +155,4 @@ def test_there_is_no_simulated_one_to_print_on() -> None:
 
 def test_a_profile_that_doesnt_say_its_controller_is_refused() -> None:
     with pytest.raises(GcodeError, match="which controller"):
-        dry_run(FILE, A3200.model_copy(update={"aerotech": None}), START)
+        dry_run(FILE, A3200.model_copy(update={"file_controller": None}), START)

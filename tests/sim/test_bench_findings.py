@@ -9,8 +9,8 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault
-from sim.marlin import MarlinPrinter
 
 PROFILE = load(Printer, "marlin_avr")
 
@@ -156,7 +156,7 @@ def test_dry_run_flag_of_m111_keeps_plunger_and_heaters_off() -> None:
     said(printer, "M111 S8", "M104 S50", "G1 X3 E3 F600", "M400")
     assert printer.executed().plunger_end[-1] == 0
     assert printer.executed().end[-1, 0] == 3
-    assert printer.machine.hotend.target_c == 0
+    assert printer.machine.heat.hotend.target_c == 0
 
 
 # --- the kill's run-on

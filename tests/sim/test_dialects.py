@@ -14,7 +14,8 @@ from printctl.link.wiring import Wiring
 from sim.errors import ServeError
 from sim.executed import ExecutedMotion
 from sim.families.registry import simulated_printer
-from sim.families.reprapfirmware.printer import DuetPrinter, crc16
+from sim.families.reprapfirmware.numbering import crc16
+from sim.families.reprapfirmware.printer import DuetPrinter
 from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol
@@ -123,6 +124,29 @@ def test_klipper_s_offset_outlives_being_told_where_the_tip_is():
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:9.500")
     said(printer, b"SET_GCODE_OFFSET X=0 Y=0 Z=0\n" + PLACED)
     assert said(printer, b"M114\n").startswith(b"X:50.000 Y:50.000 Z:10.000")
+
+
+def test_klipper_moves_an_axis_that_it_has_homed():
+    printer, _ = printer_of("klipper")
+    assert b"Must home" not in said(printer, b"G28 X\nG1 X52 F600\n")
+    assert b"Must home" in said(printer, b"G1 Y52\n")
+
+
+def test_klipper_knows_no_t_of_its_own_where_there_are_heads():
+    two = load(Printer, "two_syringe_marlin").model_copy(update={"firmware": "klipper"})
+    printer = simulated_printer(two)(two, START)
+    assert said(printer, b"T1\n") == b'// Unknown command:"T1"\nok\n'
+    assert said(printer, b"G10 P1 X5\n") == b'// Unknown command:"G10"\nok\n'
+
+
+@pytest.mark.parametrize("firmware", ["klipper", "reprapfirmware"])
+def test_a_g92_that_tells_nothing_takes_no_time_on_the_wire(firmware):
+    takes = []
+    for line in (b"G92 X50\n", b"M82    \n"):
+        printer, _ = printer_of(firmware)
+        assert said(printer, line) == b"ok\n"
+        takes.append(printer.now)
+    assert takes[0] == pytest.approx(takes[1])
 
 
 def test_klipper_s_timeout_switches_heaters_and_motors_off():

@@ -8,9 +8,9 @@ import pytest
 from firmware_profiles import Printer, load
 from sim.bad_line import BadLine
 from sim.errors import ServeError
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault, FaultFile, Troubles, load_faults
 from sim.gcode import checksum
-from sim.marlin import MarlinPrinter
 
 PRINTER = load(Printer, "generic_marlin")
 
@@ -162,5 +162,5 @@ def test_endstop_stuck_open_ends_in_a_halt_and_heaters_off():
     assert b"Homing Failed" in said
     assert b"Printer halted" in said
     assert stuck.dead
-    assert stuck.machine.bed.target_c == 0
+    assert stuck.machine.heat.bed.target_c == 0
     assert stuck.executed().end[-1, 1] == 0.0

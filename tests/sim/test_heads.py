@@ -11,9 +11,9 @@ from sim.dryrun import dry_run
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
 from sim.families.klipper.printer import KlipperPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from sim.families.reprapfirmware.printer import DuetPrinter
 from sim.gcode import read_gcode
-from sim.marlin import MarlinPrinter
 from sim.reading.file import read_file
 
 TWO = load(Printer, "two_syringe_marlin")
@@ -71,7 +71,7 @@ def test_a_head_s_own_steps_count_for_its_plunger():
     printer = MarlinPrinter(unequal, (0, 0, 40))
     sent(printer, JOB)
     done = printer.executed()
-    steps = int(printer.machine.planner["plungers"][0, 1])
+    steps = int(printer.machine.motion.planner["plungers"][0, 1])
     assert steps == round(1.9 * 3200)
     assert done.plunger_end[done.tool == 1][-1] == pytest.approx(1.9)
 
@@ -135,7 +135,7 @@ def test_marlin_names_the_head_in_use_and_refuses_one_that_isn_t_there():
     assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
     assert sent(printer, b"T1 S1\n") == b"echo:Active Extruder: 1\nok\n"
     assert sent(printer, b"T2\n") == b"echo:T2 Invalid extruder\nok\n"
-    assert printer.machine.tool == 1
+    assert printer.machine.motion.tool == 1
 
 
 def test_marlin_s_own_offset_shifts_the_frame_without_a_move_where_it_isn_t_homed():
@@ -158,7 +158,7 @@ def test_a_reset_forgets_the_head_but_not_what_the_plungers_pushed():
     sent(printer, JOB[: JOB.index(b"M280 P1 S90\nT0 S1")])
     printer.reset()
     printer.take_output()
-    assert printer.machine.tool == 0
+    assert printer.machine.motion.tool == 0
     sent(printer, b"M302 P1\nG92 E0\nG1 E0.5 F60\nM400\n")
     done = printer.executed()
     assert done.plunger_end[-1] == pytest.approx(0.9 + 0.5, abs=1e-3)

@@ -12,8 +12,8 @@ from printctl.link.states import LinkState
 from sim.__main__ import main
 from sim.deposit_air import pneumatic_deposit
 from sim.dryrun import dry_run
+from sim.families.marlin.printer import MarlinPrinter
 from sim.job_lines import JobLines
-from sim.marlin import MarlinPrinter
 from tests.printctl.link import airy, layered
 from tests.printctl.link.layered import Script, played
 from tests.printctl.link.sim_transport import SimTransport
@@ -43,7 +43,7 @@ def test_pauses_and_checkpoints_leave_each_block_its_command(tmp_path, slow) -> 
     printer = MarlinPrinter(layered.PRINTER, layered.START)
     printer.job = JobLines(data, PRINTER)
     if slow:
-        printer._take_plain_moves = lambda waiting: waiting  # type: ignore[method-assign]
+        printer.firmware.take_at_once = lambda waiting, alarm: waiting  # type: ignore[method-assign]
     transport, script = SimTransport(printer, VirtualClock()), Script()
     read, moments = transport.read, [15, 30, 50]
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.codes import CODES
 from sim.errors import ServeError
+from sim.families.marlin.commands import HANDLERS
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault, parse_fault
 from sim.gcode import checksum
-from sim.marlin import MarlinPrinter
-from sim.marlin_commands import HANDLERS
 
 PROFILE = load(Printer, "marlin_avr")
 ERRORS = (b"Error", b"Resend", b"echo")
@@ -158,7 +158,7 @@ def test_a_killed_printer_is_silent_until_it_is_reset():
     assert b"Printer halted" in printer.exchange(b"M112\n")
     assert printer.dead
     assert printer.exchange(b"M105\nM999\n") == b""
-    assert printer.machine.hotend.target_c == 0
+    assert printer.machine.heat.hotend.target_c == 0
     printer.advance(2.0)
     assert printer.executed().end[-1, 0] == pytest.approx(16.4, abs=0.5)  # 0.64 s at 10 mm/s
     printer.reset()
@@ -199,7 +199,7 @@ def test_waiting_for_heat_reports_each_second_and_takes_its_time():
     assert answer.count(b" T:") >= 10
     assert b"W:?" in answer
     assert answer.endswith(b"W:0\nok\n")
-    assert printer.machine.hotend.read(printer.now) == 60
+    assert printer.machine.heat.hotend.read(printer.now) == 60
     assert printer.exchange(b"M104 S0\nM190 S30\n").count(b"ok\n") == 2
 
 
@@ -226,7 +226,7 @@ def test_a_quickstop_drops_the_queue_and_the_position_stays_true():
     report = printer.exchange(b"M114\n")
     steps = int(report.split(b"Count X:")[1].split()[0])
     assert printer.executed().end[-1, 0] == steps / 80
-    assert printer.machine.blocks == 0
+    assert printer.machine.motion.blocks == 0
     send(printer, "G1 X20", "M400", first=4)
     assert printer.executed().end[-1, 0] == 20
 

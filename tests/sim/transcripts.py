@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from firmware_profiles import Printer, load
+from sim.board.hardware import Board
+from sim.families.marlin.printer import MarlinPrinter
 from sim.gcode import checksum
-from sim.marlin import MarlinPrinter
-from sim.marlin_board import Board
 
 DATA = Path(__file__).parent / "data" / "marlin"
 

@@ -16,10 +16,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from firmware_profiles.errors import ProfileError
-from firmware_profiles.families.aerotech.controller import Aerotech
 from firmware_profiles.families.dialect import WORDS, Dialect
 
 if TYPE_CHECKING:
+    from firmware_profiles.file_controller import FileController
     from firmware_profiles.printers import Printer
 
 _COMMON: Final = Dialect(
@@ -45,22 +45,22 @@ def dialect_of(printer: Printer) -> Dialect:
     ProfileError
         When the profile doesn't say which it is.
     """
-    if printer.aerotech is None:
+    if printer.file_controller is None:
         raise ProfileError(
             f"profile {printer.name!r} doesn't say which Aerotech controller it is for; give it "
-            "(aerotech: {controller: a3200})"
+            "(file_controller: {controller: a3200})"
         )
-    return _completed(_COMMON, printer.aerotech)
+    return _completed(_COMMON, printer.file_controller)
 
 
-def _completed(dialect: Dialect, aerotech: Aerotech) -> Dialect:
+def _completed(dialect: Dialect, chosen: FileController) -> Dialect:
     """Blending and waiting in the controller's language, and the plunger's own letter."""
-    letter = aerotech.plunger_axis or ""
+    letter = chosen.plunger_axis or ""
     axes = ["X", "Y", "Z", *letter]
-    between = " " if aerotech.controller == "a3200" else ", "
+    between = " " if chosen.controller == "a3200" else ", "
     return replace(
         dialect,
-        modes=(*dialect.modes, _BLENDING[aerotech.controller]),
-        waits=_WAITS[aerotech.controller].format(between.join(axes)),
+        modes=(*dialect.modes, _BLENDING[chosen.controller]),
+        waits=_WAITS[chosen.controller].format(between.join(axes)),
         words=WORDS.replace(b"E", (letter or "E").encode()),
     )

@@ -28,6 +28,7 @@ FAMILY: Final = Family(
         words=_WORDS,
     ),
     dialect=dialect_of,
+    file_controllers={"a3200": "$DO", "automation1": "DigitalOutputSet"},
 )
 """Codes are those that its commands are translated into before they are read; names are the
 commands that set an output."""

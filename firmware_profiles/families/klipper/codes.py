@@ -28,7 +28,6 @@ NAMES: Final[dict[str, Meaning]] = {
             "SET_PRESSURE_ADVANCE",
             "SET_VELOCITY_LIMIT",
             "STATUS",
-            "TEMPERATURE_WAIT",
             "TURN_OFF_HEATERS",
         ),
         Meaning.OTHER,
@@ -37,6 +36,7 @@ NAMES: Final[dict[str, Meaning]] = {
     "SET_GCODE_OFFSET": Meaning.SHIFTS,
     "SET_HEATER_TEMPERATURE": Meaning.HEATS,
     "SET_KINEMATIC_POSITION": Meaning.PLACES,
+    "TEMPERATURE_WAIT": Meaning.AWAITS,
 }
 
 WORDS: Final[dict[str, str]] = {

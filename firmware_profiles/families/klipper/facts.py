@@ -44,12 +44,9 @@ from firmware_profiles.families.link_protocol import LinkProtocol
 from firmware_profiles.families.probe_facts import ProbeFacts
 
 _CLEAN: Final = ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0")
-_HEAT: Final = HeatNamed(
-    keys=("HEATER", "SENSOR"),
-    heaters={"extruder": "nozzle", "heater_bed": "bed"},
-    numbered="extruder",
-    targets=("TARGET", "MINIMUM", "MAXIMUM"),
-)
+_HEATERS: Final = {"extruder": "nozzle", "heater_bed": "bed"}
+_HEAT: Final = HeatNamed("HEATER", _HEATERS, "extruder", ("TARGET",))
+_AWAIT: Final = HeatNamed("SENSOR", _HEATERS, "extruder", ("MINIMUM", "MAXIMUM"))
 _ASKED: Final[dict[str, Rule]] = {
     "GET_POSITION": Ask(),
     "STATUS": Ask(),
@@ -90,7 +87,7 @@ FAMILY: Final = Family(
             "SET_IDLE_TIMEOUT": Pass(),
             "SET_KINEMATIC_POSITION": Pass(),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
-            "TEMPERATURE_WAIT": _HEAT,
+            "TEMPERATURE_WAIT": _AWAIT,
         },
         resets=_CLEAN,
     ),

@@ -5,7 +5,8 @@ off unchecked; each line gets an ``ok``, after ``!! <why>`` where the command fa
 ``// Unknown command`` where there is no such command; M112 is looked for in what waits as well;
 ``// Klipper state: Shutdown`` says that it has stopped for good, ``Ready`` that it has started.
 Why it has stopped it says when it is asked (``STATUS``): lines with ``//``, the first again after
-``!!``.
+``!!``. One that has stopped already answers each command by its reason and ``// Printer is
+shutdown`` (klippy of 2026-08, tried on a real one).
 
 The terminal is on the machine that runs Klipper: no noise, no lost bytes. So silence means only
 that the line's turn hasn't come: Klipper says nothing while it is busy. It is waited for, with a
@@ -27,14 +28,23 @@ from firmware_profiles.families.link_timing import Timing
 _REASON_S: Final = 3.0
 """For so long the reason of a shutdown is waited for: it came 1.5 s late."""
 _STATUS: Final = b"STATUS"
+_HALTS: Final = (
+    b"// Klipper state: Shutdown",
+    b"// Klipper state: Disconnect",
+    b"// Printer is shutdown",
+    b"// Printer is halted",
+)
+_NO_REASON: Final = (*_HALTS, b"// Klipper state")
 
 
 class KlipperProtocol(AckProtocol):
     """See the module."""
 
+    error_starts = (b"!!", b"//")
+
     def __init__(self, timing: Timing | None = None) -> None:
         super().__init__(timing)
-        self._halted = ""
+        self._halted = self._reason = ""
 
     def frame(self, number: int, command: bytes) -> bytes:
         """The command and a line end: a number or checksum would be ignored."""
@@ -44,7 +54,7 @@ class KlipperProtocol(AckProtocol):
         """Tell what a line from the printer is."""
         if text == b"ok" or text.startswith(b"ok "):
             return Sort.OK
-        if text.startswith((b"// Klipper state: Shutdown", b"// Klipper state: Disconnect")):
+        if text.startswith(_HALTS):
             return Sort.HALT
         if text.startswith(b"// Klipper state: Ready"):
             return Sort.RESTART
@@ -57,18 +67,25 @@ class KlipperProtocol(AckProtocol):
         if not self._halted or now < self.deadline:
             return super().tick(now)
         events: list[Event] = []
-        self.end(said.Halted(self._halted), events)
+        self._tell_reason(self._reason, events)
         return events
+
+    def _tell_reason(self, reason: str, events: list[Event]) -> None:
+        """End with why it has stopped; empty where it doesn't say."""
+        self.end(said.Halted(f"{self._halted}: {reason}" if reason else self._halted), events)
 
     def hear(self, text: bytes, now: float, events: list[Event]) -> None:
         """Hear a line; after a shutdown its reason alone is waited for, nothing else leaves."""
         words = text.decode("ascii", "backslashreplace")
         if self._halted:
             if text.startswith(b"!!"):
-                self.end(said.Halted(f"{self._halted}: {words[2:].strip()}"), events)
+                self._tell_reason(words[2:].strip(), events)
+            elif text.startswith(b"//") and not text.startswith(_NO_REASON):
+                self._reason = self._reason or words[2:].strip()
         elif self.sort(text) is Sort.HALT:
             self._halted, self.held = words, True
             self.flight, self.in_job = _STATUS, False
+            self.out.clear()  # a line of the job that hasn't left yet stays here
             self.out.append(self.frame(self.number + 1, _STATUS))
             self.deadline = now + _REASON_S
             events.append(said.Halting(words))

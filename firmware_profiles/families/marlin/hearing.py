@@ -27,12 +27,13 @@ class Hearing:
         self._state, self._sender, self._doubting = state, sender, doubting
 
     def hear_all(self, replies: Sequence[Reply], now: float, events: list[Event]) -> None:
-        """Take what came in one read; where an error is in it, nothing leaves for an ok before."""
+        """Take what came in one read; with an error or half a line in it, nothing leaves before."""
         state = self._state
-        state.waits = len(replies) > 1 and any(reply.forbids for reply in replies)
+        forbidden = len(replies) > 1 and any(reply.forbids for reply in replies)
+        waited, state.waits = state.waits, forbidden or bool(state.rest)
         for reply in replies:
             self.hear(reply, now, events)
-        if state.waits:
+        if (waited or forbidden) and not state.rest:
             state.waits = False
             if state.phase is Phase.READY and (state.controls or not state.held):
                 self._sender.send_next(now)

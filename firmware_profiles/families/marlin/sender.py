@@ -40,14 +40,24 @@ class Sender:
         elif not state.held and not state.waits and state.lines_done < state.limit:
             state.flight, state.flight_control = state.lines[state.lines_done], False
         else:
-            state.flight, state.phase, state.deadline = None, Phase.READY, math.inf
+            state.flight, state.phase = None, Phase.READY
+            # whatever comes behind a token ends the line that a read has cut
+            state.deadline = now + state.timing.whole_s if self._is_kept else math.inf
             return
+        state.behind_job = not state.flight_control
         state.flight_frame = frame(state.number + 1, state.flight)
         clear = not state.flight_control and not state.tokens.suspect
         if state.pairing is not None and clear:
             self._take_along(state.pairing, state.flight)
         self.fly(now)
         state.fast = clear and not state.rest
+
+    @property
+    def _is_kept(self) -> bool:
+        """Whether something would leave, were a line from the printer not cut by a read."""
+        state = self._state
+        more = bool(state.controls) or (not state.held and state.lines_done < state.limit)
+        return more and bool(state.rest)
 
     def _take_along(self, pairing: Pairing, first: bytes) -> None:
         """Let the next job line leave together with ``first`` where that is allowed."""
@@ -130,6 +140,7 @@ class Sender:
         number = state.number + 1
         command = state.tokens.make(number, now)
         state.flight, state.flight_control = state.wording.guard(command), True
+        state.behind_job = False
         state.flight_frame = frame(number, state.flight)
         state.fast = False
         events.append(said.TokenSent(number, command))

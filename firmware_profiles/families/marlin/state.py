@@ -70,6 +70,8 @@ class LineState:
         What is in flight, and as it is sent.
     flight_control : bool
         Whether it is a control command, or a token.
+    behind_job : bool
+        Whether the line that left last is the job's.
     second, second_frame : bytes or None, bytes
         In flight behind it.
     awaiting : (int, bytes) or None
@@ -77,7 +79,8 @@ class LineState:
     fast : bool
         Whether a plain ok needs no thought.
     waits : bool
-        Whether nothing new leaves until the rest of a read is heard: an error is in it.
+        Whether nothing new leaves until the rest of a read is heard, or the rest of a line that the
+        read has cut: an error is in it or may be.
     rest : bytes
         Heard, without its line end so far.
     out, said : list of bytes
@@ -113,6 +116,7 @@ class LineState:
     flight: bytes | None = None
     flight_frame: bytes = b""
     flight_control: bool = False
+    behind_job: bool = False
     second: bytes | None = None
     second_frame: bytes = b""
     awaiting: tuple[int, bytes] | None = None
@@ -131,7 +135,8 @@ class LineState:
         """Hold the job: nothing more of it leaves until somebody has looked at the fault."""
         self.held = True
         in_job = self.flight is not None and not self.flight_control
-        return Fault(text, self.lines_done + in_job)
+        answers = in_job or (self.flight is None and self.waits and self.behind_job)
+        return Fault(text, self.lines_done + in_job, answers)
 
     def end(self, event: Event, events: list[Event]) -> None:
         """Take no further part."""

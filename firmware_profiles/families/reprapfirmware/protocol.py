@@ -60,6 +60,8 @@ class RrfProtocol(AckProtocol):
     timing : Timing
     """
 
+    error_starts = (b"Error:", b"Warning:", b"Emergency Stop", b"Printer halted")
+
     def __init__(self, places: Places, timing: Timing | None = None) -> None:
         super().__init__(timing)
         self._places = places

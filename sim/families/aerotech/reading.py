@@ -66,10 +66,10 @@ def translate(gcode: bytes, printer: Printer) -> Translated:
     GcodeError
         When the profile doesn't say which controller it is for.
     """
-    controller = printer.aerotech
+    controller = printer.file_controller
     if controller is None:
         raise GcodeError(
-            f"{printer.name} doesn't say which controller it is (aerotech: controller)"
+            f"{printer.name} doesn't say which controller it is (file_controller: controller)"
         )
     letter = (controller.plunger_axis or "").encode()
     named: list[Named] = []

@@ -13,7 +13,7 @@ from design.toolpath import MoveKind, Toolpath
 from design.toolpath.embedded import EmbeddedOptions, embedded_toolpath
 from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import Gcode, GcodeOptions, write_gcode
-from firmware_profiles import Aerotech, Plunger, Pneumatic, Printer, Syringe, load
+from firmware_profiles import FileController, Plunger, Pneumatic, Printer, Syringe, load
 from tests.design.toolpath.shapes import as_solid, block, random_tree, upright
 
 A3200, SYRINGE = load(Printer, "aerotech_pneumatic"), load(Syringe, "hamilton_1ml")
@@ -30,13 +30,13 @@ def automation1() -> Printer:
     head = A3200.dispenser.model_copy(
         update={"opens": "DigitalOutputSet(X, 0, 1)", "closes": "DigitalOutputSet(X, 0, 0)"}
     )
-    aerotech = Aerotech(controller="automation1")
-    return A3200.model_copy(update={"dispenser": head, "aerotech": aerotech})
+    chosen = FileController(controller="automation1")
+    return A3200.model_copy(update={"dispenser": head, "file_controller": chosen})
 
 
 def plunger(controller: Any = "a3200") -> Printer:
-    aerotech = Aerotech(controller=controller, plunger_axis="A")
-    update = {"dispenser": Plunger(), "plunger_travel_mm": 60.0, "aerotech": aerotech}
+    chosen = FileController(controller=controller, plunger_axis="A")
+    update = {"dispenser": Plunger(), "plunger_travel_mm": 60.0, "file_controller": chosen}
     return A3200.model_copy(update=update)
 
 
@@ -129,7 +129,7 @@ def test_the_valve_switches_standing_and_each_path_lays_its_volume(
 def test_the_moves_are_those_of_a_marlin_with_the_same_axes(make: Any) -> None:
     """Places, plunger and speeds: only letters and units differ."""
     printer = plunger()
-    marlin = printer.model_copy(update={"firmware": "marlin", "aerotech": None})
+    marlin = printer.model_copy(update={"firmware": "marlin", "file_controller": None})
     ours = lines_of(write_gcode(make(), printer, SYRINGE, PLACE, OPTIONS))
     theirs = write_gcode(make(), marlin, SYRINGE, PLACE, OPTIONS).data.decode().split("\n")
     moves = [words_of(line) for line in ours if line.startswith("G1 ")]
@@ -145,12 +145,12 @@ def test_the_moves_are_those_of_a_marlin_with_the_same_axes(make: Any) -> None:
 def test_a_long_job_counts_the_plunger_through() -> None:
     """These controllers count in more than a float32: no break in the motion for it."""
     syringe = SYRINGE.model_copy(update={"inner_mm": 0.2})
-    marlin = plunger().model_copy(update={"firmware": "marlin", "aerotech": None})
+    marlin = plunger().model_copy(update={"firmware": "marlin", "file_controller": None})
     data = [write_gcode(fresh(), of, syringe, PLACE, OPTIONS).data for of in (plunger(), marlin)]
     assert data[0].count(b"G92") == 1 < data[1].count(b"G92")
 
 
 def test_a_profile_that_doesnt_say_its_controller_is_refused() -> None:
-    unsaid = A3200.model_copy(update={"aerotech": None})
+    unsaid = A3200.model_copy(update={"file_controller": None})
     with pytest.raises(ToolpathError, match="which Aerotech controller"):
         write_gcode(fresh(), unsaid, SYRINGE, PLACE, OPTIONS)

@@ -6,8 +6,8 @@ import numpy as np
 
 from printctl.link.clock import VirtualClock
 from printctl.link.transport_simulated import SimulatedTransport
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Troubles
-from sim.marlin import MarlinPrinter
 from tests.printctl.link.fake_marlin import slips_through
 
 

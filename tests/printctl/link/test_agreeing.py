@@ -11,7 +11,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
 from printctl.link.journal import read_journal
 from printctl.link.states import LinkState
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
 
@@ -44,8 +44,8 @@ def test_what_somebody_left_is_reset_and_told_before_the_first_line(tmp_path, di
     assert status.state is LinkState.DONE, status
     assert any(why in text for text in alarms)
     machine = printer.machine
-    assert float(machine.modal["speed_percent"][0]) == 100
-    assert float(machine.modal["flow_percent"][0]) == 100
+    assert float(machine.motion.modal["speed_percent"][0]) == 100
+    assert float(machine.motion.modal["flow_percent"][0]) == 100
     assert machine.soft_endstops
     assert machine.debug == 0
 
@@ -108,10 +108,10 @@ def test_a_start_that_the_printer_or_the_job_confirms_is_printed(tmp_path):
 def test_what_a_job_set_is_as_before_at_its_end(tmp_path):
     status, printer, _ = printed(tmp_path, b"M204 P500 T500\nM203 X20\n" + DATA)
     assert status.state is LinkState.DONE, status
-    state = printer.machine.state
+    state = printer.machine.motion.state
     assert float(state["acceleration"][0]) == PRINTER.acceleration_mm_s2
     assert float(state["max_speed"][0]) == PRINTER.max_speed_mm_s.x
-    assert not printer.machine.cold_allowed
+    assert not printer.machine.heat.cold_allowed
 
 
 def test_the_recorded_firmware_s_answers_are_read():

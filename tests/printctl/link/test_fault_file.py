@@ -22,11 +22,11 @@ from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import SimulatedTransport
 from printctl.link.wiring import Wiring
+from sim.board.fault_plan import FaultPlan
 from sim.executed import ExecutedMotion
+from sim.families.marlin.printer import MarlinPrinter
 from sim.families.registry import simulated_printer
-from sim.fault_plan import FaultPlan
 from sim.faults import Fault, FaultFile
-from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 
 REPO = Path(__file__).parents[3]
@@ -55,7 +55,7 @@ def printed(data: bytes, folder: Path, faults: dict) -> tuple[Status, SimulatedT
 
 def heaters(transport: SimulatedTransport) -> tuple[float, float]:
     machine = transport.printer.machine
-    return machine.hotend.target_c, machine.bed.target_c
+    return machine.heat.hotend.target_c, machine.heat.bed.target_c
 
 
 @pytest.mark.parametrize(

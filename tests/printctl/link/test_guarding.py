@@ -8,13 +8,14 @@ from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
-from sim.marlin_wire import Wire
+from sim.board.wire import Wire
+from sim.families.marlin.urgent import EMERGENCY
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.link.test_streamer import job_of, streamer_of
 
 
 def seen_by_the_emergency_parser(line: bytes) -> list[bytes]:
-    wire = Wire(250_000, 128, emergency_parser=True)
+    wire = Wire(250_000, 128, EMERGENCY)
     wire.send(0.0, line)
     wire.deliver(1.0)
     return wire.urgent

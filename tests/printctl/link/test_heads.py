@@ -27,7 +27,7 @@ from printctl.link.retreat import Retreat, heaters_off
 from printctl.link.states import LinkState
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Arming, Script, doomed, played
 from tests.printctl.link.sim_transport import SimTransport
@@ -151,7 +151,7 @@ def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
         status = played(DATA, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
     except HostDiedError:
         if seed % 3 == 0:  # somebody took the other head meanwhile
-            printer.exchange(b"T0 S1\n" if printer.machine.tool else b"T1 S1\n")
+            printer.exchange(b"T0 S1\n" if printer.machine.motion.tool else b"T1 S1\n")
             printer.take_output()
         status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.DONE, status
@@ -301,12 +301,12 @@ def test_a_firmware_that_doesn_t_take_the_head_is_not_moved(tmp_path):
     transport = doomed(printer, clock, 2 * at + 20, 1.0)
     with pytest.raises(HostDiedError):
         played(DATA, tmp_path, transport, Script(), printer=QUICK, retreat=RETREAT)
-    printer.take_tool = lambda command: None  # as a build with one extruder: silence
-    before = printer.machine.planner["position"][0].tolist()
+    printer.firmware.take_tool = lambda command: None  # as a build with one extruder: silence
+    before = printer.machine.motion.planner["position"][0].tolist()
     status = went_on(tmp_path, printer, clock)
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "doesn't say that it uses head" in status.message
-    assert printer.machine.planner["position"][0].tolist() == before
+    assert printer.machine.motion.planner["position"][0].tolist() == before
 
 
 # --- after a power cut -------------------------------------------------------------------------

@@ -100,6 +100,42 @@ def shutting_down(folder):
     return Streamer(wiring, streamer.parts.channel.logbook.progress.job), wire, fake
 
 
+def test_a_reason_without_exclamation_marks_is_told_once_nothing_more_can_come() -> None:
+    machine = in_a_job()
+    machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
+    machine.feed(WHY + b"// Klipper state: Not ready\nok\n", 1.1)
+    assert machine.tick(machine.deadline) == [
+        said.Halted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
+    ]
+
+
+def test_a_printer_that_has_shut_down_before_is_known_by_its_first_answer() -> None:
+    machine = KlipperProtocol()
+    machine.renumber(0.0)
+    assert machine.take_output() == b"M105\n"
+    answer = b"// Shutdown due to webhooks request\n// Printer is shutdown\n"
+    events = machine.feed(answer + b"!! Shutdown due to webhooks request\nok\n", 0.1)
+    assert events[-1] == said.Halted("// Printer is shutdown: Shutdown due to webhooks request")
+
+
+def test_a_kill_before_the_question_has_left_leaves_the_reason_to_be_told(tmp_path) -> None:
+    streamer, wire, _ = shutting_down(tmp_path)
+    journal = streamer.wiring.journal
+    add = journal.add
+
+    def killing(sort: str, **values) -> None:
+        add(sort, **values)
+        if "halted itself" in values.get("text", ""):
+            streamer.kill()
+
+    journal.add = killing
+    status = streamer.run()
+    assert b"STATUS\n" in wire.written
+    assert status.state is LinkState.KILLED
+    assert "killed by the user; the firmware had halted itself before" in status.message
+    assert "MCU 'mcu' shutdown: Timer too close" in status.message
+
+
 def test_the_message_quotes_a_reason_that_comes_late(tmp_path) -> None:
     streamer, _, fake = shutting_down(tmp_path)
     status = streamer.run()

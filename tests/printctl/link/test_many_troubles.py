@@ -13,7 +13,7 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (
     PRINTER,

@@ -17,9 +17,9 @@ from printctl.link.states import LinkState, Status
 from printctl.link.transport_simulated import HostDiedError
 from printctl.preflight.firmware_checks import firmware_checks
 from sim.dryrun import dry_run
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import FaultFile, load_faults
 from sim.gauges import Gauge as SimGauge
-from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport

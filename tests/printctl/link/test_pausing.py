@@ -21,7 +21,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport
 from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeTransport
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (

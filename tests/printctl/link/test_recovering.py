@@ -15,8 +15,8 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import parse_fault
-from sim.marlin import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport

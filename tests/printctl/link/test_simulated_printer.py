@@ -21,11 +21,11 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.wiring import Wiring
+from sim.board.hardware import Board
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import parse_fault
-from sim.marlin import MarlinPrinter
-from sim.marlin_board import Board
 from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.layered import doomed
 from tests.printctl.link.sim_transport import SimTransport

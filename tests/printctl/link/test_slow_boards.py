@@ -11,8 +11,8 @@ from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
 from printctl.link.transport_simulated import SimulatedTransport
 from sim.dryrun import dry_run
+from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault, Troubles
-from sim.marlin import MarlinPrinter
 from tests.printctl.link.test_simulated_printer import PRINTER, START, gcode, printed, same_motion
 
 MOVES = 40

@@ -18,7 +18,7 @@ from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from sim.reading import read_line
 from tests.printctl.link.airy import AIR, CLOSES, HEAD, OPENS, START, Airy, airy, laid_by
 from tests.printctl.link.fake_marlin import FakeTransport

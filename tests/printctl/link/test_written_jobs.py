@@ -16,7 +16,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from sim.dryrun import dry_run
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Script, played

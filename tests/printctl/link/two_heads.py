@@ -14,7 +14,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.link.clock import VirtualClock
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
-from sim.marlin import MarlinPrinter
+from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 
 TWO = load(Printer, "two_syringe_marlin")

@@ -1,14 +1,14 @@
-"""From bytes to accepted commands: Marlin's line assembly, line numbers and checksums."""
+"""Marlin's line numbers and checksums, and its request to send a line again."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Final
 
+from sim.board.controller import Controller
+from sim.board.lines import Refused
 from sim.gcode import checksum
 
-_EOL: Final = re.compile(rb"[\r\n]")
 _INTEGER: Final = re.compile(rb"\s*([+-]?\d+)")
 
 LINE_NUMBER: Final = b"Line Number is not Last Line Number+1"
@@ -22,15 +22,8 @@ def to_integer(text: bytes) -> int:
     return int(match[1]) if match else 0
 
 
-@dataclass(frozen=True)
-class Refused:
-    """A line with a wrong number or checksum: why."""
-
-    reason: bytes
-
-
-class LineReader:
-    """Cuts the ring into lines and decides about their numbers.
+class MarlinNumbering:
+    """Takes the next number with a good checksum.
 
     Attributes
     ----------
@@ -38,34 +31,8 @@ class LineReader:
         Of the last accepted line.
     """
 
-    def __init__(self, max_line_bytes: int) -> None:
+    def __init__(self) -> None:
         self.last_number = 0
-        self._keep = max_line_bytes - 1
-        self._partial = bytearray()
-
-    @property
-    def empty(self) -> bool:
-        """Whether no half line waits."""
-        return not self._partial
-
-    def next_line(self, ring: bytearray) -> bytes | None:
-        """Next non-empty line without comment, cut to the firmware's length; None if there is none.
-
-        What it reads it takes out of ``ring``.
-        """
-        while ring:
-            match = _EOL.search(ring)
-            if match is None:
-                self._partial += ring
-                ring.clear()
-                return None
-            self._partial += ring[: match.start()]
-            del ring[: match.end()]
-            text = bytes(self._partial.partition(b";")[0][: self._keep])
-            self._partial.clear()
-            if text:
-                return text.lstrip(b" ")
-        return None
 
     def accept(self, line: bytes) -> bytes | Refused | None:
         """The command to queue; `Refused`; or None for a repeated line, which is dropped.
@@ -90,6 +57,13 @@ class LineReader:
         return line
 
     def clear(self) -> None:
-        """Forget the half line and the numbers, as a reset does."""
+        """Forget the numbers, as a reset does."""
         self.last_number = 0
-        self._partial.clear()
+
+
+def request_resend(board: Controller) -> None:
+    """Ask for the line after the last good one; what is in the ring is thrown away."""
+    board.wire.deliver(board.machine.now)
+    board.wire.flush()
+    board.machine.say(f"Resend: {board.lines.last_number + 1}")
+    board.machine.say("ok")

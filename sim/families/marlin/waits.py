@@ -1,4 +1,4 @@
-"""Commands that wait: dwells, homing, the user, heat, the motors, the EEPROM.
+"""Commands of Marlin that wait: dwells, homing, the user, heat, the motors, the EEPROM.
 
 A function is a generator that yields what it waits for, or does its work at once.
 """
@@ -7,20 +7,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from sim.board.controller import Controller
+from sim.board.waits import Steps, Still, Task, Until, User
+from sim.families.marlin.tells import planned_position, temperatures
+from sim.families.marlin.texts import SETTINGS
+from sim.families.marlin.urgent import quickstop
 from sim.gcode import Command
 from sim.gcode_modal import dwell_s
-from sim.marlin_machine import QUICKSTOP_S, Still, Until, User, Wait
-from sim.marlin_stored import store_settings
-from sim.marlin_tells import planned_position
-from sim.marlin_texts import SETTINGS
-
-if TYPE_CHECKING:
-    from sim.marlin_loop import MainLoop
-
-Steps = Iterator[Wait] | None
 
 _HOMING_MM_S: Final = 50.0
 _HOMING_Z_MM_S: Final = 4.0
@@ -33,14 +28,14 @@ _TEXT: Final = re.compile(rb"M *\d+ *(?:[A-Z] *[-+]?\d+\.?\d* *)*(.*)")
 _SENSOR_FAULT_S: Final = 0.034
 
 
-def g4(board: MainLoop, command: Command) -> Iterator[Wait]:
+def g4(board: Controller, command: Command) -> Task:
     """Dwell: the motors stand first."""
     seconds = float(dwell_s(board.words[0]))
     yield Still()
     yield Until(board.machine.now + seconds)
 
 
-def g28(board: MainLoop, command: Command) -> Iterator[Wait]:
+def g28(board: Controller, command: Command) -> Task:
     """Home: a straight run to the low end of each axis; no probing, no second touch.
 
     A switch stuck closed is found at once, wherever the carriage stands. One stuck open isn't
@@ -48,35 +43,35 @@ def g28(board: MainLoop, command: Command) -> Iterator[Wait]:
     """
     machine = board.machine
     named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
-    lows = machine.modal["low"][0].copy()
+    lows = machine.motion.modal["low"][0].copy()
     for axis in named or (2, 0, 1):
         yield Still()
         if machine.stuck.get(axis) == "closed":
-            machine.stand_at(axis, float(lows[axis]))
+            machine.motion.stand_at(axis, float(lows[axis]))
         speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
-        target = machine.modal["position"][0].copy()
+        target = machine.motion.modal["position"][0].copy()
         target[axis] = lows[axis]
-        machine.modal["position"] = target
+        machine.motion.modal["position"] = target
         machine.move_to(target, speed, -1)
         yield Still()
         if machine.stuck.get(axis) == "open":
-            length = float(machine.modal["high"][0, axis] - lows[axis])
+            length = float(machine.motion.modal["high"][0, axis] - lows[axis])
             yield Until(machine.now + length / 2 / speed)
             board.kill("Homing Failed")
             return
         machine.homed[axis] = True
-        machine.modal["shift"][0, axis] = 0.0
+        machine.motion.modal["shift"][0, axis] = 0.0
     limit_homed(board)
     machine.say(planned_position(board))
 
 
-def limit_homed(board: MainLoop) -> None:
+def limit_homed(board: Controller) -> None:
     """Let the software endstops hold on the axes that were homed, while M211 is on."""
     machine = board.machine
-    machine.modal["limited"] = [homed and machine.soft_endstops for homed in machine.homed]
+    machine.motion.modal["limited"] = [homed and machine.soft_endstops for homed in machine.homed]
 
 
-def m0(board: MainLoop, command: Command) -> Iterator[Wait]:
+def m0(board: Controller, command: Command) -> Task:
     """Wait for the user: M108, or the time of S or P."""
     machine = board.machine
     found = _TEXT.fullmatch(command.text.strip())
@@ -95,70 +90,62 @@ def m0(board: MainLoop, command: Command) -> Iterator[Wait]:
     machine.waits_for_user = False
 
 
-def m104(board: MainLoop, command: Command) -> None:
+def m104(board: Controller, command: Command) -> None:
     """Target of the hotend, or (M140) of the bed."""
-    heater = board.machine.hotend if command.number in (104, 109) else board.machine.bed
+    heater = board.machine.heat.hotend if command.number in (104, 109) else board.machine.heat.bed
     target = command.values.get("S", command.values.get("R"))
     if target is not None and not board.machine.dry:
         heater.set_target(board.machine.now, target)
         if not heater.wired and target > 0:
-            board.machine.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
+            board.machine.heat.sensor_fails_at(board.machine.now + _SENSOR_FAULT_S)
 
 
-def m109(board: MainLoop, command: Command) -> Iterator[Wait]:
+def m109(board: Controller, command: Command) -> Task:
     """Wait for the hotend, or (M190) the bed: S while it heats, R while it cools as well."""
     machine = board.machine
     m104(board, command)
-    heater = machine.hotend if command.number == 109 else machine.bed
+    heater = machine.heat.hotend if command.number == 109 else machine.heat.bed
     target = heater.target_c
     if "R" not in command.values and heater.read(machine.now) > target:
         return
-    machine.waits_for_heat = True
+    machine.heat.awaited = True
     report_at = machine.now
     there_at: float | None = None
-    while machine.waits_for_heat:
+    while machine.heat.awaited:
         near = abs(heater.read(machine.now) - target) < _WINDOW_C
         if near and there_at is None:
             there_at = machine.now
         left = math.inf if there_at is None else there_at + _RESIDENCE_S - machine.now
         if machine.now >= report_at:
             rest = "?" if math.isinf(left) else str(max(int(left), 0))
-            machine.say(f"{machine.temperatures()} W:{rest}")
+            machine.say(f"{temperatures(machine)} W:{rest}")
             report_at += 1.0
         if left <= 0:
             break
         yield Until(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
-    machine.waits_for_heat = False
+    machine.heat.awaited = False
 
 
-def m81(board: MainLoop, command: Command) -> Iterator[Wait]:
+def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
     board.machine.heaters_off()
     yield Still()
     yield Until(board.machine.now + _POWER_OFF_S)
 
 
-def m400(board: MainLoop, command: Command) -> Iterator[Wait]:
+def m400(board: Controller, command: Command) -> Task:
     """Wait until the motors stand."""
     yield Still()
 
 
-def m410(board: MainLoop, command: Command) -> Steps:
+def m410(board: Controller, command: Command) -> Steps:
     """Quickstop; with the emergency parser it has happened already when the line is read."""
     return None if board.machine.printer.emergency_parser else quickstop(board)
 
 
-def quickstop(board: MainLoop) -> Iterator[Wait]:
-    """Drop all moves at once; for a second the planner takes no others."""
-    machine = board.machine
-    machine.stop()
-    machine.closed_until = machine.now + QUICKSTOP_S
-    yield Still()
-
-
-def m500(board: MainLoop, command: Command) -> Iterator[Wait]:
+def m500(board: Controller, command: Command) -> Task:
     """Store the settings; the processor waits for the EEPROM."""
-    store_settings(board.machine)
+    board.machine.store_settings()
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
     yield Until(board.machine.stalled_until)

@@ -1,4 +1,4 @@
-"""The board that the simulated firmware runs on: how fast it is."""
+"""Speed of the board that a simulated firmware runs on."""
 
 from __future__ import annotations
 

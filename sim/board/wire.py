@@ -1,4 +1,4 @@
-"""The serial line into a Marlin board: bytes in flight, the receive ring, the emergency parser."""
+"""Serial line into a simulated board: bytes in flight, the receive ring, codes seen on arrival."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ from typing import Final
 
 BITS_PER_BYTE: Final = 10
 _EOL: Final = re.compile(rb"[\r\n]")
-_EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
 _CHUNK: Final = 48
 """Bytes after which a waiting main loop surely has looked into the ring."""
 
 
 class Wire:
     """Bytes on their way, one after the other at the baud rate, into a ring that can overrun.
+
+    Parameters
+    ----------
+    baud, ring_bytes : int
+    urgent : pattern, optional
+        Begin of a line that the firmware acts on as its bytes arrive; its group is the code.
 
     Attributes
     ----------
@@ -26,16 +31,16 @@ class Wire:
     received : int
         Bytes that arrived, but for those of moves that took the short road.
     urgent : list of bytes
-        Codes (``b"112"``) that the emergency parser saw and nobody has taken yet.
+        Codes (``b"112"``) that were seen on arrival and nobody has taken yet.
     """
 
-    def __init__(self, baud: int, ring_bytes: int, emergency_parser: bool) -> None:
+    def __init__(self, baud: int, ring_bytes: int, urgent: re.Pattern[bytes] | None = None) -> None:
         self.byte_s = BITS_PER_BYTE / baud
         self.capacity = ring_bytes - 1
         self.lost = self.received = 0
         self.urgent: list[bytes] = []
         self.ring = bytearray()
-        self._parser = emergency_parser
+        self._pattern = urgent
         self._line = bytearray()
         self._flying = bytearray()
         self._first_at = 0.0
@@ -43,7 +48,7 @@ class Wire:
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing is in flight, in the ring or half read by the emergency parser."""
+        """Whether nothing is in flight, in the ring or half looked at on arrival."""
         return not (self._flying or self.ring or self._line)
 
     def send(self, now: float, data: bytes) -> None:
@@ -77,16 +82,16 @@ class Wire:
         del self._flying[:count]
         self._first_at += len(arrived) * self.byte_s
         self.received += len(arrived)
-        if self._parser:
-            self._watch(arrived)
+        if self._pattern is not None:
+            self._watch(arrived, self._pattern)
         room = self.capacity - len(self.ring)
         self.lost += max(len(arrived) - room, 0)
         self.ring += arrived[:room]
 
-    def _watch(self, arrived: bytes | bytearray) -> None:
+    def _watch(self, arrived: bytes | bytearray, pattern: re.Pattern[bytes]) -> None:
         self._line += arrived
         while (match := _EOL.search(self._line)) is not None:
-            found = _EMERGENCY.match(self._line)
+            found = pattern.match(self._line)
             if found and found.end() <= match.start():
                 self.urgent.append(found[1])
             del self._line[: match.end()]

@@ -9,23 +9,20 @@ build may do besides, on a homed machine without S1.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
+from sim.board.controller import Controller
+from sim.board.machine import Machine
+from sim.board.waits import Place, Still, Task
 from sim.gcode import Command
 from sim.gcode_modal import interpret
-from sim.marlin_machine import Place, Still, Wait
-
-if TYPE_CHECKING:
-    from sim.marlin_loop import MainLoop
-    from sim.marlin_machine import Machine
 
 _BACK_MM_S: Final = 300.0
 
 
-def take_tool(board: MainLoop, command: Command) -> Iterator[Wait]:
+def take_tool(board: Controller, command: Command) -> Task:
     """T: another head, the same again, or none such."""
     machine, number = board.machine, command.number
     count = machine.printer.head_count
@@ -35,49 +32,36 @@ def take_tool(board: MainLoop, command: Command) -> Iterator[Wait]:
     if not 0 <= number < count:
         machine.say(f"echo:T{number} Invalid extruder")
         return
-    begin = machine.modal["position"][0].copy()
-    shift = machine.tool_offset[number] - machine.tool_offset[machine.tool]
-    interpret(machine.modal[0], board.words[0])
+    begin = machine.motion.modal["position"][0].copy()
+    shift = machine.motion.tool_offset[number] - machine.motion.tool_offset[machine.motion.tool]
+    interpret(machine.motion.modal[0], board.words[0])
     machine.use_head(number)
     _rename(machine, begin[:3] + shift)
     if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
         yield Place()
-        machine.modal["position"] = begin
+        machine.motion.modal["position"] = begin
         machine.move_to(begin, _BACK_MM_S, -1)
         yield Still()
     machine.say(f"echo:Active Extruder: {number}")
 
 
-def take_tool_in_silence(board: MainLoop, number: int) -> Iterator[Wait]:
-    """Another head, with nothing said and nothing moved: RepRapFirmware without its macros.
-
-    The place keeps its name for the carriage; what the user calls it shifts by the offsets.
-    """
-    machine = board.machine
-    yield Still()
-    shift = machine.tool_offset[number] - machine.tool_offset[machine.tool]
-    interpret(machine.modal[0], board.words[0])
-    machine.use_head(number)
-    machine.modal["shift"][0] += shift
-
-
 def _rename(machine: Machine, place_mm: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
-    if (machine.modal["position"][0, :3] != place_mm).any():
+    if (machine.motion.modal["position"][0, :3] != place_mm).any():
         for axis in range(3):
-            machine.stand_at(axis, float(place_mm[axis]))
+            machine.motion.stand_at(axis, float(place_mm[axis]))
 
 
-def m218(board: MainLoop, command: Command) -> None:
+def m218(board: Controller, command: Command) -> None:
     """Offset of a head's tip from the first one's (a Duet's: G10 P); without words, tell them."""
     machine = board.machine
-    number = int(command.values.get("P" if command.letter == "G" else "T", machine.tool))
+    number = int(command.values.get("P" if command.letter == "G" else "T", machine.motion.tool))
     if not 0 <= number < machine.printer.head_count:
         machine.say(f"echo:M218 Invalid extruder {number}")
         return
     for axis, name in enumerate("XYZ"):
         if name in command.values:
-            machine.tool_offset[number, axis] = command.values[name]
+            machine.motion.tool_offset[number, axis] = command.values[name]
     if not command.values:
         for one in range(1, machine.printer.head_count):
-            x, y, z = machine.tool_offset[one]
+            x, y, z = machine.motion.tool_offset[one]
             machine.say(f"  M218 T{one} X{x:.2f} Y{y:.2f} Z{z:.3f}")

@@ -1,4 +1,4 @@
-"""Settings of the firmware: M92, M201 to M206, M200, M301, and all of them in M503.
+"""Marlin's settings: M92, M201 to M206, M200, M301, and all of them in M503.
 
 A step count, speed or acceleration of 0 or less is told as it was set, as Marlin tells it, but not
 kept to: what Marlin makes of it isn't modelled.
@@ -7,15 +7,13 @@ kept to: what Marlin makes of it isn't modelled.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from sim.board.controller import Controller
+from sim.board.machine import Machine
+from sim.families.marlin.factors import filament_line, m200
+from sim.families.marlin.tells import planned_position
 from sim.gcode import Command
-from sim.marlin_factors import filament_line, m200
-from sim.marlin_tells import planned_position
-
-if TYPE_CHECKING:
-    from sim.marlin_loop import MainLoop
-    from sim.marlin_machine import Machine
 
 _AXES: Final = "XYZE"
 _NETFABB_STEPS: Final = 20.0
@@ -23,16 +21,16 @@ _NETFABB_STEPS: Final = 20.0
 
 def _axes(machine: Machine, field: str) -> str:
     values = [
-        machine.told_only.get((field, axis), float(value))
-        for axis, value in enumerate(machine.state[field])
+        machine.settings.told_only.get((field, axis), float(value))
+        for axis, value in enumerate(machine.motion.state[field])
     ]
     return " ".join(f"{letter}{value:.2f}" for letter, value in zip(_AXES, values, strict=True))
 
 
 def line_of(machine: Machine, name: str) -> str:
     """One setting as the command that would set it, without indent."""
-    state = machine.state
-    home = zip("XYZ", machine.home_offset, strict=True)
+    state = machine.motion.state
+    home = zip("XYZ", machine.settings.home_offset, strict=True)
     written, retract, travel = (float(value) for value in state["acceleration"])
     lines = {
         "M92": f"M92 {_axes(machine, 'steps_per_mm')}",
@@ -41,10 +39,11 @@ def line_of(machine: Machine, name: str) -> str:
         "M203": f"M203 {_axes(machine, 'max_speed')}",
         "M204": f"M204 P{written:.2f} R{retract:.2f} T{travel:.2f}",
         "M205": f"M205 B{float(state['min_segment_us']):.2f} "
-        f"S{machine.least_feed:.2f} T{machine.least_travel_feed:.2f} "
+        f"S{machine.settings.least_feed:.2f} T{machine.settings.least_travel_feed:.2f} "
         f"J{float(state['junction_deviation']):.2f}",
         "M206": "M206 " + " ".join(f"{axis}{value:.2f}" for axis, value in home),
-        "M301": "M301 " + " ".join(f"{key}{value:.2f}" for key, value in machine.pid.items()),
+        "M301": "M301 "
+        + " ".join(f"{key}{value:.2f}" for key, value in machine.settings.pid.items()),
     }
     return lines[name]
 
@@ -62,7 +61,7 @@ _HEADINGS: Final = {
 """In the order of M503. The wording of the headings comes from Marlin's documentation."""
 
 
-def m503(board: MainLoop, command: Command) -> None:
+def m503(board: Controller, command: Command) -> None:
     """All settings; S0 leaves out headings and the echo: before each line."""
     tell_settings(board.machine, command.values.get("S") == 0)
 
@@ -73,7 +72,9 @@ def tell_settings(machine: Machine, bare: bool = False) -> None:
     rows += [(heading, line_of(machine, name)) for name, heading in _HEADINGS.items()]
     for heading, line in rows:
         if not bare:
-            heading = heading.replace(" (Disabled):", "") if machine.volumetric else heading
+            heading = (
+                heading.replace(" (Disabled):", "") if machine.settings.volumetric else heading
+            )
             machine.say(f"echo:; {heading}")
         machine.say(f"  {line}" if bare else f"echo:  {line}")
 
@@ -82,35 +83,37 @@ def _set_axes(machine: Machine, field: str, values: dict[str, float]) -> None:
     for axis, letter in enumerate(_AXES):
         if letter not in values:
             continue
-        machine.told_only.pop((field, axis), None)
+        machine.settings.told_only.pop((field, axis), None)
         if values[letter] > 0:
-            machine.state[field][axis] = values[letter]
+            machine.motion.state[field][axis] = values[letter]
         else:
-            machine.told_only[field, axis] = values[letter]
+            machine.settings.told_only[field, axis] = values[letter]
 
 
-def _change_speeds(board: MainLoop, command: Command) -> None:
+def _change_speeds(board: Controller, command: Command) -> None:
     _set_axes(board.machine, "max_speed", command.values)
 
 
-def _change_accelerations(board: MainLoop, command: Command) -> None:
+def _change_accelerations(board: Controller, command: Command) -> None:
     _set_axes(board.machine, "max_acceleration", command.values)
 
 
-def _change_steps(board: MainLoop, command: Command) -> None:
+def _change_steps(board: Controller, command: Command) -> None:
     """Set steps/mm; where the motors stand is then counted in the new ones.
 
     Below 20 on E, Marlin takes it for a change of units and scales E's greatest speed with it.
     """
     machine, values = board.machine, command.values
     if 0 < values.get("E", 0.0) < _NETFABB_STEPS:
-        machine.state["max_speed"][3] *= float(machine.state["steps_per_mm"][3]) / values["E"]
+        machine.motion.state["max_speed"][3] *= (
+            float(machine.motion.state["steps_per_mm"][3]) / values["E"]
+        )
     _set_axes(machine, "steps_per_mm", values)
-    machine.count_anew()
+    machine.motion.count_anew()
 
 
-def _change_acceleration(board: MainLoop, command: Command) -> None:
-    field = board.machine.state["acceleration"]
+def _change_acceleration(board: Controller, command: Command) -> None:
+    field = board.machine.motion.state["acceleration"]
     values = command.values
     if "S" in values:
         field[0] = field[2] = values["S"]
@@ -119,31 +122,35 @@ def _change_acceleration(board: MainLoop, command: Command) -> None:
             field[index] = values[letter]
 
 
-def _change_advanced(board: MainLoop, command: Command) -> None:
+def _change_advanced(board: Controller, command: Command) -> None:
     machine, values = board.machine, command.values
     if "B" in values:
-        machine.state["min_segment_us"] = values["B"]
-    machine.least_feed = values.get("S", machine.least_feed)
-    machine.least_travel_feed = values.get("T", machine.least_travel_feed)
+        machine.motion.state["min_segment_us"] = values["B"]
+    machine.settings.least_feed = values.get("S", machine.settings.least_feed)
+    machine.settings.least_travel_feed = values.get("T", machine.settings.least_travel_feed)
     if 0.01 <= values.get("J", 0.01) <= 0.3:
-        machine.state["junction_deviation"] = values.get("J", machine.state["junction_deviation"])
+        machine.motion.state["junction_deviation"] = values.get(
+            "J", machine.motion.state["junction_deviation"]
+        )
     else:
         machine.say("Error:?J out of range (0.01 to 0.3)")
 
 
-def _change_home(board: MainLoop, command: Command) -> None:
+def _change_home(board: Controller, command: Command) -> None:
     machine = board.machine
     for axis, letter in enumerate("XYZ"):
-        machine.home_offset[axis] = command.values.get(letter, machine.home_offset[axis])
+        machine.settings.home_offset[axis] = command.values.get(
+            letter, machine.settings.home_offset[axis]
+        )
     machine.say(planned_position(board))
 
 
-def _change_pid(board: MainLoop, command: Command) -> None:
-    pid = board.machine.pid
+def _change_pid(board: Controller, command: Command) -> None:
+    pid = board.machine.settings.pid
     pid.update({key: value for key, value in command.values.items() if key in pid})
 
 
-_CHANGES: Final[dict[str, tuple[str, Callable[[MainLoop, Command], None]]]] = {
+_CHANGES: Final[dict[str, tuple[str, Callable[[Controller, Command], None]]]] = {
     "M92": ("XYZE", _change_steps),
     "M201": ("XYZE", _change_accelerations),
     "M203": ("XYZE", _change_speeds),
@@ -155,7 +162,7 @@ _CHANGES: Final[dict[str, tuple[str, Callable[[MainLoop, Command], None]]]] = {
 """By code: the letters of which one changes something (none: any), and the change."""
 
 
-def _setting(board: MainLoop, command: Command) -> None:
+def _setting(board: Controller, command: Command) -> None:
     """Change a setting; without one of its words, tell it."""
     letters, change = _CHANGES[command.name]
     if command.words & set(letters) if letters else command.words:
@@ -164,7 +171,7 @@ def _setting(board: MainLoop, command: Command) -> None:
         board.machine.say(f"  {line_of(board.machine, command.name)}")
 
 
-SETTINGS_HANDLERS: Final[dict[str, Callable[[MainLoop, Command], None]]] = {
+SETTINGS_HANDLERS: Final[dict[str, Callable[[Controller, Command], None]]] = {
     **dict.fromkeys(_CHANGES, _setting),
     "M200": m200,
     "M503": m503,

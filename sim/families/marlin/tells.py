@@ -1,28 +1,26 @@
-"""Commands that only tell something, or set how often it is told."""
+"""Commands of Marlin that only tell something, or set how often it is told."""
 
 from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from sim.board.controller import Controller
+from sim.board.machine import Machine
+from sim.families.marlin.texts import identity
 from sim.gcode import Command
-from sim.marlin_texts import identity
-
-if TYPE_CHECKING:
-    from sim.marlin_loop import MainLoop
-    from sim.marlin_machine import Machine
 
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 _M118: Final = re.compile(rb"M *0*118 *")
 _PREFIX: Final = re.compile(rb"([EA](?=1)|P(?=\d)). *")
 
 
-def position_report(board: MainLoop, counts: list[int]) -> str:
+def position_report(board: Controller, counts: list[int]) -> str:
     """X to E as the user numbers them, then the steps of x, y and z."""
     machine = board.machine
-    position = machine.modal["position"][0]
-    shift = machine.modal["shift"][0]
+    position = machine.motion.modal["position"][0]
+    shift = machine.motion.modal["shift"][0]
     x, y, z = (position[axis] + shift[axis] for axis in range(3))
     return (
         f"X:{_two(x)} Y:{_two(y)} Z:{_two(z)} E:{_two(position[3])} "
@@ -34,20 +32,33 @@ def _two(value: float) -> str:
     return f"{value + 0.0:.2f}"
 
 
-def planned_position(board: MainLoop) -> str:
+def temperatures(machine: Machine) -> str:
+    """Report of M105, from the blank on."""
+    heat, now = machine.heat, machine.now
+    return (
+        f" T:{heat.hotend.read(now):.2f} /{heat.hotend.target_c:.2f}"
+        f" B:{heat.bed.read(now):.2f} /{heat.bed.target_c:.2f}"
+        f" @:{heat.hotend.duty(now)} B@:{heat.bed.duty(now)}"
+    )
+
+
+def planned_position(board: Controller) -> str:
     """Report of M114: counts are those at the end of the last block taken."""
-    return position_report(board, [int(v) for v in board.machine.planner["position"][0]])
+    return position_report(board, [int(v) for v in board.machine.motion.planner["position"][0]])
 
 
-def advanced_ok(machine: Machine, command: bytes, queued: int) -> str:
-    """What an ok says with ADVANCED_OK: line number, free planner blocks, free places in line."""
-    word = _NUMBER_WORD.match(command)
+def ok_words(board: Controller) -> str:
+    """Words behind an ok: with ADVANCED_OK line number, free planner blocks and places in line."""
+    machine, work = board.machine, board.work
+    if not machine.printer.advanced_ok:
+        return ""
+    word = _NUMBER_WORD.match(work.line)
     number = f" {word[0].decode()}" if word else ""
-    blocks = len(machine.ring) - 1 - machine.blocks
-    return f"{number} P{blocks} B{machine.printer.command_queue - max(queued, 1)}"
+    blocks = len(machine.motion.ring) - 1 - machine.motion.blocks
+    return f"{number} P{blocks} B{machine.printer.command_queue - max(len(work.queue), 1)}"
 
 
-def m31(board: MainLoop, command: Command) -> None:
+def m31(board: Controller, command: Command) -> None:
     """Print time."""
     seconds = int(board.machine.timer.read(board.machine.now))
     parts = [(seconds // 86400, "d"), (seconds // 3600 % 24, "h"), (seconds // 60 % 60, "m")]
@@ -57,12 +68,12 @@ def m31(board: MainLoop, command: Command) -> None:
     board.machine.say(f"echo:Print time: {text}")
 
 
-def m105(board: MainLoop, command: Command) -> None:
+def m105(board: Controller, command: Command) -> None:
     """Temperatures behind an ok of its own."""
-    board.say_ok(board.machine.temperatures())
+    board.say_ok(temperatures(board.machine))
 
 
-def m110(board: MainLoop, command: Command) -> None:
+def m110(board: Controller, command: Command) -> None:
     """Set or tell the last line number."""
     position = command.values.get("N")
     if position is None:
@@ -71,7 +82,7 @@ def m110(board: MainLoop, command: Command) -> None:
         board.lines.last_number = int(position)
 
 
-def m111(board: MainLoop, command: Command) -> None:
+def m111(board: Controller, command: Command) -> None:
     """Debug flags."""
     machine = board.machine
     if "S" in command.values:
@@ -81,7 +92,7 @@ def m111(board: MainLoop, command: Command) -> None:
     machine.say("echo:DEBUG:" + (",".join(on) if machine.debug else "off"))
 
 
-def m113(board: MainLoop, command: Command) -> None:
+def m113(board: Controller, command: Command) -> None:
     """Interval of the busy message."""
     if "S" in command.values:
         board.machine.reports.keepalive_s = float(min(max(int(command.values["S"]), 0), 60))
@@ -89,18 +100,18 @@ def m113(board: MainLoop, command: Command) -> None:
         board.machine.say(f"echo:M113 S{board.machine.reports.keepalive_s:g}")
 
 
-def m114(board: MainLoop, command: Command) -> None:
+def m114(board: Controller, command: Command) -> None:
     """Position at the end of the last move taken."""
     board.machine.say(planned_position(board))
 
 
-def m115(board: MainLoop, command: Command) -> None:
+def m115(board: Controller, command: Command) -> None:
     """Who the firmware is."""
     for line in identity(board.machine.printer):
         board.machine.say(line)
 
 
-def m118(board: MainLoop, command: Command) -> None:
+def m118(board: Controller, command: Command) -> None:
     """Say the text: E1 puts echo: before it, A1 makes it an action, P with a digit is dropped."""
     text = _M118.sub(b"", command.text, count=1)
     words = b""
@@ -111,7 +122,7 @@ def m118(board: MainLoop, command: Command) -> None:
     board.machine.say(prefix + text, b"\r\n")
 
 
-def m119(board: MainLoop, command: Command) -> None:
+def m119(board: Controller, command: Command) -> None:
     """Endstops: open, but for one that is stuck."""
     board.machine.say("Reporting endstop status")
     for axis, name in enumerate("xyz"):
@@ -119,7 +130,7 @@ def m119(board: MainLoop, command: Command) -> None:
         board.machine.say(f"{name}_min: {'TRIGGERED' if closed else 'open'}")
 
 
-def m154(board: MainLoop, command: Command) -> None:
+def m154(board: Controller, command: Command) -> None:
     """Interval of the position report."""
     reports = board.machine.reports
     if "S" in command.values:
@@ -129,7 +140,7 @@ def m154(board: MainLoop, command: Command) -> None:
             reports.position_at = math.inf
 
 
-def m155(board: MainLoop, command: Command) -> None:
+def m155(board: Controller, command: Command) -> None:
     """Interval of the temperature report."""
     reports = board.machine.reports
     if "S" in command.values:

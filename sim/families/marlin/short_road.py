@@ -1,7 +1,7 @@
-"""The straight road of the simulated firmware: a numbered G0 or G1 line, in one kernel call.
+"""The straight road of the simulated Marlin: a numbered G0 or G1 line, in one kernel call.
 
-It does what the general path in `sim.marlin` does, for the one case that makes up a print: the
-board waits for a line, the line is whole, numbered as expected, its checksum is good, it is a
+It does what the general path (`sim.board.main_loop`) does, for the one case that makes up a print:
+the board waits for a line, the line is whole, numbered as expected, its checksum is good, it is a
 straight move and the planner has a place, now or when the next block ends. Anything else is left
 untouched to the general path.
 """

@@ -9,12 +9,9 @@ without emergency parser alike. That is 0.613 s and 47.5 µs for each event. The
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-import numpy as np
-
-if TYPE_CHECKING:
-    from sim.marlin_machine import Machine
+from sim.board.machine import Machine
 
 RUN_ON_S: Final = 0.613
 """From the firmware's last word to the halt, with no motor running."""
@@ -22,7 +19,7 @@ RUN_ON_EVENT_S: Final = 47.5e-6
 """More for each step event within it."""
 
 
-class RunOn:
+class WaitForWords:
     """The time between a kill's words and the halt.
 
     Parameters
@@ -31,17 +28,10 @@ class RunOn:
     """
 
     def __init__(self, machine: Machine) -> None:
-        self._begin_s, self._before = machine.now, _events(machine)
+        self._machine = machine
+        self._begin_s, self._before = machine.now, machine.motion.events(machine.now)
 
-    def ends_s(self, machine: Machine) -> float:
+    def ends_s(self) -> float:
         """When the motors stop, s, by the events up to now; later ones put it off."""
-        done = _events(machine) - self._before
+        done = self._machine.motion.events(self._machine.now) - self._before
         return self._begin_s + RUN_ON_S + RUN_ON_EVENT_S * done
-
-
-def _events(machine: Machine) -> int:
-    """Step events that ran up to now: of each block the steps of its quickest motor."""
-    machine.roll()
-    log = machine.log[: int(machine.planner["logged"][0])]
-    ended = np.abs(log["end"] - log["start"]).max(axis=1).sum() if len(log) else 0
-    return int(ended) + machine.events_of_running()

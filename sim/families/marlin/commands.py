@@ -1,19 +1,18 @@
-"""What each command does that isn't a move: a function per code, found by its name.
+"""Commands of Marlin but for moves and changes of head: a function per code, found by its name.
 
 Wordings and line ends are those of the recorded build (`tests/sim/data/marlin`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from sim.gcode import Command
-from sim.gcode_modal import interpret
-from sim.marlin_factors import m220, m221
-from sim.marlin_settings import SETTINGS_HANDLERS, tell_settings
-from sim.marlin_stored import load_settings, reset_settings
-from sim.marlin_tells import (
+from sim.board.controller import Controller, Handlers
+from sim.board.moves import rename_place
+from sim.families.marlin.factors import m220, m221
+from sim.families.marlin.numbering import request_resend
+from sim.families.marlin.settings import SETTINGS_HANDLERS, tell_settings
+from sim.families.marlin.tells import (
     m31,
     m105,
     m110,
@@ -27,9 +26,8 @@ from sim.marlin_tells import (
     m155,
     position_report,
 )
-from sim.marlin_texts import SETTINGS
-from sim.marlin_waits import (
-    Steps,
+from sim.families.marlin.texts import SETTINGS
+from sim.families.marlin.waits import (
     g4,
     g28,
     limit_homed,
@@ -41,34 +39,27 @@ from sim.marlin_waits import (
     m410,
     m500,
 )
+from sim.gcode import Command
+from sim.gcode_modal import interpret
 
-if TYPE_CHECKING:
-    from sim.marlin_loop import MainLoop
-
-Handler = Callable[["MainLoop", Command], Steps]
 _AT_ONCE_S: Final = 1e-6
 
 
-def g92(board: MainLoop, command: Command) -> None:
+def g92(board: Controller, command: Command) -> None:
     """Give the position other numbers, then report where the motors are."""
-    machine = board.machine
-    before = float(machine.modal["position"][0, 3])
-    interpret(machine.modal[0], board.words[0])
-    after = float(machine.modal["position"][0, 3])
-    if after != before:
-        machine.set_plunger(after)
-    machine.say(position_report(board, machine.steps_now()))
+    rename_place(board)
+    board.machine.say(position_report(board, board.machine.steps_now()))
 
 
-def m211(board: MainLoop, command: Command) -> None:
+def m211(board: Controller, command: Command) -> None:
     """Software endstops, which count for homed axes only."""
     machine = board.machine
     if "S" in command.words:
         machine.soft_endstops = int(command.values.get("S", 1.0)) > 0
         limit_homed(board)
         return
-    shift = machine.modal["shift"][0]
-    low, high = machine.modal["low"][0] + shift, machine.modal["high"][0] + shift
+    shift = machine.motion.modal["shift"][0]
+    low, high = machine.motion.modal["low"][0] + shift, machine.motion.modal["high"][0] + shift
     on = machine.soft_endstops
     machine.say(f"  M211 S{int(on)} ; {'ON' if on else 'OFF'}")
     machine.say(
@@ -77,17 +68,17 @@ def m211(board: MainLoop, command: Command) -> None:
     )
 
 
-def m75(board: MainLoop, command: Command) -> None:
+def m75(board: Controller, command: Command) -> None:
     """Start the print timer."""
     board.machine.timer.start(board.machine.now)
 
 
-def m77(board: MainLoop, command: Command) -> None:
+def m77(board: Controller, command: Command) -> None:
     """Stop (or, M76, pause) the print timer."""
     board.machine.timer.stop(board.machine.now)
 
 
-def m85(board: MainLoop, command: Command) -> None:
+def m85(board: Controller, command: Command) -> None:
     """Time without motion after which the firmware kills itself."""
     if "S" in command.words:
         seconds = command.values.get("S", 0.0)
@@ -98,67 +89,67 @@ def m85(board: MainLoop, command: Command) -> None:
         board.machine.say(f"Inactivity timeout {board.machine.idle_limit_s:.0f} s.")
 
 
-def m112(board: MainLoop, command: Command) -> None:
+def m112(board: Controller, command: Command) -> None:
     """Kill; with the emergency parser only that one does it, from the bytes."""
     if not board.machine.printer.emergency_parser:
         board.kill("M112 Shutdown")
 
 
-def m302(board: MainLoop, command: Command) -> None:
+def m302(board: Controller, command: Command) -> None:
     """Whether the plunger may move while the hotend is cold."""
     machine = board.machine
     if "S" in command.words:
-        machine.coldest_c = float(int(command.values.get("S", 0.0)))
-        machine.cold_allowed = machine.coldest_c == 0
+        machine.heat.coldest_c = float(int(command.values.get("S", 0.0)))
+        machine.heat.cold_allowed = machine.heat.coldest_c == 0
     if "P" in command.words:
-        machine.cold_allowed = machine.coldest_c == 0 or command.values.get("P", 1.0) != 0
+        machine.heat.cold_allowed = machine.heat.coldest_c == 0 or command.values.get("P", 1.0) != 0
     elif "S" not in command.words:
-        state = "en" if machine.cold_allowed else "dis"
-        machine.say(f"echo:Cold extrudes are {state}abled (min temp {machine.coldest_c:.0f}C)")
+        state = "en" if machine.heat.cold_allowed else "dis"
+        machine.say(f"echo:Cold extrudes are {state}abled (min temp {machine.heat.coldest_c:.0f}C)")
 
 
-def m501(board: MainLoop, command: Command) -> None:
+def m501(board: Controller, command: Command) -> None:
     """Load the settings that were stored last, and tell them."""
-    load_settings(board.machine)
+    board.machine.put_settings(board.machine.stored or board.machine.built)
     board.machine.say(f"echo:V90 stored settings retrieved ({SETTINGS}41")
     board.machine.say("//action:notification Stored settings retrieved")
     tell_settings(board.machine)
 
 
-def m502(board: MainLoop, command: Command) -> None:
+def m502(board: Controller, command: Command) -> None:
     """Set the settings as they were built."""
-    reset_settings(board.machine)
+    board.machine.put_settings(board.machine.built)
     board.machine.say("//action:notification Hardcoded Default Settings Loaded")
     board.machine.say("echo:Hardcoded Default Settings Loaded")
 
 
-def m504(board: MainLoop, command: Command) -> None:
+def m504(board: Controller, command: Command) -> None:
     """Check the EEPROM."""
     board.machine.say("echo:EEPROM OK")
 
 
-def m428(board: MainLoop, command: Command) -> None:
+def m428(board: Controller, command: Command) -> None:
     """Make where the tip stands the home offset; not modelled further than its refusal."""
     if not all(board.machine.homed):
         board.machine.say("echo:Home XYZ First", b"\r\n")
 
 
-def m999(board: MainLoop, command: Command) -> None:
+def m999(board: Controller, command: Command) -> None:
     """Restart a stopped machine (not a killed one): asks for the next line."""
     if not command.values.get("S"):
-        board.request_resend()
+        request_resend(board)
 
 
-def interpreted(board: MainLoop, command: Command) -> None:
+def interpreted(board: Controller, command: Command) -> None:
     """Modal state only."""
-    interpret(board.machine.modal[0], board.words[0])
+    interpret(board.machine.motion.modal[0], board.words[0])
 
 
-def nothing(board: MainLoop, command: Command) -> None:
+def nothing(board: Controller, command: Command) -> None:
     """Known, with no effect that is modelled (fans, steppers' power, texts on a display)."""
 
 
-HANDLERS: Final[dict[str, Handler]] = {
+HANDLERS: Final[Handlers] = {
     "G4": g4,
     "G21": interpreted,
     "G28": g28,
@@ -206,4 +197,4 @@ HANDLERS: Final[dict[str, Handler]] = {
     **SETTINGS_HANDLERS,
     **dict.fromkeys(("M17", "M18", "M84", "M106", "M107", "M117", "M120", "M121", "M876"), nothing),
 }
-"""By letter and number, but for G0 to G3 (`sim.marlin_loop`) and T."""
+"""By letter and number, but for G0 to G3 and T."""

@@ -1,0 +1,20 @@
+"""Change of head without a word or a move, as firmwares do it that leave both to macros."""
+
+from __future__ import annotations
+
+from sim.board.controller import Controller
+from sim.board.waits import Still, Task
+from sim.gcode_modal import interpret
+
+
+def take_tool_in_silence(board: Controller, number: int) -> Task:
+    """Use another head once the motors stand.
+
+    The place keeps its name for the carriage; what the user calls it shifts by the offsets.
+    """
+    motion = board.machine.motion
+    yield Still()
+    shift = motion.tool_offset[number] - motion.tool_offset[motion.tool]
+    interpret(motion.modal[0], board.words[0])
+    board.machine.use_head(number)
+    motion.modal["shift"][0] += shift

@@ -1,0 +1,31 @@
+"""Klipper's line numbers and checksums, which it doesn't check."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
+
+
+class KlipperNumbering:
+    """Takes everything.
+
+    Attributes
+    ----------
+    last_number : int
+        How many lines were taken.
+    """
+
+    def __init__(self) -> None:
+        self.last_number = 0
+
+    def accept(self, line: bytes) -> bytes:
+        """The command without number and checksum."""
+        found = _NUMBER.match(line)
+        self.last_number += 1
+        return (line[found.end() :] if found else line).partition(b"*")[0]
+
+    def clear(self) -> None:
+        """Count anew, as a reset does."""
+        self.last_number = 0

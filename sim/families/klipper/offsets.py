@@ -1,0 +1,42 @@
+"""Klipper's places: where the head is, and the offsets that a job's places are shifted by.
+
+What a job calls a place is the head's own place less all shifts. ``shift`` of the modal state leads
+from the planner's count to the job's, and `Offsets` keeps what leads from that count to the head's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.board.motion import Motion
+
+
+class Offsets:
+    """SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
+
+    Parameters
+    ----------
+    motion : Motion
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self._own = motion.modal["shift"][0].copy()
+        self._offset = np.zeros(3)
+
+    def stand_at(self, values: dict[str, float]) -> None:
+        """Say where the head is; what G92 and offsets shift stays shifted."""
+        modal = self._motion.modal[0]
+        for axis, name in enumerate("XYZ"):
+            if name in values:
+                own = values[name] - modal["position"][axis]
+                modal["shift"][axis] += own - self._own[axis]
+                self._own[axis] = own
+
+    def set(self, values: dict[str, float]) -> None:
+        """Set an offset without MOVE: what is named later lies so much farther."""
+        for axis, name in enumerate("XYZ"):
+            now = self._offset[axis]
+            value = values.get(name, now + values.get(f"{name}_ADJUST", 0.0))
+            self._motion.modal["shift"][0][axis] -= value - now
+            self._offset[axis] = value

@@ -1,0 +1,24 @@
+"""Translators of program files that aren't G-code, found by their files.
+
+A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language into
+the words of G-code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from firmware_profiles import Printer
+from sim.families.parts import family_part
+from sim.families.translated import Translated
+
+Translate = Callable[[bytes, Printer], Translated]
+
+
+def translator_of(printer: Printer) -> Translate | None:
+    """What puts the printer's files into the words of G-code; None where they are in them."""
+    module = family_part(printer.firmware, "reading")
+    if module is None:
+        return None
+    found: Translate = module.translate
+    return found

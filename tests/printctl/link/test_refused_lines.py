@@ -1,0 +1,58 @@
+"""A line of the job that the printer refuses isn't counted as done, and `recover` begins at it."""
+
+from __future__ import annotations
+
+import pytest
+
+from printctl.link.journal import read_journal
+from printctl.link.recovering import plan_recovery
+from printctl.link.retreat import Retreat
+from printctl.link.states import LinkState
+from tests.printctl.link.fake_families import FakeDuet, FakeKlipper
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.test_families import JOB, facts, streamer_of
+
+REFUSED = 10
+BAD = [*JOB[:REFUSED], b"G1 X501", *JOB[REFUSED:]]
+
+
+class RangedDuet(FakeDuet):
+    """It refuses a move outside of its axes."""
+
+    def do(self, command: str) -> str:
+        if command == "G1 X501":
+            return "Error: G1: outside machine limits\nok\n"
+        return super().do(command)
+
+
+FAKES = {"klipper": FakeKlipper, "reprapfirmware": RangedDuet}
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_a_refused_line_is_told_as_refused_and_not_counted(firmware, tmp_path):
+    status = streamer_of(firmware, FAKES[firmware](), tmp_path, BAD).run()
+    assert status.state is LinkState.FAILED
+    assert f"refused line {REFUSED + 1} of test.gcode" in status.message
+    assert (status.lines_done, status.lines_executed, status.file_line) == (REFUSED,) * 3
+    history = read_journal(tmp_path / "journal.log")
+    assert history.done == REFUSED
+    assert history.end["refused"] == REFUSED
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_recovery_begins_at_the_line_that_was_refused(firmware, tmp_path):
+    streamer_of(firmware, FAKES[firmware](), tmp_path, BAD).run()
+    data = b"\n".join(BAD)
+    job = parse_job(data, "test.gcode", facts(firmware))
+    history = read_journal(tmp_path / "journal.log")
+    plan = plan_recovery(job, data, history, facts(firmware), Retreat())
+    assert plan.begin == REFUSED
+    assert plan.gcode.endswith(b"\n".join(BAD[REFUSED:]))
+    assert any("refused" in step and "G1 X501" in step for step in plan.steps)
+
+
+def test_the_last_line_refused_is_no_print_that_is_done(tmp_path):
+    job = [*JOB, b"G1 X501"]
+    status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
+    assert status.state is LinkState.FAILED
+    assert status.lines_done == len(JOB)
