@@ -415,7 +415,7 @@ class StrayingTransport(SimTransport):
 
 def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
     printer = MarlinPrinter(PRINTER, START)
-    transport = StrayingTransport(printer, VirtualClock(), np.random.default_rng(1), noise=0.001)
+    transport = StrayingTransport(printer, VirtualClock(), np.random.default_rng(2), noise=0.001)
     status, _ = printed(gcode(600), tmp_path, transport)
     alarms = read_journal(tmp_path / "journal.log").alarms
     told = [text for text in alarms if "slipped through its checksum" in text]
