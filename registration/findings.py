@@ -21,6 +21,7 @@ from registration.gauging import (
     gauge_vessels,
     perfusion,
     trace_vessels,
+    with_interval,
 )
 from registration.segmentation import Segmentation
 from registration.topology import (
@@ -34,6 +35,7 @@ from registration.topology import (
     overlap,
     scanned_with,
 )
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +79,8 @@ class Inspection:
         Probability that a clean scan shows a bulge or a stenosis.
     flow : FlowConditions or None
         What drives the printed network.
+    errors : ScanErrors
+        What all measurements of the scan share.
     """
 
     network: VesselNetwork
@@ -88,6 +92,7 @@ class Inspection:
     section_mm: float
     false_alarm: float
     flow: FlowConditions | None
+    errors: ScanErrors
 
 
 def inspect(case: Inspection) -> Findings:
@@ -103,8 +108,11 @@ def inspect(case: Inspection) -> Findings:
     through = [*closures, *leaks.defects]
     defects = (*through, *_not_beside(changes, through, traces))
     near = max(margin, float(case.network.radius.min()) / 2)
+    vessels = gauge_vessels(
+        case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors
+    )
     return Findings(
-        vessels=gauge_vessels(case.network, traces, case.segmentation, fit, case.deviation_mm),
+        vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),
         topology=compare_topology(
             case.network,
@@ -116,8 +124,15 @@ def inspect(case: Inspection) -> Findings:
         ),
         overlap_rigid=overlap(scanned_with(grid, field, case.alignment.rigid), near),
         overlap_scaled=overlap(grid, near),
-        perfusion=perfusion(case.network, traces, case.flow),
+        perfusion=_perfusion(case, traces, vessels),
     )
+
+
+def _perfusion(
+    case: Inspection, traces: tuple[VesselTrace, ...], vessels: tuple[VesselGauge, ...]
+) -> Perfusion | None:
+    flow = perfusion(case.network, traces, case.flow, case.alignment.scaled.scale)
+    return None if flow is None else with_interval(flow, [vessel.errors for vessel in vessels])
 
 
 def _faults(found: list[Defect]) -> Faults:
