@@ -122,9 +122,7 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _defect(
-    way: Way, scene: Scene, search: LeakSearch, traces: tuple[VesselTrace, ...]
-) -> Defect:
+def _defect(way: Way, scene: Scene, search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Defect:
     vessel, other = way.ends
     size, error = width(way.path, scene, search.evidence, search.fit)
     trace = traces[vessel]
