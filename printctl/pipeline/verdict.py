@@ -144,7 +144,8 @@ def _rms(registration: dict[str, Any], tolerance_um: float) -> Finding:
 
 def _pose(registration: dict[str, Any]) -> Finding:
     if registration["ambiguity"]["flag"]:
-        return False, "The pose is ambiguous: another one fits nearly as well"
+        doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
+        return False, f"The pose is ambiguous: {doubts[0]}"
     return True, "The pose is unambiguous"
 
 
