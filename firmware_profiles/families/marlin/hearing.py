@@ -123,6 +123,9 @@ class Hearing:
         """The token's own ok has come: all before it is done, and what comes now is the next's."""
         state = self._state
         self._sender.count_flight()
+        if state.tokens.behind:
+            self._sender.send_token(now, events)
+            return
         self._sender.answer(events)
         if state.tokens.settle():
             events.append(said.Stray(state.number))

@@ -48,10 +48,12 @@ class Tokens:
         Questions asked while the newest was awaited.
     tries : int
         Tokens sent since oks were last believed.
+    behind : bool
+        Whether oks are due that come behind the newest token's own.
     """
 
     def __init__(self) -> None:
-        self.suspect = self.flying = self.echoed = False
+        self.suspect = self.flying = self.echoed = self.behind = False
         self.owed = self.heard = 0.0
         self.numbers: set[int] = set()
         self.rounds = 0
@@ -63,6 +65,12 @@ class Tokens:
     def doubt(self) -> None:
         """Believe no ok from now on."""
         self.suspect = True
+
+    def expect(self, oks: int) -> None:
+        """Take notice of commands without numbers, each of which is answered by an ok."""
+        self.suspect = True
+        self.behind = self.flying
+        self.owed += oks
 
     def forget_oks(self) -> None:
         """Nobody knows how many oks are due: what noise made of lines may be answered as well."""
@@ -76,6 +84,7 @@ class Tokens:
         text = b"at %d.%d" % (number, self._count)
         self._texts.append(text)
         self.suspect = self.flying = True
+        self.behind = False
         self.echoed, self.rounds, self._active_at = False, 0, now
         self._moved_on = False
         return COMMAND + text
