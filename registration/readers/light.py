@@ -22,9 +22,10 @@ from registration.readers.found import Array
 _SIDE = 4
 _PLACES = 16
 _LEAST_PLACES = 300
+_MOST_CUT = 0.05
 _SPLIT = 0.5
 _SKEW_SPLIT = 0.25
-_LEAST_CONTRAST = 1.5
+_LEAST_CONTRAST = 1.1
 _NOTED_TOP, _MOST_TOP = 0.001, 0.1
 _NOTED_BOTTOM, _MOST_BOTTOM = 0.1, 0.8
 
@@ -113,9 +114,9 @@ def _sampled(volume: Array) -> Floats | None:
 
 
 def speckle_of(places: Floats) -> Speckle | None:
-    """Speckle in places that hold no count at an end of the range; None where too few do."""
-    inside = (places.min(axis=1) > places.min()) & (places.max(axis=1) < places.max())
-    kept = places[inside]
+    """Speckle in places with few counts at an end of the range; None where there are too few."""
+    cut = ((places == places.min()) | (places == places.max())).mean(axis=1)
+    kept = places[cut <= _MOST_CUT]
     spread = kept.std(axis=1) if len(kept) else np.zeros(0)
     kept, spread = kept[spread > 0], spread[spread > 0]
     if len(kept) < _LEAST_PLACES:
