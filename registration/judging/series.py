@@ -75,7 +75,7 @@ def _errors(row: Record) -> FloatArray:
 def _series(row: Record, random: FloatArray) -> Series:
     if row.get("interval_95_um") is not None:
         half = numbers(row, "interval_95_um")
-        common = np.sqrt(np.maximum((half / COVERAGE) ** 2 - random**2, 0.0))
+        common = _shared(row, half / COVERAGE)
     else:
         common = np.full(len(random), COMMON_UM)
         half = COVERAGE * np.hypot(common, random)
@@ -89,6 +89,16 @@ def _series(row: Record, random: FloatArray) -> Series:
         common_um=common,
         random_um=random,
     )
+
+
+def _shared(row: Record, standard: FloatArray) -> FloatArray:
+    """Standard uncertainty that a vessel's sections share, at most.
+
+    That of their mean, where it is stated, holds all of it. Else it may be all of each section's
+    own: to take the noise out of that would leave too little where the noise is overestimated.
+    """
+    mean = row.get("measured_interval_95_um")
+    return standard if mean is None else np.fmin(standard, float(mean) / COVERAGE)
 
 
 def numbers(row: Record, name: str) -> FloatArray:
