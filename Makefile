@@ -52,9 +52,11 @@ bench-link: $(VENV)/.ready
 bench-solids: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.solids $(BENCH)
 
-# Scan to report; BENCH="--quick" for a tenth of the cases.
+# Scan to report; BENCH="--quick" for a tenth of the cases. Then scans of two generators that share no code
+# with us, hours in full: SCANS="--count 4 --keep DIR" for fewer. BENCH="--only ..." leaves these out.
 bench-registration: $(VENV)/.ready
 	@$(BIN)/python -m benchmarks.registration $(BENCH)
+	@$(if $(findstring --only,$(BENCH)),:,$(BIN)/python -m benchmarks.scan_bench $(if $(findstring --quick,$(BENCH)),--quick) $(SCANS))
 
 # Vessels written into soft matter, judged by a checker of its own; BENCH="--quick" without the 2,000.
 bench-embedded: $(VENV)/.ready

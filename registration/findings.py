@@ -21,19 +21,23 @@ from registration.gauging import (
     gauge_vessels,
     perfusion,
     trace_vessels,
+    with_interval,
 )
-from registration.segmentation import Segmentation
+from registration.segmentation import Segmentation, gel_evidence
 from registration.topology import (
     Faults,
+    LeakSearch,
     LumenGrid,
     Overlap,
     Topology,
     compare_topology,
     find_leaks,
     lay_grid,
+    liquid_level,
     overlap,
     scanned_with,
 )
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +81,8 @@ class Inspection:
         Probability that a clean scan shows a bulge or a stenosis.
     flow : FlowConditions or None
         What drives the printed network.
+    errors : ScanErrors
+        What all measurements of the scan share.
     """
 
     network: VesselNetwork
@@ -88,6 +94,7 @@ class Inspection:
     section_mm: float
     false_alarm: float
     flow: FlowConditions | None
+    errors: ScanErrors
 
 
 def inspect(case: Inspection) -> Findings:
@@ -96,15 +103,32 @@ def inspect(case: Inspection) -> Findings:
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
     margin = _margin(case)
     grid = _grid(case, margin)
-    leaks = find_leaks(grid, case.surface, case.model_is_lumen, margin, traces, (field, fit))
+    evidence = gel_evidence(field, case.segmentation.strength)
+    liquid = liquid_level(traces, evidence)
+    leaks = find_leaks(
+        LeakSearch(
+            grid,
+            case.surface,
+            case.model_is_lumen,
+            _wall(case),
+            case.false_alarm,
+            evidence,
+            liquid,
+            fit,
+        ),
+        traces,
+    )
     closures = find_closures(traces, field, fit)
     scale = float(np.mean(fit.scale))
     changes = find_changes(traces, scale, case.false_alarm)
     through = [*closures, *leaks.defects]
     defects = (*through, *_not_beside(changes, through, traces))
     near = max(margin, float(case.network.radius.min()) / 2)
+    vessels = gauge_vessels(
+        case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors
+    )
     return Findings(
-        vessels=gauge_vessels(case.network, traces, case.segmentation, fit, case.deviation_mm),
+        vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),
         topology=compare_topology(
             case.network,
@@ -116,8 +140,15 @@ def inspect(case: Inspection) -> Findings:
         ),
         overlap_rigid=overlap(scanned_with(grid, field, case.alignment.rigid), near),
         overlap_scaled=overlap(grid, near),
-        perfusion=perfusion(case.network, traces, case.flow),
+        perfusion=_perfusion(case, traces, vessels),
     )
+
+
+def _perfusion(
+    case: Inspection, traces: tuple[VesselTrace, ...], vessels: tuple[VesselGauge, ...]
+) -> Perfusion | None:
+    flow = perfusion(case.network, traces, case.flow, case.alignment.scaled.scale)
+    return None if flow is None else with_interval(flow, [vessel.errors for vessel in vessels])
 
 
 def _faults(found: list[Defect]) -> Faults:
@@ -132,6 +163,12 @@ def _margin(case: Inspection) -> float:
     """How far free space may lie from the designed wall without being a leak, mm."""
     usual = np.abs(case.deviation_mm[case.segmentation.seen])
     return 2 * _step(case) + (float(np.percentile(usual, 99)) if len(usual) else 0.0)
+
+
+def _wall(case: Inspection) -> float:
+    """How far the scanned walls usually lie from the design's, mm, robustly."""
+    usual = np.abs(case.deviation_mm[case.segmentation.seen])
+    return 1.4826 * float(np.median(usual)) if len(usual) else 0.0
 
 
 def _step(case: Inspection) -> float:

@@ -17,6 +17,7 @@ from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import segment
+from registration.uncertainty import scan_errors
 
 FloatArray = NDArray[np.float64]
 
@@ -80,6 +81,7 @@ def register_scan(
             options.section_mm or thinnest / 4,
             options.false_alarm,
             options.flow,
+            scan_errors(scan, segmentation.field.blur_mm, options.walls),
         )
     )
     found = Registered(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from registration.alignment import Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.topology import Overlap, Topology
+from registration.uncertainty import Budget
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -191,12 +192,44 @@ _DECIMALS = {
     "shift_along_um": 2,
     "designed_along_um": 2,
     "place_mm": 4,
+    "interval_95_um": 2,
 }
 """Of the numbers along a vessel: far below what they are good for, and half the file."""
 
 
+_INTERVALS = {
+    "u_um": "interval_95_um",
+    "measured_u_um": "measured_interval_95_um",
+    "offset_u_um": "offset_interval_95_um",
+    "resistance_ratio_95": "resistance_ratio_interval_95",
+}
+"""Names of a vessel's 95 % intervals in JSON: half widths, but for the last, which has ends."""
+
+
+def budget_dict(budget: Budget, scale: float) -> list[dict[str, Any]]:
+    """Return a budget as rows, its standard uncertainties times `scale`, the largest first."""
+    rows = sorted(budget.terms, key=lambda term: -term.standard)
+    return [
+        {
+            "term": term.name,
+            "type": term.kind,
+            "standard": float(f"{scale * term.standard:.4g}"),
+            "dof": float(f"{term.dof:.4g}"),
+            "share": float(f"{budget.share(term):.4g}"),
+            "note": term.note,
+        }
+        for term in rows
+    ]
+
+
 def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
-    plain = asdict(vessel)
+    plain = {f.name: getattr(vessel, f.name) for f in fields(vessel)}
+    for name in ("budget", "errors"):
+        del plain[name]
+    for name, told in _INTERVALS.items():
+        plain[told] = plain.pop(name)
+    plain["resistance_ratio_interval_95"] = list(plain["resistance_ratio_interval_95"])
+    plain["budget"] = budget_dict(vessel.budget, 1e3)
     for name, decimals in _DECIMALS.items():
         plain[name] = _rounded(plain[name], decimals)
     return plain
@@ -221,6 +254,8 @@ def _perfusion_dict(flow: Perfusion) -> dict[str, Any]:
         "inflow_ul_s": flow.inflow_ul_s,
         "pressure_drop_pa": flow.pressure_drop_pa,
         "designed_pressure_drop_pa": flow.designed_pressure_drop_pa,
+        "pressure_ratio": flow.pressure_ratio,
+        "pressure_ratio_interval_95": list(flow.pressure_ratio_95),
         "vessels": [
             {
                 "vessel": vessel,

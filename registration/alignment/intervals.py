@@ -49,10 +49,10 @@ class Uncertainty:
     offset_mm: float
 
 
-def uncertainty(
+def covariance(
     surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, blur_mm: float
-) -> Uncertainty:
-    """95 % intervals of a converged fit to scanned points (n, 3)."""
+) -> FloatArray:
+    """Covariance (k, k) of a converged fit's parameters, in `Linearised`'s order, rad and mm."""
     step = linearised(surface, points, fit, freedom, blur_mm=blur_mm)
     bread = np.linalg.inv(step.normal)
     scores = step.jacobian * (step.weight * step.residual)[:, None]
@@ -61,7 +61,12 @@ def uncertainty(
     count = len(noise)
     systematic = blur_mm * _repeatable(step, fit.rotation[:, 2])
     middle = count / max(count - 1, 1) * noise.T @ noise + systematic.T @ systematic
-    half = NORMAL_95 * np.sqrt(np.diag(bread @ middle @ bread))
+    return np.asarray(bread @ middle @ bread)
+
+
+def uncertainty(spread: FloatArray, fit: Fit, freedom: Freedom) -> Uncertainty:
+    """95 % intervals of a fit whose parameters have the covariance `spread` (k, k)."""
+    half = NORMAL_95 * np.sqrt(np.diag(spread))
     scale = np.full(3, np.nan)
     for number, axis in enumerate(freedom.axes):
         scale[axis] = half[6 + number] / fit.stretch[axis]

@@ -13,7 +13,7 @@ from registration.gauging.deviation import (
     within,
 )
 from registration.gauging.parts import led_through, part_of, without_dead_ends
-from registration.gauging.perfusion import Perfusion, perfusion
+from registration.gauging.perfusion import Perfusion, perfusion, with_interval
 from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
 from registration.gauging.trace import VesselTrace, trace_vessels
 from registration.gauging.vessels import VesselGauge, gauge_vessels
@@ -41,6 +41,7 @@ __all__ = [
     "summarise",
     "surface_points",
     "trace_vessels",
+    "with_interval",
     "within",
     "without_dead_ends",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from design.network import VesselNetwork
 from registration.gauging.parts import led_through, part_of
 from registration.gauging.printed import printed_network
 from registration.gauging.trace import VesselTrace
+from registration.uncertainty import SectionErrors, pressure_interval
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -45,6 +47,10 @@ class Perfusion:
     perfused : bool or None
         Whether all vessels that carry flow by design are fed; None where one that is fed wasn't
         seen from end to end.
+    pressure_ratio : float
+        Pressure drop as printed over as designed, at the designed flow.
+    pressure_ratio_95 : (low, high)
+        Its 95 % interval; NaN where it isn't known.
     """
 
     resistance_pa_s_ul: FloatArray
@@ -59,12 +65,23 @@ class Perfusion:
     measured: BoolArray
     fed: BoolArray
     perfused: bool | None
+    pressure_ratio: float
+    pressure_ratio_95: tuple[float, float] = (float("nan"), float("nan"))
+
+
+def with_interval(flow: Perfusion, vessels: Sequence[SectionErrors]) -> Perfusion:
+    """Return a perfusion with the interval of its pressure ratio by the sections' errors."""
+    interval = pressure_interval(
+        flow.pressure_ratio, flow.resistance_pa_s_ul, flow.flow_ul_s, vessels
+    )
+    return replace(flow, pressure_ratio_95=interval)
 
 
 def perfusion(
     network: VesselNetwork,
     traces: tuple[VesselTrace, ...],
     conditions: FlowConditions | None = None,
+    scale: FloatArray | None = None,
 ) -> Perfusion | None:
     """Solve the 0D flow of the network as designed and as printed.
 
@@ -76,6 +93,8 @@ def perfusion(
         One a vessel, in its order.
     conditions : FlowConditions, optional
         1 µL/s of water into the inlets by default: the split doesn't depend on it.
+    scale : (3,) float64, optional
+        Size of the print over that of the design along x, y, z: its lengths.
 
     Returns
     -------
@@ -89,7 +108,7 @@ def perfusion(
         return None
     inlets = driven.inlets or tuple(network.inlets().tolist())
     outlets = driven.outlets or tuple(network.outlets().tolist())
-    as_printed = printed_network(network, traces)
+    as_printed = _stretched(printed_network(network, traces), scale)
     closed = np.array([bool((t.seen & ~t.sections.open).any()) for t in traces])
     resistance = resistance_at(as_printed, driven.whole_fluid, designed.flow)
     flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
@@ -99,6 +118,7 @@ def perfusion(
     carries = np.abs(designed.flow) > 1e-6 * max(designed_in, 1e-300)
     whole = np.array([bool(trace.seen.all()) for trace in traces])
     ends = [designed.pressure[list(nodes)] for nodes in (inlets, outlets)]
+    designed_drop = float(ends[0].max() - ends[1].min())
     return Perfusion(
         resistance_pa_s_ul=np.where(closed, np.inf, resistance),
         designed_resistance_pa_s_ul=designed.resistance,
@@ -107,12 +127,24 @@ def perfusion(
         share=np.abs(flow) / inflow if inflow > 0 else np.zeros_like(flow),
         designed_share=np.abs(designed.flow) / designed_in,
         pressure_drop_pa=drop,
-        designed_pressure_drop_pa=float(ends[0].max() - ends[1].min()),
+        designed_pressure_drop_pa=designed_drop,
         inflow_ul_s=inflow,
         measured=np.array([bool(trace.counted.any()) for trace in traces]),
         fed=fed,
         perfused=_verdict(fed[carries], whole[carries]),
+        pressure_ratio=_ratio(drop / inflow if inflow > 0 else np.nan, designed_drop / designed_in),
     )
+
+
+def _ratio(printed: float, designed: float) -> float:
+    return printed / designed if designed > 0 else float("nan")
+
+
+def _stretched(network: VesselNetwork, scale: FloatArray | None) -> VesselNetwork:
+    """Return a network with its lengths as printed."""
+    if scale is None:
+        return network
+    return replace(network, nodes=network.nodes * scale, points=network.points * scale)
 
 
 def _verdict(fed: BoolArray, whole: BoolArray) -> bool | None:

@@ -13,6 +13,7 @@ from registration.alignment import Fit
 from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
+from registration.uncertainty import Budget, ScanErrors, SectionErrors, section_errors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -59,7 +60,7 @@ class VesselGauge:
         Number measured.
     resistance_ratio : float
         Poiseuille resistance as printed over as designed, over the clear sections: the ratio of
-        the means of 1/d⁴; inf when closed.
+        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed.
     along_mm, diameter_um, area_mm2, ovality_along, offset_along_um, noise_um : (n,) float64
         The sections measured: distance from the first node, diameter, area, ovality, the
         centroid's offset, and the diameter's standard error. NaN where closed (diameter and
@@ -70,6 +71,17 @@ class VesselGauge:
         Designed diameter of those sections.
     place_mm : (n, 3) float64, mm
         Their middles on the designed axis, part frame.
+    u_um : (n,) float64, µm
+        Half width of each diameter's 95 % interval, all terms of its budget; NaN where the section
+        is closed or the number is withdrawn.
+    measured_u_um, offset_u_um : float, µm
+        The same of `measured_um` and `offset_um`.
+    resistance_ratio_95 : (low, high)
+        95 % interval of `resistance_ratio`; NaN where closed or unknown.
+    budget : Budget
+        Of `measured_um`, mm.
+    errors : SectionErrors
+        Of the sections, own and shared.
     """
 
     vessel: int
@@ -99,6 +111,12 @@ class VesselGauge:
     shift_along_um: FloatArray
     designed_along_um: FloatArray
     place_mm: FloatArray
+    u_um: FloatArray
+    measured_u_um: float
+    offset_u_um: float
+    resistance_ratio_95: tuple[float, float]
+    budget: Budget
+    errors: SectionErrors
 
 
 def gauge_vessels(
@@ -107,6 +125,7 @@ def gauge_vessels(
     segmentation: Segmentation,
     fit: Fit,
     deviation_mm: FloatArray,
+    errors: ScanErrors,
 ) -> tuple[VesselGauge, ...]:
     """Sum up the traces of a network's vessels.
 
@@ -122,6 +141,8 @@ def gauge_vessels(
         Scan to part, with which the traces were made.
     deviation_mm : (n,) float64, mm
         Of the segmentation's vertices after that fit.
+    errors : ScanErrors
+        What all measurements of the scan share.
     """
     rms = _wall_rms(network, segmentation, fit, deviation_mm)
     return tuple(
@@ -129,16 +150,29 @@ def gauge_vessels(
             trace,
             VesselKind(int(network.kind[trace.vessel])),
             float(rms[trace.vessel]),
-            fit.rotation,
+            fit,
+            errors,
         )
         for trace in traces
     )
 
 
-def _gauge(trace: VesselTrace, kind: VesselKind, rms: float, rotation: FloatArray) -> VesselGauge:
+def _gauge(
+    trace: VesselTrace, kind: VesselKind, rms: float, fit: Fit, errors: ScanErrors
+) -> VesselGauge:
     sections, counted = trace.sections, trace.counted
-    shift = np.einsum("ni,nij->nj", sections.shift, trace.planes.across) @ rotation.T
+    shift = np.einsum("ni,nij->nj", sections.shift, trace.planes.across) @ fit.rotation.T
     shift = np.where(np.isfinite(sections.offset)[:, None], shift, np.nan)
+    own = section_errors(
+        errors,
+        trace.diameter[counted],
+        sections.noise[counted],
+        trace.planes.across[counted],
+        trace.spacing,
+    )
+    mean = own.mean_budget()
+    stretch = _stretch(trace, fit)
+    summary = _summary(trace, stretch)
     return VesselGauge(
         vessel=trace.vessel,
         kind=kind.name.lower(),
@@ -159,8 +193,23 @@ def _gauge(trace: VesselTrace, kind: VesselKind, rms: float, rotation: FloatArra
         shift_along_um=1e3 * shift[counted],
         designed_along_um=2e3 * trace.radius[counted],
         place_mm=trace.centre[counted],
-        **_summary(trace),
+        u_um=1e3 * own.expanded,
+        measured_u_um=1e3 * mean.expanded,
+        offset_u_um=1e3 * own.offset_expanded(),
+        resistance_ratio_95=own.resistance_interval(summary["resistance_ratio"]),
+        budget=mean,
+        errors=own,
+        **summary,
     )
+
+
+def _stretch(trace: VesselTrace, fit: Fit) -> float:
+    """Return the printed length of a vessel over the designed one, by the fitted scales."""
+    way = np.diff(trace.centre, axis=0)
+    if len(way) == 0:
+        return float(np.mean(fit.scale))
+    length = np.linalg.norm(way, axis=1).sum()
+    return float(np.linalg.norm(way * fit.scale, axis=1).sum() / max(length, 1e-12))
 
 
 def _unmeasured(trace: VesselTrace) -> BoolArray:
@@ -192,7 +241,7 @@ def _is_open(trace: VesselTrace) -> bool | None:
     return True if trace.seen.all() else None
 
 
-def _summary(trace: VesselTrace) -> dict[str, float]:
+def _summary(trace: VesselTrace, stretch: float) -> dict[str, float]:
     """Numbers over the counted sections; NaN when there are none."""
     counted = trace.counted
     if not counted.any():
@@ -209,7 +258,7 @@ def _summary(trace: VesselTrace) -> dict[str, float]:
     measured, design = trace.diameter[counted], 2 * trace.radius[counted]
     free = measured > 0 if (measured > 0).any() else np.ones_like(measured, dtype=np.bool_)
     with np.errstate(divide="ignore"):
-        ratio = float(np.mean(measured**-4.0) / np.mean(design**-4.0))
+        ratio = stretch * float(np.mean(measured**-4.0) / np.mean(design**-4.0))
     return {
         "designed_um": 1e3 * float(design[free].mean()),
         "measured_um": 1e3 * float(measured[free].mean()),

@@ -11,6 +11,7 @@ from registration.distance import ModelSurface
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import deviations, find_changes
 from registration.segmentation import Segmentation
+from registration.uncertainty import ScanErrors
 from tests.registration.phantom import (
     CHANNEL,
     IDENTITY,
@@ -26,6 +27,7 @@ FloatArray = NDArray[np.float64]
 NOISE = 0.004
 
 
+ERRORS = ScanErrors(0.005, 50.0, 0.0, 0.0, 0.04, np.array([0.0, 0.0, 1.0]))
 SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
 
 
@@ -35,7 +37,7 @@ def findings(segmentation: Segmentation) -> Findings:
     fits = Alignment(IDENTITY, IDENTITY, True, np.inf, False, SURE)
     network = ladder()
     return inspect(
-        Inspection(network, surface, False, segmentation, fits, deviation, 0.1, 1e-3, None)
+        Inspection(network, surface, False, segmentation, fits, deviation, 0.1, 1e-3, None, ERRORS)
     )
 
 

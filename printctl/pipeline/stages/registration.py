@@ -109,6 +109,10 @@ def scan_facts(scan: Scan) -> dict[str, Any]:
         "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
         "optical_depth": scan.optical_depth,
         "depth_standard": scan.depth_standard,
+        "handedness": scan.handedness,
+        "space": None
+        if scan.space is None
+        else {"name": scan.space.name, "from_scan": scan.space.from_scan.tolist()},
     }
 
 

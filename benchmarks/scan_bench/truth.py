@@ -1,0 +1,121 @@
+"""What is true of a scan: pose, defects, and diameters along every vessel."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from benchmarks.scan_bench import geometry
+from benchmarks.scan_bench.defects import Lumens
+from benchmarks.scan_bench.designs import Design
+from benchmarks.scan_bench.pose import Pose
+from benchmarks.scan_bench.symmetry import letters, symmetries
+
+SECTION_STEP_MM = 0.1
+RAYS = 90
+
+
+@nb.njit(cache=True)
+def lumen(p, pieces, radius, plugs, sag, only, but, scratch):
+    """Return the distance to the wall of one vessel (`only`), or of all but one (`but`)."""
+    best = geometry.FAR
+    for c in range(len(pieces)):
+        if (only < 0 or int(pieces[c, 8]) == only) and int(pieces[c, 8]) != but:
+            best = min(best, geometry.wall(p, pieces, c, radius, plugs, sag, scratch))
+    return best
+
+
+@nb.njit(cache=True)
+def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, reach):
+    """Return the area (mm2) of a vessel's section through a point, by rays and bisection."""
+    p, q, scratch, area = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+    for ray in range(RAYS):
+        c, s = np.cos(2 * np.pi * ray / RAYS), np.sin(2 * np.pi * ray / RAYS)
+        low, high = 0.0, reach
+        for _ in range(24):
+            middle = (low + high) / 2
+            for a in range(3):
+                p[a] = at[a] + middle * (c * first[a] + s * second[a])
+            geometry.swelling(p, size, swell, q)
+            if lumen(q, pieces, radius, plugs, sag, only, -1, scratch) < 0:
+                low = middle
+            else:
+                high = middle
+        area += low * low * np.pi / RAYS
+    return area
+
+
+def moved_by_swelling(point: np.ndarray, size: np.ndarray, swell: float) -> np.ndarray:
+    """Return where a point of the design lies once the part has swollen, mm."""
+    out, back = point.copy(), np.zeros(3)
+    for _ in range(4):
+        geometry.swelling(out, size, swell, back)
+        out = out + point - back
+    return out
+
+
+def sections(
+    design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Return each vessel's places (mm), diameters as printed (um), what is clear and in view."""
+    size, sag, swell = design.body.size, asked.sag_um / 1e3, asked.swelling_um / 1e3
+    none, scratch, out = np.zeros((0, 3)), np.zeros(3), []
+    ways = lumens.pieces[lumens.pieces[:, 8] < len(design.vessels)]
+    for number, vessel in enumerate(design.vessels):
+        length = vessel.along[-1]
+        along = np.linspace(0, length, max(int(length / SECTION_STEP_MM), 2) + 1)
+        diameter, clear, in_view = [], [], []
+        for s in along:
+            point = vessel.at(s)
+            axis = vessel.at(min(s + 0.02, length)) - vessel.at(max(s - 0.02, 0))
+            axis /= np.linalg.norm(axis)
+            first, second = np.linalg.svd(axis[None])[2][1:]
+            wide = float(vessel.radius_at(s))
+            printed = moved_by_swelling(point, size, swell)
+            args = (ways, lumens.radius, lumens.plugs, sag, swell, size, number, 3 * wide)
+            area = 0.0 if number in asked.missing else section(printed, first, second, *args)
+            enlarge = pose.scale.prod() / np.linalg.norm(pose.scale * axis)
+            diameter.append(round(2e3 * float(np.sqrt(area * enlarge / np.pi)), 2))
+            others = lumen(point, lumens.pieces, lumens.radius, none, 0.0, -1, number, scratch)
+            clear.append(bool(others > 1.3 * wide and design.body.depth(point[None])[0] < -0.15))
+            seen = pose.transform[:3, :3] @ point + pose.transform[:3, 3]
+            in_view.append(bool(((seen > 0) & (seen < pose.extent)).all()))
+        designed = (2e3 * vessel.radius_at(along)).round(2).tolist()
+        places = {"vessel": number, "along_mm": along.round(4).tolist(), "diameter_um": diameter}
+        ends = {"nodes": list(vessel.nodes), "stretch": stretch(vessel.points, pose.scale)}
+        out.append(places | {"designed_um": designed, "clear": clear, "in_view": in_view} | ends)
+    return out
+
+
+def stretch(points: np.ndarray, scale: np.ndarray) -> float:
+    """Return a polyline's length as printed over that of the design."""
+    steps = np.diff(points, axis=0)
+    return float(np.linalg.norm(steps * scale, axis=1).sum() / np.linalg.norm(steps, axis=1).sum())
+
+
+def truth(design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace) -> dict[str, Any]:
+    """Return the truth in make_scan.py's form, with more about symmetry and body."""
+    matrices, mirror = symmetries(design)
+    in_file = np.diag([1, 1, asked.index / 1.333, 1]) @ pose.transform
+    body = design.body
+    return {
+        "transform_model_to_scan_mm": in_file.tolist(),
+        "transform_physical": pose.transform.tolist(),
+        "rotation": pose.rotation.tolist(),
+        "scale": pose.scale.tolist(),
+        "block_mm": [[0.0, 0.0, 0.0], body.size.tolist()],
+        "design_symmetries": letters(matrices),
+        "symmetry_matrices": [m.tolist() for m in matrices],
+        "mirror_symmetric": mirror,
+        "planes": body.planes.tolist(),
+        "cylinder": list(body.cylinder),
+        "mirrored": bool(asked.mirror),
+        "whole_in_view": not asked.half_field,
+        "defects": lumens.defects,
+        "vessels": sections(design, lumens, pose, asked),
+        "seed": asked.seed,
+        "arguments": {k: v for k, v in vars(asked).items() if k != "out"},
+    }

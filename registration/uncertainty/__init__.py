@@ -1,0 +1,18 @@
+"""Uncertainty of what a scan says, after the GUM: terms, budgets, 95 % intervals."""
+
+from registration.uncertainty.budget import Budget, Term, coverage_factor, rectangular
+from registration.uncertainty.flow import pressure_interval
+from registration.uncertainty.scan_errors import ScanErrors, scan_errors
+from registration.uncertainty.sections import SectionErrors, section_errors
+
+__all__ = [
+    "Budget",
+    "ScanErrors",
+    "SectionErrors",
+    "Term",
+    "coverage_factor",
+    "pressure_interval",
+    "rectangular",
+    "scan_errors",
+    "section_errors",
+]

@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+import trimesh
+
+from benchmarks.scan_bench.bodies import block
+from benchmarks.scan_bench.defects import plant
+from benchmarks.scan_bench.designs import DESIGNS, Design
+from benchmarks.scan_bench.make import image
+from benchmarks.scan_bench.options import parser
+from benchmarks.scan_bench.part_files import write_design
+from benchmarks.scan_bench.pose import draw
+from benchmarks.scan_bench.symmetry import symmetries
+from benchmarks.scan_bench.truth import sections
+
+STILL = [
+    "--yaw",
+    "0",
+    "--tilt",
+    "0,0",
+    "--roughness-um",
+    "0",
+    "--reflection-db",
+    "-90",
+    "--tail",
+    "0",
+]
+FLAT = [
+    *STILL,
+    "--attenuation-per-mm",
+    "0",
+    "--rolloff-db-mm",
+    "0",
+    "--rayleigh-mm",
+    "1000",
+    "--snr-db",
+    "60",
+]
+
+
+def asked(design, *options):
+    return parser().parse_args([design, "unused", *options])
+
+
+def scan(design, options):
+    """Intensities, pose."""
+    given, rng = asked("compact", *options), np.random.default_rng(0)
+    pose = draw(design, given, rng)
+    return image(design, plant(design, given), pose, given, rng), pose
+
+
+def test_speckle_of_one_look_of_many_scatterers_is_fully_developed():
+    design = Design(block(2.0, 2.0, 1.0))
+    design.add(design.node(0, 0.2, 0.5), design.node(0.3, 0.2, 0.5), (0.2,))
+    volume, _ = scan(design, [*FLAT, "--shrink", "1,1,1", "--per-cell", "12"])
+    gel = volume[15:40, 20:40, 20:40]
+    assert gel.mean() == pytest.approx(1.0, abs=0.03)
+    assert gel.std() / gel.mean() == pytest.approx(1.0, abs=0.04)
+
+
+def test_many_looks_show_each_wall_where_the_truth_says():
+    """A level face by half power along depth, a channel's section by the sum of its gel missing."""
+    design = Design(block(1.6, 1.6, 1.2))
+    design.add(design.node(0.8, 0, 0.6), design.node(0.8, 1.6, 0.6), (0.5,))
+    options = [*FLAT, "--shrink", "1,1,1", "--looks", "100", "--lumen", "0.01", "--bath", "0.01"]
+    volume, pose = scan(design, [*options, "--voxel-um", "25,400,12.5"])
+    mean = volume[:, 2:4].mean(axis=1)
+    column = mean[:, 20:30].mean(axis=1)
+    depth = np.arange(len(column)) * 0.0125
+    first = int(np.argmax(column > 0.5))
+    top = np.interp(0.5, column[first - 1 : first + 1], depth[first - 1 : first + 1])
+    true = (pose.transform @ [0.2, 0.8, 1.2, 1])[2]
+    assert 1e3 * abs(top - true) < 5
+    x, _, z = (pose.transform @ [0.8, 0.8, 0.6, 1])[:3]
+    inside = mean[
+        int((z - 0.45) / 0.0125) : int((z + 0.45) / 0.0125),
+        int((x - 0.45) / 0.025) : int((x + 0.45) / 0.025),
+    ]
+    area = (1 - inside).sum() * 0.025 * 0.0125
+    assert 1e3 * abs(2 * np.sqrt(area / np.pi) - 0.5) < 5
+
+
+def test_true_diameters_are_those_of_the_solid_cut_across(tmp_path):
+    given = asked("curved", "--shrink", "1,1,1", "--yaw", "0", "--tilt", "0,0")
+    design = DESIGNS["curved"]()
+    write_design(design, tmp_path)
+    mesh = trimesh.load(tmp_path / "part.stl")
+    assert mesh.is_watertight
+    truth = sections(
+        design, plant(design, given), draw(design, given, np.random.default_rng(0)), given
+    )
+    for number in (0, 4, 7):
+        vessel, row = design.vessels[number], truth[number]
+        k = len(row["along_mm"]) // 2
+        s = row["along_mm"][k]
+        axis = vessel.at(s + 0.02) - vessel.at(s - 0.02)
+        cut = mesh.section(plane_origin=vessel.at(s), plane_normal=axis / np.linalg.norm(axis))
+        flat, to_3d = cut.to_2D()
+        middle = np.linalg.inv(to_3d) @ [*vessel.at(s), 1]
+        area = min((p.area for p in map(closed, flat.discrete) if p.holds(middle[:2])), default=0)
+        assert 2e3 * np.sqrt(area / np.pi) == pytest.approx(row["diameter_um"][k], abs=2)
+
+
+class closed:  # noqa: N801
+    """A polygon by its corners."""
+
+    def __init__(self, corners):
+        self.corners = np.asarray(corners)
+        x, y = self.corners.T
+        self.area = abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) / 2
+
+    def holds(self, point):
+        """Whether the outline goes round a point, by its winding."""
+        angle = np.unwrap(np.arctan2(*(self.corners - point).T[::-1]))
+        return abs(angle[-1] - angle[0]) > 6
+
+
+@pytest.mark.parametrize(
+    ("name", "turns", "mirror"),
+    [
+        ("half_turns", 3, True),
+        ("quarter_turns", 3, True),
+        ("mirrored_pair", 0, True),
+        ("curved", 0, False),
+    ],
+)
+def test_symmetries_are_the_ones_drawn(name, turns, mirror):
+    found, mirrors = symmetries(DESIGNS[name]())
+    assert (len(found), mirrors) == (turns, mirror)
