@@ -64,7 +64,10 @@ def _closed(band: Band, found: Sequence[Record]) -> BoolArray:
 
 
 def _runs(row: Record, band: Band, explained: BoolArray) -> list[IntArray]:
-    """Sections of each run: not a pass, off to one side, gaps up to a diameter closed."""
+    """Sections of each run: not a pass, off to one side, gaps up to a diameter closed.
+
+    An undecided stretch within a diameter of a fail is part of it; what goes on is its own run.
+    """
     open_ = (band.code > 0) & ~explained
     side = _sides(band)
     gap = max(1.5 * band.series.spacing_mm, float(row["designed_um"]) * 1e-3)
@@ -78,7 +81,18 @@ def _runs(row: Record, band: Band, explained: BoolArray) -> list[IntArray]:
         else:
             runs.append([k])
             sign = int(side[k])
-    return [np.array(run) for run in runs]
+    return [part for run in runs for part in _parts(np.array(run), band, gap)]
+
+
+def _parts(run: IntArray, band: Band, gap: float) -> list[IntArray]:
+    """Split a run into its fails, each with its undecided brink, and longer undecided flanks."""
+    along = band.series.along_mm[run]
+    failed = along[band.code[run] == 2]
+    if not len(failed):
+        return [run]
+    near = np.abs(along[:, None] - failed).min(axis=1) <= gap
+    edges = np.flatnonzero(np.diff(near.astype(np.int64))) + 1
+    return np.split(run, edges)
 
 
 def _sides(band: Band) -> IntArray:

@@ -143,7 +143,9 @@ def _of_grey_values(field: GelField) -> GelEvidence:
     )
 
 
-def _predicted(signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray) -> FloatVolume:
+def _predicted(
+    signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray
+) -> FloatVolume:
     """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
     liquid = _liquid_above(values, gel, float(voxel[0]))
     count = np.maximum(gel.sum(axis=(1, 2)), 1)

@@ -15,6 +15,7 @@ from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
+from registration.topology.way_width import width
 from registration.topology.ways import (
     OUTSIDE,
     Scene,
@@ -23,7 +24,6 @@ from registration.topology.ways import (
     designed_gel,
     find_ways,
 )
-from registration.topology.way_width import width
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -122,9 +122,7 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _defect(
-    way: Way, scene: Scene, search: LeakSearch, traces: tuple[VesselTrace, ...]
-) -> Defect:
+def _defect(way: Way, scene: Scene, search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Defect:
     vessel, other = way.ends
     size, error = width(way.path, scene, search.evidence, search.fit)
     trace = traces[vessel]

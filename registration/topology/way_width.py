@@ -40,7 +40,9 @@ def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tu
     radius, area = 0.25, np.zeros(len(centre))
     for _ in range(_ROUNDS):
         area = _areas(centre, tangent, radius, scene, evidence, fit)
-        half = float(np.sqrt(max(np.nanmean(area), 0.0) / np.pi)) if np.isfinite(area).any() else 0.0
+        half = (
+            float(np.sqrt(max(np.nanmean(area), 0.0) / np.pi)) if np.isfinite(area).any() else 0.0
+        )
         radius = float(np.clip(half + _BEYOND_MM, *_REACH_MM))
     area = area[np.isfinite(area)]
     if not len(area):

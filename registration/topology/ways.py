@@ -117,7 +117,9 @@ def _doubled(values: FloatArray, shape: tuple[int, ...]) -> NDArray[np.float32]:
     return out
 
 
-def averaged(grid: LumenGrid, evidence: GelEvidence, fit: Fit) -> tuple[NDArray[np.float32], FloatArray]:
+def averaged(
+    grid: LumenGrid, evidence: GelEvidence, fit: Fit
+) -> tuple[NDArray[np.float32], FloatArray]:
     """Return evidence and its scatter at each voxel of the grid, slab by slab."""
     shape = grid.wall_mm.shape
     mean, scatter = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -187,7 +189,9 @@ def _scores(length: FloatArray, share: FloatArray) -> FloatArray:
     return out
 
 
-def _way(pair: IntArray, label: NDArray[np.int32], parent: IntArray, grid: LumenGrid, score: float) -> Way:
+def _way(
+    pair: IntArray, label: NDArray[np.int32], parent: IntArray, grid: LumenGrid, score: float
+) -> Way:
     sides = [_back(int(flat), parent) for flat in pair]
     ends = [int(label.ravel()[flat]) for flat in pair]
     if ends[0] == OUTSIDE or 0 <= ends[1] < ends[0]:
