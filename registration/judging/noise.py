@@ -16,12 +16,6 @@ from registration.gauging.scatter import scatter
 
 FloatArray = NDArray[np.float64]
 
-COMMON_UM = 14.4
-"""Standard uncertainty of a diameter that all sections share, where no budget states it (type B).
-
-The segmentation moves each wall by an unknown part of the blur; diameters of known lumens came out
-up to 25 µm too small, taken as the half width of a rectangular distribution (GUM 4.3.7)."""
-
 
 def random_um(errors: Sequence[FloatArray], noise: Sequence[FloatArray]) -> list[FloatArray]:
     """Standard uncertainty of each section of each vessel by noise alone, µm.

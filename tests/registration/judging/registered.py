@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 def vessel(
     number: int, errors_um: FloatArray, designed_um: float = 500.0, noise_um: float = 4.0,
-    u_um: float | None = None, spacing: float = 0.12, **more: Any,
+    u_um: float = 25.0, spacing: float = 0.12, **more: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """A straight vessel with those errors of its sections; 0 measured where error is -designed."""
     n = len(errors_um)
@@ -20,15 +20,15 @@ def vessel(
     measured = designed_um + np.asarray(errors_um, dtype=float)
     free = measured[measured > 0]
     mean = float(free.mean()) if len(free) else 0.0
-    row = {
+    return {
         "vessel": number, "kind": "channel", "designed_um": designed_um, "measured_um": mean,
         "error_percent": 100 * (mean / designed_um - 1), "length_mm": n * spacing, "open": True,
         "offset_um": 5.0, "unseen_mm": [], "unmeasured_mm": [], "along_mm": along.tolist(),
+        "interval_95_um": [u_um] * n,
         "diameter_um": measured.tolist(), "noise_um": [noise_um] * n,
         "designed_along_um": [designed_um] * n,
         "place_mm": np.stack([along, 0 * along + number, 0 * along], axis=1).tolist(), **more,
     }  # fmt: skip
-    return row if u_um is None else row | {"interval_95_um": [u_um] * n}
 
 
 def registration(*vessels: dict[str, Any], **more: Any) -> dict[str, Any]:
