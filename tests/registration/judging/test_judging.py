@@ -151,6 +151,14 @@ def test_a_run_within_a_change_is_the_same_finding() -> None:
     assert (finding["decision"], finding["local"]) == ("fail", True)
 
 
+def test_a_change_found_in_pieces_is_one_finding() -> None:
+    pieces = [change(0, low, low + 0.4) for low in (0.6, 1.8, 3.0)]
+    found = judged(vessel(0, np.full(40, 90.0), u_um=SURE), defects=pieces)
+    (finding,) = found["defects"]
+    assert (finding["decision"], finding["local"]) == ("fail", True)
+    assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
+
+
 def test_judging_again_gives_the_same_and_a_wider_tolerance_clears() -> None:
     errors = noise(40, 3.0) + np.where(np.arange(40) >= 20, -105.0, 0.0)
     once = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 0.2, 0.4)])
