@@ -15,6 +15,7 @@ from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
+from registration.topology.way_width import width
 from registration.topology.ways import (
     OUTSIDE,
     Scene,
@@ -23,7 +24,6 @@ from registration.topology.ways import (
     designed_gel,
     find_ways,
 )
-from registration.topology.way_width import width
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
