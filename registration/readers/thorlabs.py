@@ -10,8 +10,9 @@ What is known of the format, and from where:
   Brian-Frost-LaPlante/OrientingGUI, and J. de Wit's Python reader (TU Delft, 2019).
 - The intensity is in dB: so read by ybnd/vis3d (``ML/thorcube.m``).
 - ``RefractiveIndex``: SizeReal is depth divided by it, so 1.0 says that depth is optical path.
-- ``AxisOrder``, where there is one: letters fastest first. Not verified on a file from a device;
-  nor is what a 16-bit intensity counts, so its scale is asked for.
+- ``AxisOrder``, where there is one: letters fastest first, time last (ZXYT; so in headers of
+  a public writer of test files for ThorImage's layout). Not verified on a file from a device; nor
+  is what a 16-bit intensity counts, so its scale is asked for.
 
 The file says nothing of which way x and y run in space.
 """
@@ -156,6 +157,8 @@ def _numbers(texts: dict[str, str], path: Path) -> dict[str, float] | None:
 
 def _axis_order(root: Element, path: Path) -> str:
     text = (root.findtext(".//{*}AxisOrder") or _FASTEST_FIRST).strip().upper()
+    # ThorImage 5 names the time of a series last; one volume has one.
+    text = text.removesuffix("T")
     if sorted(text) != ["X", "Y", "Z"]:
         raise ScanFileError(
             f"{path}: AxisOrder is {text!r}, not an order of X, Y and Z; export it again"
