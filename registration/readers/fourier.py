@@ -38,8 +38,8 @@ class Spectrometer:
     dispersion: tuple[float, float] = (0.0, 0.0)
     window: str = "hann"
 
-    def kernel(self) -> NDArray[np.complex64]:
-        """The sum's factors, (n, n // 2): spectra of n samples times this are profiles."""
+    def kernel(self) -> NDArray[np.float32]:
+        """The sum's factors, (n, 2 (n // 2)): real parts of all depths, then imaginary ones."""
         count = len(self.place)
         across = self.place / (count - 1)
         weight = np.gradient(self.place)
@@ -49,14 +49,16 @@ class Spectrometer:
         phase = self.dispersion[0] * u**2 + self.dispersion[1] * u**3
         turns = np.outer(self.place, np.arange(count // 2)) / count
         factors = (weight * np.exp(-1j * phase))[:, None] * np.exp(-2j * np.pi * turns)
-        return np.asarray(factors / weight.sum(), dtype=np.complex64)
+        factors /= weight.sum()
+        return np.ascontiguousarray(np.hstack([factors.real, factors.imag]), dtype=np.float32)
 
 
-def profiles(spectra: NDArray[np.generic], kernel: NDArray[np.complex64]) -> NDArray[np.float32]:
+def profiles(spectra: NDArray[np.generic], kernel: NDArray[np.float32]) -> NDArray[np.float32]:
     """Linear intensity (lines, n // 2) of spectra less their background (lines, n)."""
     plain = np.ascontiguousarray(spectra, dtype=np.float32)
-    real, imaginary = plain @ kernel.real, plain @ kernel.imag
-    return np.asarray(real**2 + imaginary**2, dtype=np.float32)
+    parts = np.square(plain @ kernel)
+    half = kernel.shape[1] // 2
+    return np.asarray(parts[:, :half] + parts[:, half:], dtype=np.float32)
 
 
 def place_of_wavelengths(wavelength_nm: ArrayLike) -> tuple[Floats, float]:
