@@ -78,10 +78,16 @@ def grow(
         for k in range(max(z - 1, 0), min(z + 2, nz)):
             for j in range(max(y - 1, 0), min(y + 2, ny)):
                 for i in range(max(x - 1, 0), min(x + 2, nx)):
-                    if done[k, j, i] or not (label[k, j, i] == UNREACHED or parent[(k * ny + j) * nx + i] >= 0):
+                    if done[k, j, i] or not (
+                        label[k, j, i] == UNREACHED or parent[(k * ny + j) * nx + i] >= 0
+                    ):
                         continue
                     way = step * np.sqrt(float((k - z) ** 2 + (j - y) ** 2 + (i - x) ** 2))
-                    both = 0.5 * (mean[z, y, x] + mean[k, j, i]) if parent[flat] >= 0 else mean[k, j, i]
+                    both = (
+                        0.5 * (mean[z, y, x] + mean[k, j, i])
+                        if parent[flat] >= 0
+                        else mean[k, j, i]
+                    )
                     reached = np.float32(here + way * price(both))
                     if reached < cost[k, j, i] and reached < most:
                         cost[k, j, i] = reached
