@@ -14,7 +14,7 @@ What is known of the format, and from where:
   a public writer of test files for ThorImage's layout). Not verified on a file from a device; nor
   is what a 16-bit intensity counts, so its scale is asked for.
 
-A file without processed intensity is made from its raw spectra (`registration.readers.thorlabs_raw`).
+Without processed intensity its raw spectra are used (`registration.readers.thorlabs_raw`).
 
 The file says nothing of which way x and y run in space.
 """
