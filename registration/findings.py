@@ -112,6 +112,7 @@ def inspect(case: Inspection) -> Findings:
             case.model_is_lumen,
             _wall(case),
             case.false_alarm,
+            field,
             evidence,
             liquid,
             fit,

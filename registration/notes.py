@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from registration.alignment import Alignment
+from registration.alignment import AXES, Alignment
 from registration.gauging import VesselGauge
 from registration.scan import Scan
 from registration.walls_file import WallCalibration
@@ -20,10 +20,16 @@ def pose_notes(scan: Scan, alignment: Alignment, cross_um: float | None) -> list
         Between our pose and another program's.
     """
     notes = []
-    if alignment.ambiguous:
+    notes += [f"Pose not sure: {doubt}" for doubt in alignment.doubts]
+    if not alignment.lay.startswith("upright"):
         notes.append(
-            f"Pose ambiguous: the best wrong pose deviates only {alignment.margin:.2f} times as "
-            "much as the best."
+            f"The part lay {alignment.lay}. Depth is its {AXES[alignment.depth_axis]} axis."
+        )
+    if scan.handedness == "unknown" and any(r.mirrored and r.same for r in alignment.rivals):
+        notes.append(
+            "The design is its own mirror image and the file doesn't say how its axes lie in "
+            "space: were the scan mirrored, vessels would have changed sides and nothing would "
+            "show it. Check one vessel's side, or give --mirrored or --not-mirrored."
         )
     if not alignment.depth_fitted:
         notes.append(

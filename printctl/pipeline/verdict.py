@@ -115,5 +115,6 @@ def _flow(registration: Record) -> list[Finding]:
 
 def _pose(registration: Record) -> list[Finding]:
     if registration["ambiguity"]["flag"]:
-        return [("fail", "The pose is ambiguous: another one fits nearly as well")]
+        doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
+        return [("fail", f"The pose is ambiguous: {doubts[0]}")]
     return [("pass", "The pose is unambiguous")]

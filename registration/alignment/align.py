@@ -112,12 +112,14 @@ def align(
     freedom = free(choice.best)
     scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
-    scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm)
+    scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm, even=True)
     _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
-    rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
+    rigid = refine(
+        surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
+    )
     spread = covariance(surface, many[kept], scaled, freedom, blur_mm)
     loose = loose_freedoms(spread[:6, :6], surface.bounds)
     off = misfits(surface, many, scaled, blur_mm)
@@ -129,7 +131,7 @@ def align(
         depth_axis in freedom.axes,
         min((r.lead for r in choice.rivals if not r.mirrored), default=float("inf")),
         pose_doubts(choice.rivals, loose, off, options.ambiguous_below),
-        uncertainty(spread, scaled, freedom),
+        uncertainty(surface, many[kept], scaled, freedom, blur_mm),
         lay_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
         choice.rivals,
     )

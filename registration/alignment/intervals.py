@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.fit import Fit, Freedom, Linearised, linearised
+from registration.alignment.fit import Fit, Freedom, Linearised, facing, linearised
 from registration.distance import ModelSurface
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +53,7 @@ def covariance(
     surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, blur_mm: float
 ) -> FloatArray:
     """Covariance (k, k) of a converged fit's parameters, in `Linearised`'s order, rad and mm."""
-    step = linearised(surface, points, fit, freedom, blur_mm=blur_mm)
+    step = linearised(surface, points, fit, freedom, blur_mm=blur_mm, even=True)
     bread = np.linalg.inv(step.normal)
     scores = step.jacobian * (step.weight * step.residual)[:, None]
     patch = _numbers(np.floor(fit.apply(points) / PATCH_MM).astype(np.int64))
@@ -64,8 +64,11 @@ def covariance(
     return np.asarray(bread @ middle @ bread)
 
 
-def uncertainty(spread: FloatArray, fit: Fit, freedom: Freedom) -> Uncertainty:
-    """95 % intervals of a fit whose parameters have the covariance `spread` (k, k)."""
+def uncertainty(
+    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, blur_mm: float
+) -> Uncertainty:
+    """95 % intervals of a converged fit to scanned points (n, 3)."""
+    spread = covariance(surface, points, fit, freedom, blur_mm)
     half = NORMAL_95 * np.sqrt(np.diag(spread))
     scale = np.full(3, np.nan)
     for number, axis in enumerate(freedom.axes):
@@ -81,16 +84,9 @@ def uncertainty(spread: FloatArray, fit: Fit, freedom: Freedom) -> Uncertainty:
 def _repeatable(step: Linearised, beam: FloatArray) -> FloatArray:
     """What a standard deviation of each repeatable error pulls at, per unit of blur, (g, k)."""
     pulls = step.jacobian * step.weight[:, None]
-    own = _summed(pulls, _facing(step.direction, step.bends))
+    own = _summed(pulls, _numbers(facing(step.direction, step.bends)[:, None]))
     along = (step.direction @ beam) @ pulls
     return np.vstack([OWN * own, ALONG_LIGHT * along])
-
-
-def _facing(direction: FloatArray, bends: FloatArray) -> NDArray[np.int64]:
-    """Which of six ways each wall faces, lumens and outer faces apart."""
-    axis = np.abs(direction).argmax(axis=1)
-    side = direction[np.arange(len(axis)), axis] > 0
-    return _numbers(np.column_stack([axis, side, np.abs(bends) > 0]).astype(np.int64))
 
 
 def _numbers(keys: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -34,7 +34,7 @@ SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
 def findings(segmentation: Segmentation) -> Findings:
     surface = ModelSurface.of(ladder_construct())
     deviation = deviations(surface, segmentation.vertices, False)
-    fits = Alignment(IDENTITY, IDENTITY, True, np.inf, False, SURE)
+    fits = Alignment(IDENTITY, IDENTITY, 2, True, np.inf, (), SURE, "upright", ())
     network = ladder()
     return inspect(
         Inspection(network, surface, False, segmentation, fits, deviation, 0.1, 1e-3, None, ERRORS)
