@@ -97,11 +97,11 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     clear = 2 * search.wall_mm + SIGMA_MM
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
-    told = told_apart(1.0, search.liquid, scatter)
+    told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
     ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [found for found in ways if found[1] - found[2] > LEAST_MM / 3]
+    ways = [found for found in ways if found[1] > LEAST_MM / 3]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
         tuple(_defect(*found, traces) for found in ways),
@@ -117,14 +117,6 @@ def _width(way: Way, scene: Scene, search: LeakSearch) -> tuple[float, float]:
     if np.isfinite(outlined[0]):
         return outlined
     return width(way.path, scene, search.evidence, search.fit)
-
-
-def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence) -> float:
-    """Return the evidence for gel on the vessels' axes: their median, most of which is liquid."""
-    axes = np.concatenate([trace.planes.centre[trace.seen] for trace in traces])
-    found = evidence.at(axes)
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) if len(found) else 1.0
 
 
 def _voxels(way: Way, scene: Scene) -> IntArray:
