@@ -68,7 +68,9 @@ def _confirms(number: int) -> tuple[bytes, ...]:
 
 FAMILY: Final = Family(
     link=LinkFacts(says="klipper", make_protocol=_make_protocol, plans_by_time=True),
-    grammar=Grammar(codes=CODES, names=NAMES, words=WORDS, named=True, e_rule="either"),
+    grammar=Grammar(
+        codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"
+    ),
     dialect=always(
         Dialect(
             "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
