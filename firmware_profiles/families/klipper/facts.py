@@ -28,6 +28,7 @@ from firmware_profiles.families.gate_facts import (
     OnlyWith,
     Pass,
     Rule,
+    Timeout,
 )
 from firmware_profiles.families.grammar import Grammar
 from firmware_profiles.families.job_facts import (
@@ -86,7 +87,7 @@ FAMILY: Final = Family(
             "ACTIVATE_EXTRUDER": Pass(),
             "SET_FAN_SPEED": Pass(),
             "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
-            "SET_IDLE_TIMEOUT": Pass(),
+            "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
             "SET_KINEMATIC_POSITION": Pass(),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,
