@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.judging import Limit
+from registration.judging import Limit, listed
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
@@ -234,7 +234,7 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     made[
         "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
         "(blue band); sections that fail are squares, undecided ones triangles; findings are shaded"
-    ] = partial(profile_figure, vessels, records(registration, "defects"))
+    ] = partial(profile_figure, vessels, listed(registration))
     made["registration/Deviation of each written layer"] = partial(
         layer_deviation_figure, records(registration, "by_layer")
     )
