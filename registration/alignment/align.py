@@ -14,6 +14,7 @@ from registration.alignment.options import AlignmentOptions
 from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -64,6 +65,7 @@ def align(
     *,
     blur_mm: float = 0.0,
     depth_standard: bool = False,
+    errors: ScanErrors | None = None,
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
@@ -71,6 +73,7 @@ def align(
     several mm. `depth_down`: the scan's z points into the part's -z. `blur_mm`: standard deviation
     of the blur under which the surface was found, which has narrowed lumens. `depth_standard`:
     depth was measured on something of known height, so its scale may be fitted in any part.
+    `errors`: what the scan's measurements share, for the intervals.
 
     Raises
     ------
@@ -103,7 +106,9 @@ def align(
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
     rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
-    sure = uncertainty(surface, many[kept], scaled, free, blur_mm)
+    sure = uncertainty(
+        surface, many[kept], scaled, free, blur_mm, errors or ScanErrors.of_blur(blur_mm)
+    )
     return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below, sure)
 
 

@@ -12,6 +12,8 @@ Four things decide whether a wall comes out where it is, and each is taken away:
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from registration.scan import Scan
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
+from registration.segmentation.reflections import without_lines
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -39,6 +42,11 @@ does less."""
 GROWTH_MM = 0.3
 BRIGHT = 0.25
 """Above this part of the brightest, gel is meant."""
+LINE_MM = 0.025
+"""A wall's reflection reaches so far to either side of its peak."""
+UNSEEN_LINE = 0.5
+"""Of the scan's own depth voxel: the most that a reflection adds to the gel where it stands out
+less than `reflections.STANDS_OUT`."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
 
@@ -61,6 +69,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     light *= np.float32(typical)
     _, fy, fx = _coarse(working, signal)
     share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+    share = without_lines(share, max(1, round(LINE_MM / float(working.voxel_mm[2]))))
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.
     values = np.minimum(working.smoothed(share, 0.6), np.float32(DAZZLE))
@@ -70,7 +79,10 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     normalise(values, liquid, gel, factor)
     contrast = _contrast(values, sides)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
-    return field, contrast, Strength(signal, noise)
+    # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
+    field = replace(field, facing_mm=UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2)
+    dark = float(np.median(liquid) / np.median(gel))
+    return field, contrast, Strength(signal, noise, dark)
 
 
 def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:

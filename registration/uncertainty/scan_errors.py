@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.scan import Scan
-from registration.uncertainty.budget import rectangular
+from registration.segmentation import Segmentation
+from registration.uncertainty.budget import coverage_factor, rectangular
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -18,10 +19,15 @@ INDEX_HALF_WIDTH = 0.02
 LATERAL_HALF_WIDTH = 0.0005
 """Of the lateral voxel size as a file states it (its last digit); a scanner's own error, which no
 scan shows, comes with `--oct-calibration`."""
-WALL_PART = 0.2
-"""Standard uncertainty of a wall's place without an estimate of its own, as part of the blur."""
+WALL_DOF = 12.0
+"""Of `LEVEL_PART`, known to about a fifth (GUM G.4.2)."""
+LEVEL_PART = 0.015
+"""Standard uncertainty of the surface's level, of the step from liquid to gel without haze: local
+levels are known to this by their spread (calibrated on the spectral generator's upright walls)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
+ROOT_TWO_PI = 2.5066
+"""A step under a Gaussian blur σ rises by its height over √(2π) σ at its middle."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +36,12 @@ class ScanErrors:
 
     Attributes
     ----------
-    wall_mm : float, mm
-        Of the place of a wall, the same all round.
+    level_mm : float, mm
+        Of the place of a wall by the level taken for halfway, the same all round.
+    facing_mm : float, mm
+        Of the place of walls that face the light or away from it, by reflections.
     wall_dof : float
-        Degrees of freedom of `wall_mm`.
+        Degrees of freedom of `level_mm`.
     depth, lateral : float
         Relative, of lengths along and across the light.
     blur_mm : float, mm
@@ -42,24 +50,44 @@ class ScanErrors:
         Unit vector of the light's way, in the scan's frame.
     """
 
-    wall_mm: float
+    level_mm: float
+    facing_mm: float
     wall_dof: float
     depth: float
     lateral: float
     blur_mm: float
     beam: FloatArray
 
+    @staticmethod
+    def of_blur(blur_mm: float) -> ScanErrors:
+        """Errors of walls found under a blur between two known levels, all else exact."""
+        level = LEVEL_PART * ROOT_TWO_PI * blur_mm
+        return ScanErrors(level, 0.0, WALL_DOF, 0.0, 0.0, blur_mm, np.array([0.0, 0.0, 1.0]))
 
-def scan_errors(scan: Scan, blur_mm: float, walls: WallCalibration | None = None) -> ScanErrors:
-    """Return what is known of a scan's shared errors before any wall is looked at."""
-    oct_ = scan.modality == "oct"
-    known = scan.depth_standard or not oct_
-    wall = WALL_PART * blur_mm if walls is None else 1e-3 * walls.interval_um / 1.96
+
+def scan_errors(
+    scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
+) -> ScanErrors:
+    """Return what is known of a scan's shared errors.
+
+    The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
+    bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
+    from none to one just not seen (`GelField.facing_mm` is the middle of that, GUM 4.3.7). A
+    calibration of walls replaces both.
+    """
+    known = scan.depth_standard or scan.modality != "oct"
+    field, strength = segmentation.field, segmentation.strength
+    step = 1.0 - (strength.dark if strength else 0.0)
+    level = LEVEL_PART * ROOT_TWO_PI * field.blur_mm / max(step, 0.05)
+    facing = rectangular(field.facing_mm)
+    if walls is not None:
+        level, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0
     return ScanErrors(
-        wall_mm=wall,
-        wall_dof=50.0,
+        level_mm=level,
+        facing_mm=facing,
+        wall_dof=WALL_DOF,
         depth=rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH),
         lateral=rectangular(LATERAL_HALF_WIDTH),
-        blur_mm=blur_mm,
+        blur_mm=field.blur_mm,
         beam=np.array([0.0, 0.0, 1.0]),
     )
