@@ -1,4 +1,4 @@
-"""What can be wrong with a profile though every key is within its bounds: keys against each other.
+"""Checks of a profile's keys against each other.
 
 Nothing here knows a real machine; `printctl profiles probe` asks one.
 """

@@ -1,4 +1,4 @@
-"""What pushes the ink: a plunger driven by E, or air behind a valve."""
+"""Ink drives: a plunger moved by E, or air behind a valve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What flows out of a pneumatic head at the pressure that it is set to."""
+"""Flow out of a pneumatic head at its set pressure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every profile says, and the kinds of numbers that profiles share.
+"""Base of all profiles, and the kinds of numbers that they share.
 
 A profile holds facts with their source, not a user's taste.
 """

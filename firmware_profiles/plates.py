@@ -1,4 +1,4 @@
-"""What a profile of a well plate says: its outside, and wells alike in rows and columns.
+"""Profile of a well plate: its outside, and its wells in rows and columns.
 
 Seen from above with A1 behind on the left, columns are counted from left to right and rows, by
 letter, from behind to the front, as printed on the plate.

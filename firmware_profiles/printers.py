@@ -85,6 +85,14 @@ class Printer(Facts):
         description="2: moves leave in pairs, where a slow adapter starves the planner. Only for "
         "Marlin and its fork, which count lines.",
     )
+    host_turnaround_s: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(
+        default=0.001,
+        description="From an answer's last byte to the next line's first: adapter, its driver and "
+        "the host. Only the dry run takes it. Measured: M400 sent many times to the standing "
+        "machine, the mean time to its ok, less 10 bits a byte both ways, less 0.2 ms for the "
+        "board. 1 ms is a Mega's own USB chip; an FTDI chip's latency timer is 16 ms where "
+        "nobody has set it.",
+    )
     usb_ids: tuple[Annotated[str, Field(pattern="^[0-9a-f]{4}:[0-9a-f]{4}(:.+)?$")], ...] = Field(
         default=(),
         description="USB vendor:product of the board or its adapter, in hex, with :SERIAL behind "

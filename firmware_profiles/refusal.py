@@ -6,6 +6,8 @@ from typing import Any, Final
 
 from pydantic import BaseModel, ValidationError
 
+from firmware_profiles.wrong_values import wording
+
 _SHOWN: Final = 60
 """Longest value shown, characters."""
 _BOUNDS: Final = {
@@ -56,11 +58,7 @@ def _sentence(problem: dict[str, Any], schema: dict[str, Any]) -> str:
         return f"{key} must be one of {context['expected_tags']} (is {_short(context['tag'])})"
     if kind == "union_tag_not_found":
         return f"{place}.{problem['ctx']['discriminator'].strip(chr(39))} is missing; add it"
-    words = str(problem["msg"])
-    for begin in ("Input should be ", "Value should be "):
-        words = words.replace(begin, "must be ")
-    words = words.replace("Input should ", "must ").replace("String should ", "must ")
-    return f"{place} {words}{_is(problem)}"
+    return f"{place} {wording(problem)}{_is(problem)}"
 
 
 def _is(problem: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""What is mounted: needle and syringe."""
+"""Profiles of needle and syringe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a machine can be asked while it prints, and above which value a print must end."""
+"""Readings watched during a print, and the limits that end it."""
 
 from __future__ import annotations
 

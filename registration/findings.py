@@ -23,15 +23,17 @@ from registration.gauging import (
     trace_vessels,
     with_interval,
 )
-from registration.segmentation import Segmentation
+from registration.segmentation import Segmentation, gel_evidence
 from registration.topology import (
     Faults,
+    LeakSearch,
     LumenGrid,
     Overlap,
     Topology,
     compare_topology,
     find_leaks,
     lay_grid,
+    liquid_level,
     overlap,
     scanned_with,
 )
@@ -101,7 +103,21 @@ def inspect(case: Inspection) -> Findings:
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
     margin = _margin(case)
     grid = _grid(case, margin)
-    leaks = find_leaks(grid, case.surface, case.model_is_lumen, margin, traces, (field, fit))
+    evidence = gel_evidence(field, case.segmentation.strength)
+    liquid = liquid_level(traces, evidence)
+    leaks = find_leaks(
+        LeakSearch(
+            grid,
+            case.surface,
+            case.model_is_lumen,
+            _wall(case),
+            case.false_alarm,
+            evidence,
+            liquid,
+            fit,
+        ),
+        traces,
+    )
     closures = find_closures(traces, field, fit)
     scale = float(np.mean(fit.scale))
     changes = find_changes(traces, scale, case.false_alarm)
@@ -147,6 +163,12 @@ def _margin(case: Inspection) -> float:
     """How far free space may lie from the designed wall without being a leak, mm."""
     usual = np.abs(case.deviation_mm[case.segmentation.seen])
     return 2 * _step(case) + (float(np.percentile(usual, 99)) if len(usual) else 0.0)
+
+
+def _wall(case: Inspection) -> float:
+    """How far the scanned walls usually lie from the design's, mm, robustly."""
+    usual = np.abs(case.deviation_mm[case.segmentation.seen])
+    return 1.4826 * float(np.median(usual)) if len(usual) else 0.0
 
 
 def _step(case: Inspection) -> float:

@@ -190,6 +190,8 @@ _DECIMALS = {
     "offset_along_um": 2,
     "noise_um": 2,
     "shift_along_um": 2,
+    "designed_along_um": 2,
+    "place_mm": 4,
     "interval_95_um": 2,
 }
 """Of the numbers along a vessel: far below what they are good for, and half the file."""

@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from registration.space import Space
+
 SLAB_BYTES = 256 << 20
 """About what a slab holds unless told otherwise."""
 
@@ -68,6 +70,9 @@ class Scan:
         Where each of the values above was found: "file", "sidecar" or "option".
     notes : tuple of str
         What a reader did that a user should know of.
+    space : Space or None
+        Where the scan's frame lies in the file's own space (a patient's, a picture's); None where
+        the file doesn't say.
     depth_standard : bool
         Whether a step of known height in the sample's medium stands behind the depth. Without
         one shrinkage along depth and an error of the index look the same.
@@ -84,6 +89,7 @@ class Scan:
     handedness: Literal["right", "unknown"] = "unknown"
     origins: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    space: Space | None = None
     depth_standard: bool = False
 
     @property

@@ -1,44 +1,38 @@
 """Run a file through the simulated planner without a printer: how long, how far, what's wrong.
 
-The planner is that of the simulated printer, fed as the link feeds a real one: so many lines in
-flight at the printer's baud rate, each taking the processor's time. Where moves are shorter than
-their lines take to come, the planner runs low and slows down here as it would there. Waits for
+The planner is that of the simulated printer, fed as the link feeds a real one (`sim.line_times`):
+wire both ways, the board's time for a line, the host's turnaround, lines in flight. Where moves
+are shorter than their lines take to come, the planner runs low and slows down here as it would
+there, and what that costs is told (`DryRun.starved`). Waits for
 heat count as nothing; a wait for the user likewise.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
-from kernels import jit
-from sim.board.hardware import Board
 from sim.cold import extrusion_allowed
-from sim.dryrun_checks import check, sent_length
+from sim.dryrun_checks import check
+from sim.dryrun_feed import Starved, run_program, starvation
 from sim.dryrun_finding import Finding
 from sim.dryrun_heat import Heating, heatings
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode import Program
 from sim.gcode_extended import Named
-from sim.gcode_modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
+from sim.gcode_modal import MOVE
 from sim.heads import Heads, read_heads
-from sim.planner import add_move, command_time, next_event, run_until, set_axis, take_head
-from sim.planner_state import LOG, Records, new_planner, new_ring
+from sim.line_times import line_times
 from sim.reading.others import Others, other_lines
 from sim.valve import Valve, read_valve
 from sim.written import read_written
 
 FloatArray = NDArray[np.float64]
-
-_BITS_PER_BYTE: Final = 10
-_OK_BYTES: Final = 3
-_AT_ONCE_BAUD: Final = 1e9
-"""Where the controller has the whole file, its lines don't have to come."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +59,8 @@ class DryRun:
         Farthest plunger positions, from the start's.
     merged_moves : int
         Moves below the firmware's least steps, taken over by their successors.
+    starved : Starved
+        What the wire is too slow for.
     named : tuple of Named
         Klipper's commands with names, which the program holds as M105 or G92.
     valve : Valve or None
@@ -97,6 +93,7 @@ class DryRun:
     plunger_max_mm: float
     plunger_min_mm: float
     merged_moves: int
+    starved: Starved
     named: tuple[Named, ...]
     valve: Valve | None
     heads: Heads
@@ -164,7 +161,7 @@ def dry_run(
     start_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
     *,
     cold_extrusion: bool = False,
-    in_flight: int = 1,
+    in_flight: int | None = None,
 ) -> DryRun:
     """Run a file without a printer.
 
@@ -177,8 +174,8 @@ def dry_run(
     cold_extrusion : bool
         Whether M302 was sent before the file; without it (in the file or before) the firmware
         drops all plunger motion while the hotend is cold.
-    in_flight : int
-        Lines that the host has on the way at a time, at least 1.
+    in_flight : int, optional
+        Lines that the host has on the way at a time, 1 or 2; the profile's if not said.
 
     Raises
     ------
@@ -188,139 +185,18 @@ def dry_run(
     file, head = gcode, printer.pneumatic
     program, gcode, named, refused = read_written(gcode, printer, start_mm)
     extrudes = extrusion_allowed(program, gcode, printer, cold_extrusion)
-    planner, ring = new_planner(printer, start_mm), new_ring(printer)
-    log = np.zeros(len(program) + len(ring), LOG)
-    bit_s = _BITS_PER_BYTE / (printer.baud if printer.streamed else _AT_ONCE_BAUD)
-    duration = _plan(
-        program.kind,
-        program.target,
-        program.feed,
-        program.value,
-        program.command,
-        program.tool,
-        sent_length(program).astype(np.float64) * bit_s,
-        _OK_BYTES * bit_s,
-        np.zeros(max(in_flight, 1)),
-        extrudes,
-        Board().costs() * (1.0 if printer.streamed else 0.0),
-        planner,
-        ring,
-        log,
-    )
+    times = line_times(program, gcode, printer, in_flight or printer.lines_in_flight)
+    fed = run_program(program, printer, start_mm, extrudes, times)
     checked = check(program, printer, extrudes, named, gcode, refused)
     return DryRun(
         program=program,
-        executed=executed_motion(log[: int(planner["logged"][0])], printer),
-        duration_s=float(duration),
-        merged_moves=int(planner["merged"][0]),
+        executed=executed_motion(fed.log, printer),
+        duration_s=fed.duration_s,
+        merged_moves=fed.merged,
+        starved=starvation(program, printer, start_mm, extrudes, times, fed),
         valve=None if head is None else read_valve(program, gcode, named, head),
         heads=read_heads(program, gcode, named, printer),
         heats=heatings(program, gcode, named),
         others=other_lines(file, printer),
         **checked,
     )
-
-
-@jit
-def _plan(
-    kind: NDArray[np.int64],
-    target: FloatArray,
-    feed: FloatArray,
-    value: FloatArray,
-    command: NDArray[np.int64],
-    tool: NDArray[np.int64],
-    line_s: FloatArray,
-    ok_s: float,
-    answered: FloatArray,
-    extrudes: NDArray[np.bool_],
-    costs: FloatArray,
-    planner: Records,
-    ring: Records,
-    log: Records,
-) -> float:
-    """Feed the planner row by row; returns the time from the first pulse or dwell to the last, s.
-
-    Parameters
-    ----------
-    line_s : (n,) float64, s
-        Each line's time on the wire; 0 for a row that comes with the one before.
-    ok_s : float, s
-        The answer's.
-    answered : (k,) float64, s
-        Zeros, as many as there are lines in flight; keeps when the last k answers came.
-    """
-    now, arrival, lines = 0.0, 0.0, 0
-    begin, finish = np.inf, 0.0
-    for i in range(len(kind)):
-        slot = lines % len(answered)
-        if line_s[i] > 0.0:
-            arrival = max(arrival, answered[slot]) + line_s[i]
-            now = _received(planner, ring, log, max(now, arrival), costs)
-        run_until(planner, ring, log, now)
-        if kind[i] == MOVE:
-            now = _room(planner, ring, log, now)
-            if not extrudes[i]:
-                set_axis(planner, 3, target[i, 3])
-            add_move(planner, ring, target[i], feed[i], command[i], now)
-        elif kind[i] == SET_POSITION:
-            set_axis(planner, 3, target[i, 3])
-        elif kind[i] == TOOL:
-            now = _drain(planner, ring, log, now)
-            take_head(planner, tool[i], target[i, 3])
-        elif kind[i] == DWELL:
-            now = _drain(planner, ring, log, now)
-            begin = min(begin, now)
-            now += value[i]
-            finish = max(finish, now)
-        elif kind[i] == SYNC or kind[i] == HOME:
-            now = _drain(planner, ring, log, now)
-            if kind[i] == HOME:
-                _homed(planner, target[i])
-        if line_s[i] > 0.0:
-            now += ok_s
-            answered[slot] = now
-            lines += 1
-    _drain(planner, ring, log, now)
-    return _lasted(planner, begin, finish)
-
-
-@jit
-def _received(
-    planner: Records, ring: Records, log: Records, now: float, costs: FloatArray
-) -> float:
-    """Take a line that has come in; returns when the processor has read it."""
-    run_until(planner, ring, log, now)
-    return now + command_time(planner, ring, now, costs)
-
-
-@jit
-def _room(planner: Records, ring: Records, log: Records, now: float) -> float:
-    """Wait for a free place in the ring; returns when there is one."""
-    while planner[0].count >= len(ring) - 1:
-        now = max(now, next_event(planner))
-        run_until(planner, ring, log, now)
-    return now
-
-
-@jit
-def _homed(planner: Records, target: FloatArray) -> None:
-    for axis in range(3):
-        set_axis(planner, axis, target[axis])
-
-
-@jit
-def _lasted(planner: Records, begin: float, finish: float) -> float:
-    """Seconds from the first pulse or dwell to the last, both as far as dwells have told them."""
-    if planner[0].logged > 0:
-        begin = min(begin, planner[0].first_pulse)
-        finish = max(finish, planner[0].run_end)
-    return max(finish - begin, 0.0)
-
-
-@jit
-def _drain(planner: Records, ring: Records, log: Records, now: float) -> float:
-    """Let the motors finish; returns when they stand."""
-    while planner[0].count > 0:
-        now = max(now, next_event(planner))
-        run_until(planner, ring, log, now)
-    return now

@@ -3,9 +3,9 @@
 What is modelled, after Marlin 2.1 with junction deviation: rounding of targets to whole steps in
 32-bit floats, merging of moves below the least steps, limits of speed and acceleration per axis,
 slowing down of short segments while the ring is nearly empty, junction speeds with the rule for
-small segments, reverse and forward passes, trapezoids from step counts, the wait of an idle
-stepper for a third block or 100 ms, and pulse times as the stepper's interrupt gives them
-(`sim.planner_stepper`).
+small segments and each block's least speed, reverse and forward passes, trapezoids from step
+counts, the wait of an idle stepper for a third block or 100 looks of 1 ms, and pulse times as the
+stepper's interrupt gives them (`sim.planner_stepper`).
 
 What isn't: S-curves, linear advance, input shaping, classic jerk, backlash correction, an arc's
 own hints, the processor's load (a real 8-bit board stutters above some 20,000 events/s).
@@ -31,16 +31,24 @@ from sim.planner_block import (
 from sim.planner_state import Record, Records
 from sim.planner_stepper import LEAST_RATE, TICKS_PER_S, axis_steps, pulses_per_interrupt, walk
 
-FIRST_BLOCK_DELAY_S = 0.1
-"""How long an idle stepper waits for company before it takes a single block."""
+LOOK_S = 1e-3
+"""An idle stepper's time between two looks for a block."""
+FIRST_BLOCK_LOOKS = 100
+"""Looks for which an idle stepper waits for company before it takes a single block."""
 COMPANY = 3
 """Blocks that make an idle stepper start at once."""
 
 
 @jit
 def set_trapezoid(block: Record, entry: float, leave: float) -> None:
-    """Events of acceleration, plateau and deceleration between two speeds, mm/s."""
-    initial = max(math.floor(entry * block.steps_per_mm + 0.5), LEAST_RATE)
+    """Events of acceleration, plateau and deceleration between two speeds, mm/s.
+
+    An ``entry`` of 0 keeps the rate at which the block begins.
+    """
+    initial = block.initial_rate
+    if entry > 0:
+        initial = math.floor(entry * block.steps_per_mm + 0.5)
+    initial = max(initial, LEAST_RATE)
     final = max(math.floor(leave * block.steps_per_mm + 0.5), LEAST_RATE)
     nominal_sq = float(block.nominal_rate) * block.nominal_rate
     half_inverse = 0.5 / block.acceleration_rate
@@ -59,10 +67,14 @@ def set_trapezoid(block: Record, entry: float, leave: float) -> None:
 
 
 @jit
-def _reverse_pass(planner: Record, ring: Records) -> None:
-    """Raise entry speeds from the newest block back, as far as each can still brake."""
-    exit_sq = ring[(planner.tail + planner.count - 1) % len(ring)].least_sq
-    for age in range(planner.count - 1, planner.planned, -1):
+def _reverse_pass(planner: Record, ring: Records, safe_exit_sq: float) -> None:
+    """Raise entry speeds from the newest block back, as far as each can still brake.
+
+    The first block that isn't running keeps its entry: the one before it ends at that speed.
+    """
+    exit_sq = safe_exit_sq
+    fixed = 1 if planner.running else 0
+    for age in range(planner.count - 1, fixed, -1):
         block = ring[(planner.tail + age) % len(ring)]
         allowed = min(
             reachable_sq(exit_sq, block.acceleration, block.millimetres), block.max_entry_sq
@@ -75,40 +87,44 @@ def _reverse_pass(planner: Record, ring: Records) -> None:
 
 
 @jit
-def _forward_pass(planner: Record, ring: Records) -> None:
-    """Lower entry speeds that the block before can't accelerate to; push the planned mark."""
-    for age in range(planner.planned + 1, planner.count):
-        before = ring[(planner.tail + age - 1) % len(ring)]
-        block = ring[(planner.tail + age) % len(ring)]
-        if not before.nominal_length and before.entry_sq < block.entry_sq:
+def _limit_entry(before: Record, block: Record) -> None:
+    """Lower an entry speed that the block before can't accelerate to, and hold it for good."""
+    if block.entry_sq != block.min_entry_sq:
+        if before.entry_sq < block.entry_sq:
             reachable = reachable_sq(before.entry_sq, before.acceleration, before.millimetres)
             if reachable < block.entry_sq:
-                block.entry_sq = reachable
-                block.recalculate = True
-                planner.planned = age
-        if block.entry_sq == block.max_entry_sq:
-            planner.planned = age
+                block.entry_sq = max(reachable, block.min_entry_sq)
+                block.max_entry_sq = block.entry_sq
+        block.min_entry_sq = block.entry_sq
 
 
 @jit
-def _recalculate(planner: Record, ring: Records) -> None:
-    """Plan again after a block was added; the running block can't be changed any more."""
-    newest = planner.count - 1
-    if newest > planner.planned:
-        _reverse_pass(planner, ring)
-        _forward_pass(planner, ring)
-    block = ring[(planner.tail + newest) % len(ring)]
-    set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(block.least_sq))
-    changed = block.recalculate
-    block.recalculate = False
-    oldest = 1 if planner.running else 0
-    for age in range(newest - 1, oldest - 1, -1):
-        after = block
+def _set_trapezoids(planner: Record, ring: Records, safe_exit_sq: float) -> None:
+    """Go forward over the plan: entry speeds that can be reached, then the trapezoids."""
+    entry = 0.0
+    for age in range(planner.count):
         block = ring[(planner.tail + age) % len(ring)]
-        if block.recalculate or changed:
-            set_trapezoid(block, math.sqrt(block.entry_sq), math.sqrt(after.entry_sq))
-        changed = block.recalculate
-        block.recalculate = False
+        if not block.recalculate:
+            continue
+        if age == 0:
+            block.entry_sq = block.min_entry_sq
+            entry = math.sqrt(block.entry_sq)
+            continue
+        before = ring[(planner.tail + age - 1) % len(ring)]
+        if age == 1 and planner.running:
+            block.entry_sq = block.min_entry_sq
+            if block.initial_rate == 0:
+                block.initial_rate = before.final_rate
+            continue
+        _limit_entry(before, block)
+        entry_before, entry = entry, math.sqrt(block.entry_sq)
+        set_trapezoid(before, entry_before, entry)
+        before.recalculate = False
+        planner.trapezoids += 1
+    newest = ring[(planner.tail + planner.count - 1) % len(ring)]
+    set_trapezoid(newest, entry, math.sqrt(safe_exit_sq))
+    newest.recalculate = False
+    planner.trapezoids += 1
 
 
 @jit
@@ -141,6 +157,8 @@ def add_move(
         False where the move has fewer steps than the least and is left to its successor.
     """
     planner = planner_of[0]
+    planner.trapezoids = 0
+    planner.starved = False
     block = ring[(planner.tail + planner.count) % len(ring)]
     target = np.empty(4, np.int64)
     for axis in range(4):
@@ -149,33 +167,43 @@ def add_move(
         planner.merged += 1 if block.events > 0 else 0
         return False
     waiting = planner.count - (1 if planner.running else 0)
+    planner.starved = planner.count == 0
     set_speeds(planner, block, feed, waiting, len(ring) // 2)
     set_acceleration(planner, block)
     set_direction(block)
     block.line = line
     block.max_entry_sq = block.least_sq
     if waiting > 0 and planner.prev_speed > 0:
-        block.max_entry_sq = min(
+        corner_sq = min(
             junction_sq(planner, planner.prev_unit, block),
             block.nominal_speed * block.nominal_speed,
             planner.prev_speed * planner.prev_speed,
         )
+        # A block is never entered below its least speed, however slow the one before is.
+        block.max_entry_sq = max(corner_sq, block.least_sq)
     block.entry_sq = block.least_sq
-    block.recalculate = False
-    allowed = reachable_sq(block.least_sq, block.acceleration, block.millimetres)
-    block.nominal_length = block.nominal_speed * block.nominal_speed <= allowed
+    block.min_entry_sq = block.least_sq
+    block.initial_rate = 0
+    block.recalculate = True
     for axis in range(4):
         planner.prev_unit[axis] = block.unit[axis]
         planner.position[axis] = target[axis]
     planner.prev_speed = block.nominal_speed
     if planner.count == 0:
-        planner.planned = 0
-        planner.deliver_at = now + FIRST_BLOCK_DELAY_S
+        looks = math.floor((now - planner.run_end) / LOOK_S) + FIRST_BLOCK_LOOKS
+        planner.deliver_at = planner.run_end + looks * LOOK_S
     planner.count += 1
-    _recalculate(planner, ring)
+    _reverse_pass(planner, ring, block.least_sq)
+    _set_trapezoids(planner, ring, block.least_sq)
     if planner.count >= COMPANY:
-        planner.deliver_at = min(planner.deliver_at, now)
+        planner.deliver_at = min(planner.deliver_at, next_look(planner, now))
     return True
+
+
+@jit
+def next_look(planner: Record, now: float) -> float:
+    """When an idle stepper next looks for a block, s: each millisecond from its last one's end."""
+    return float(planner.run_end + math.ceil((now - planner.run_end) / LOOK_S) * LOOK_S)
 
 
 @jit
@@ -193,27 +221,34 @@ def next_event(planner_of: Records) -> float:
 def command_time(
     planner_of: Records, ring: Records, now: float, costs: NDArray[np.float64]
 ) -> float:
-    """Time that the main thread takes for a command, s.
-
-    (command + blocks · block) / (1 - load), with load = interrupts/s · (interrupt + pulses ·
-    pulse) at the rate that the running block's trapezoid has at ``now``.
+    """Time that the main thread takes for a command, s: (command + blocks · block) / share.
 
     Parameters
     ----------
     costs : (5,) float64
         command_s, block_s, interrupt_s, pulse_s and most_load of `sim.board.hardware.Board`.
     """
+    seconds = costs[0] + planner_of[0].count * costs[1]
+    return seconds / main_share(planner_of, ring, now, costs)
+
+
+@jit
+def main_share(planner_of: Records, ring: Records, now: float, costs: NDArray[np.float64]) -> float:
+    """Share of the processor that the stepper's interrupt leaves to the main thread.
+
+    1 - interrupts/s · (interrupt + pulses · pulse), at the rate that the running block's trapezoid
+    has at ``now``; ``costs`` as in `command_time`.
+    """
     planner = planner_of[0]
-    seconds = costs[0] + planner.count * costs[1]
     if not planner.running:
-        return seconds
+        return 1.0
     block = ring[planner.tail]
     up = block.initial_rate + block.acceleration_rate * (now - planner.run_start)
     down = block.final_rate + block.acceleration_rate * (planner.run_end - now)
     rate = max(min(up, down, float(block.nominal_rate)), 0.0)
     pulses = pulses_per_interrupt(int(rate))
     load = rate / pulses * (costs[2] + pulses * costs[3])
-    return seconds / (1.0 - min(load, costs[4]))
+    return 1.0 - min(load, costs[4])
 
 
 @jit
@@ -227,7 +262,6 @@ def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> N
             planner.running = False
             planner.tail = (planner.tail + 1) % len(ring)
             planner.count -= 1
-            planner.planned = max(planner.planned - 1, 0)
             continue
         planner.run_start = next_event(planner_of)
         _, ticks, first = walk(block, -1)
@@ -235,7 +269,6 @@ def run_until(planner_of: Records, ring: Records, log: Records, now: float) -> N
             planner.first_pulse = planner.run_start + first / TICKS_PER_S
         planner.run_end = planner.run_start + ticks / TICKS_PER_S
         planner.running = True
-        planner.planned = max(planner.planned, 1)
 
 
 @jit
@@ -281,7 +314,6 @@ def stop_now(planner_of: Records, ring: Records, log: Records, now: float) -> No
         planner.run_end = now
     planner.running = False
     planner.count = 0
-    planner.planned = 0
     planner.prev_speed = 0
     for axis in range(4):
         planner.position[axis] = planner.physical[axis] - planner.shift[axis]

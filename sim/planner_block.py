@@ -67,9 +67,10 @@ def set_speeds(planner: Record, block: Record, feed: float, waiting: int, half: 
     per_s = F(feed) / block.millimetres
     if 2 <= waiting < half:
         time_us = math.floor(1e6 / per_s + 0.5)
-        missing = planner.min_segment_us - time_us
+        missing = int(planner.min_segment_us) - time_us
         if missing > 0:
-            per_s = F(1e6 / (time_us + math.floor(2 * missing / waiting + 0.5)))
+            per_s = F(1e6 / (time_us + 2 * missing // waiting))
+            planner.starved = True
     factor = F(1)
     for axis in range(4):
         wanted = abs(block.unit[axis] * per_s)

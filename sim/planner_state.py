@@ -26,8 +26,8 @@ BLOCK: Final = np.dtype(
         ("acceleration", "f4"),  # mm/s²
         ("entry_sq", "f4"),  # (mm/s)²
         ("max_entry_sq", "f4"),
+        ("min_entry_sq", "f4"),  # which no later plan goes below
         ("least_sq", "f4"),  # at which it begins and ends beside a standstill
-        ("nominal_length", "b1"),  # reaches its nominal speed from a standstill
         ("recalculate", "b1"),
         ("initial_rate", "i8"),  # events/s
         ("final_rate", "i8"),
@@ -62,7 +62,8 @@ PLANNER: Final = np.dtype(
         ("prev_speed", "f4"),
         ("tail", "i8"),  # index of the oldest block
         ("count", "i8"),  # blocks in the ring, the running one too
-        ("planned", "i8"),  # age (0 = oldest) of the last block that is planned for good
+        ("trapezoids", "i8"),  # that the last move made the planner set
+        ("starved", "b1"),  # the last move found it empty, or was slowed down as it nearly was
         ("merged", "i8"),  # moves below the least steps, taken over by their successors
         # the stepper
         ("running", "b1"),

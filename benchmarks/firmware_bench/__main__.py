@@ -2,8 +2,8 @@
 
 Wants images that somebody else has built: ``--marlin`` an ELF file for the ATmega2560 (RAMPS 1.4,
 E 500 steps/mm, emergency parser on, 115200 Bd), ``--marlin-without-parser`` the same without it,
-``--marlin-fast`` one at 250000 Bd, ``--klipper`` a folder with ``klipper.elf`` (Linux process),
-``klippy`` and ``python``. What isn't given is named in ``not_measured``.
+``--marlin-fast`` one at 250000 Bd with ADVANCED_OK, ``--klipper`` a folder with ``klipper.elf``
+(Linux process), ``klippy`` and ``python``. What isn't given is named in ``not_measured``.
 """
 
 from __future__ import annotations
@@ -58,6 +58,8 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
     """Yield what to measure, with the name that stands in ``not_measured`` when it fails."""
     quick, first = asked.quick, asked.marlin
     runs, tries, files = (2, 2, 3) if quick else (12, 8, 20)
+    if asked.repeats:
+        runs = tries = files = asked.repeats
     yield "done", marlin_job(done_rows, first, "--marlin", folder / "done", runs)
     for rate in (0.0004, 0.003):
         place = folder / f"noise{rate:g}"
@@ -76,7 +78,13 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
         (250000, asked.marlin_fast, "--marlin-fast"),
     ):
         yield f"speed {baud}", marlin_job(speed_rows, path, option, folder / str(baud), baud, moves)
-    yield "dry run", marlin_job(time_rows, first, "--marlin", folder / "time")
+    for baud, path, option in (
+        (115200, first, "--marlin"),
+        (250000, asked.marlin_fast, "--marlin-fast"),
+    ):
+        place, fast = folder / f"time{baud}", option == "--marlin-fast"
+        more = (place, baud, fast, asked.part, asked.board_speed)
+        yield f"dry run {baud}", marlin_job(time_rows, path, option, *more)
     yield "random files", marlin_job(random_rows, first, "--marlin", folder / "random", files)
     yield (
         "klipper",
@@ -91,7 +99,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--marlin-without-parser", type=Path, help="ELF file, 115200 Bd")
     parser.add_argument("--marlin-fast", type=Path, help="ELF file, 250000 Bd")
     parser.add_argument("--klipper", type=Path, help="folder: klipper.elf, klippy/, python")
+    parser.add_argument("--part", type=Path, help="G-code of a sliced part, for the dry run")
+    parser.add_argument("--board-speed", type=float, default=1.0, help="for the dry run's rows")
     parser.add_argument("--quick", action="store_true", help="fewer runs, tries and files")
+    parser.add_argument("--repeats", type=int, help="prints, tries or files of each row")
     parser.add_argument("--only", help="only jobs whose name contains this")
     parser.add_argument("--keep", type=Path, help="folder for jobs, journals and step logs")
     return parser.parse_args()

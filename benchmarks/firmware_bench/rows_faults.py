@@ -35,7 +35,7 @@ from benchmarks.firmware_bench.step_log import StepLog
 from benchmarks.machine import row
 
 Row = dict[str, Any]
-MOVES = 40
+MOVES = 25
 LIMIT_S = 240.0
 
 

@@ -20,7 +20,7 @@ LOST_OKS = 0.01
 def one_noisy(image: Path, folder: Path, seed: int, rate: float) -> Judged:
     """Print a file of random moves through noise."""
     folder.mkdir(parents=True, exist_ok=True)
-    file = random_moves(1000 + seed, 60)
+    file = random_moves(1000 + seed, 40)
     job = file.write(folder / f"noise-{rate:g}-{seed}.gcode")
     with AvrBoard(image, folder / f"noisy-{rate:g}-{seed}") as board:
         board.tell(f"noise both {rate} {seed + 1}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ def by_product(image: Path, folder: Path, file: MotionFile, baud: int) -> tuple[
         return count / max(board_seconds(board), 1e-9), ended.state, slipped
 
 
-def write_profile(path: Path, baud: int) -> Path:
+def write_profile(path: Path, baud: int, more: Iterable[str] = ()) -> Path:
     """Write a printer profile of the benchmark's own for the images here."""
     facts = [
         "name: benchmark's Marlin",
@@ -85,6 +85,7 @@ def write_profile(path: Path, baud: int) -> Path:
         "junction_deviation_mm: 0.013",
         "plunger_travel_mm: 60",
         "safe_state_on: []",
+        *more,
     ]
     path.write_text("\n".join(facts) + "\n")
     return path

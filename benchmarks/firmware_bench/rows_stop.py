@@ -13,6 +13,7 @@ from benchmarks.firmware_bench.avr_board import AvrBoard
 from benchmarks.firmware_bench.gcode_files import MARLIN_STEPS, raster
 from benchmarks.firmware_bench.product import attend
 from benchmarks.firmware_bench.serial_host import SerialHost
+from benchmarks.firmware_bench.stop_moments import moment_rows
 from benchmarks.machine import row
 
 Row = dict[str, Any]
@@ -78,3 +79,4 @@ def stop_rows(image: Path, folder: Path, tries: int, build: str) -> Iterator[Row
         name + "answer to last step edge of X or Y, longest", round(longest, 1), "ms",
         f"{GOAL_MS + MOVE_MS:g}", longest <= GOAL_MS + MOVE_MS,
     )  # fmt: skip
+    yield from moment_rows(image, folder / "moments", tries, build)

@@ -4,6 +4,8 @@ Equivalent formulation: scatterers have circular Gaussian complex reflectivities
 and random phases. Their places are rounded to a fine cell (an eighth of a voxel, far below the
 resolution); the phase that the rest of the place would give is in the random phase. Within one
 medium the sum of n of them is drawn at once as sqrt(n) times one; beside a wall each is placed.
+Speckle of N scatterers in a resolution volume has a contrast of sqrt(1 + 2 / N): 1.15 at the
+default of 1.2 in a cell (N about 6), 1.02 at 12.
 """
 
 # numba knows the legacy generator only for seeds of its own.

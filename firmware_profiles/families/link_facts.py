@@ -64,6 +64,8 @@ class LinkFacts:
         Command that stops its motors at once, drops the moves that it holds and is answered when
         the position is counted from the motors' steps; with an emergency parser before its turn.
         Empty for none.
+    ends_waits : bytes
+        Command that ends a wait for heat before its turn, the target unchanged. Empty for none.
     """
 
     says: str
@@ -78,3 +80,4 @@ class LinkFacts:
     plans_by_time: bool = False
     run_on_s: float = 0.0
     quickstop: bytes = b""
+    ends_waits: bytes = b""

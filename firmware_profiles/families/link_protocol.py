@@ -292,6 +292,25 @@ class LinkProtocol(Protocol):
         """Send a control command ahead of further job lines; `Replied` follows."""
         ...
 
+    def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:
+        """Write commands past the line in flight, without numbers; each earns an ok of its own.
+
+        Parameters
+        ----------
+        commands : sequence of bytes
+        again : bool
+            Whether the last is written once more behind each move that is in flight, as soon as
+            that was taken.
+        now : float, s
+
+        Returns
+        -------
+        bool
+            Whether they were written; not with nothing in flight, nor where the family can't tell
+            their oks from others.
+        """
+        ...
+
     def go(self, now: float) -> None:
         """Send the next line if nothing is in flight."""
         ...

@@ -1,4 +1,4 @@
-"""What a firmware family is asked for its settings, and how it words them."""
+"""Questions for a family's settings, and the wording of its answers."""
 
 from __future__ import annotations
 

@@ -30,6 +30,7 @@ from printctl.cli.scan_options import (
     WallsFile,
     said_of_scan,
 )
+from printctl.cli.tolerance_options import tolerances_of
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import HTML, LUMEN, NETWORK, PDF, SOLID
 from registration import RegistrationOptions, register_scan
@@ -74,34 +75,42 @@ def register(
             "--print", help="The print that was scanned: its folder or file; else the run's own."
         ),
     ] = None,
+    tolerance: Annotated[
+        Path | None,
+        typer.Option(
+            "--tolerance",
+            help="YAML file of limits by vessel and feature (docs/registration.md).",
+        ),
+    ] = None,
     tolerance_um: Annotated[
-        float,
+        float | None,
         typer.Option(
             "--tolerance-um",
-            help="RMS deviation of the scaled fit above which the print doesn't pass.",
+            help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
             min=0.1,
         ),
-    ] = 100.0,
+    ] = None,
     diameter_tolerance_percent: Annotated[
-        float,
+        str | None,
         typer.Option(
             "--diameter-tolerance-percent",
-            help="Error of a vessel's diameter above which it doesn't.",
-            min=0.1,
+            help="Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; "
+            "else 10.",
         ),
-    ] = 10.0,
+    ] = None,
     progress_file: ProgressFileOption = None,
     pdf: PdfFlag = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Align a scan with its design and report the deviation, vessel by vessel.
 
-    Exit code 1 when the print doesn't pass.
+    Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     with steps.whole():
         steps.begin("reading")
         surface, path = _design(model, network, lumens, unit)
+        limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
         options = RegistrationOptions(
             lumens="bright" if filled else "dark",
@@ -120,7 +129,7 @@ def register(
         from printctl.pipeline.registering import Registered
 
         made = Registered(scan, measured, model, surface, path, vessels, found, printed)
-        data = made.judged(tolerance_um, diameter_tolerance_percent)
+        data = made.judged(limits)
         steps.begin("writing")
         for note in made.write(out, data, pdf):
             messages().print(f"note: {note}", markup=False)

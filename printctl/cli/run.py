@@ -24,6 +24,7 @@ from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.run import How, run_recipe
 from printctl.progress_file import ProgressFile
 from printctl.recipe import load_recipe
+from printctl.records.verdict import outcome
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Run folder; runs/NAME by default.", show_default=False)
@@ -82,7 +83,7 @@ def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> 
     verdict = data["verdict"]
     return [
         *process,
-        ("pass: " if verdict["passed"] else "fail: ") + "; ".join(verdict["reasons"]),
+        f"{outcome(verdict)}: " + "; ".join(verdict["reasons"]),
         str(folder / HTML),
         *(pdfs(data, folder) if pdf else []),
     ]

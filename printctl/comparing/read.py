@@ -15,6 +15,7 @@ from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.stages.registration import NUMBERS
 from printctl.pipeline.verdict import verdict
 from registration.comparison import GaugedScan, Origin, gauged_scan
+from registration.judging import judge_plain
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,8 @@ def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None)
 
 def _judged(numbers: dict[str, Any], judged: Judged, folder: Path) -> dict[str, Any]:
     try:
-        return verdict(numbers, judged.tolerance_um, judged.diameter_percent)
+        numbers |= judge_plain(numbers, judged.tolerance_um, judged.diameter_percent)
+        return verdict(numbers)
     except (KeyError, TypeError) as exc:
         raise UsageError(
             f"{folder / NUMBERS} can't be judged anew ({type(exc).__name__}: {exc}); register the "

@@ -358,6 +358,6 @@ def _notes(
         )
     if choices.without:
         notes.append(f"Left out by choice: vessels {', '.join(map(str, sorted(choices.without)))}.")
-    if any(print_.found["defects"] for print_ in prints):
+    if any(row.get("local", True) for print_ in prints for row in print_.found["defects"]):
         notes.append("Defects aren't corrected; their places were left out of what was measured.")
     return tuple(notes)

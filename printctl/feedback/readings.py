@@ -161,13 +161,15 @@ def _ends(
 def _left_out(
     defects: Sequence[dict[str, Any]], row: dict[str, Any], whole_changes: bool
 ) -> BoolArray:
-    """Sections in a defect or at its brink."""
+    """Sections in a defect or at its brink; not those beyond a limit as their whole vessel is."""
     along = np.array(row["along_mm"], dtype=np.float64)
     out = np.zeros(len(along), dtype=np.bool_)
     reach = float(np.median(np.diff(along))) if len(along) > 1 else 0.0
     for defect in defects:
         if row["vessel"] not in (defect["vessel"], defect["other"]):
             continue
+        if not defect.get("local", True):
+            continue  # as the rest of its vessel: what is to be corrected
         if defect["kind"] in ("leak", "bridge"):
             # Its place along the other vessel isn't given: none of that is used.
             whole = defect["vessel"] != row["vessel"]

@@ -1,4 +1,4 @@
-"""How a print is watched over while it runs."""
+"""Settings for watching over a running print."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from printctl.link.kill import Kill
 from printctl.link.logbook import Logbook
 from printctl.link.wiring import Wiring
 
-POLL_S: Final = 0.1
+POLL_S: Final = 0.04
 """Longest wait for the printer before requests are looked at."""
 
 
@@ -27,6 +27,10 @@ class EventHandler(Protocol):
 
     def step_made(self) -> None:
         """Take notice that a step of a wait is over."""
+        ...
+
+    def between_commands(self) -> None:
+        """Take notice that a command is about to be sent, or was answered; raise to end there."""
         ...
 
 
@@ -124,6 +128,7 @@ class Channel:
         Behind M400 the printer has to confirm that it is idle: an ok alone may be another line's.
         """
         protocol = self.wiring.protocol
+        self._handler.between_commands()
         self._replies.clear()
         self._awaited = protocol.number + 1
         if journalled:
@@ -134,6 +139,7 @@ class Channel:
         if text == b"M400":
             self.agree(protocol.confirm)
             self.logbook.progress.stands_still()
+        self._handler.between_commands()
         return self._replies[0].lines
 
     def commands(self, texts: Sequence[bytes]) -> None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import NoReturn
 
 from printctl.link.channel import Channel
+from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
+from printctl.link.interruption import Interruption
+from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck, Standstill
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
+from printctl.link.stood import Stood
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
@@ -25,6 +30,8 @@ class Ending:
     heads : HeadChoice
     position : PositionCheck
     valve : ValveSwitch
+    excursion : Excursion
+    interruption : Interruption
     """
 
     def __init__(
@@ -34,10 +41,23 @@ class Ending:
         heads: HeadChoice,
         position: PositionCheck,
         valve: ValveSwitch,
+        excursion: Excursion,
+        interruption: Interruption,
     ) -> None:
+        self._excursion, self._interruption = excursion, interruption
         self._channel, self._firmware, self._heads = channel, firmware, heads
         self._position, self._valve = position, valve
         self._logbook, self._printer = channel.logbook, channel.wiring.printer
+
+    def stop(self) -> NoReturn:
+        """End the print as somebody asked, wherever the link has the needle.
+
+        Raises
+        ------
+        PrintEnded
+            Always: stopped.
+        """
+        self.retreat(LinkState.STOPPED, "stopped by the user" + self._excursion.words())
 
     def retreat(self, state: LinkState, message: str) -> NoReturn:
         """Relieve the plunger, lift the needle, switch off; nothing may be in flight.
@@ -47,6 +67,7 @@ class Ending:
         PrintEnded
             Always, in ``state``.
         """
+        self._interruption.disarm()
         self._channel.commands(shut(self._printer))
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
@@ -58,6 +79,8 @@ class Ending:
         self._heaters_off()
         self._channel.command(b"M400")
         known = stop.read and self._logbook.complaints == complaints
+        if known and state is LinkState.STOPPED:
+            self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault
         if fault:
@@ -69,11 +92,30 @@ class Ending:
     def _stop_motors(self) -> Standstill:
         """Have the firmware drop the moves that it holds, where it can."""
         quickstop = link_facts(self._printer).quickstop
+        if self._excursion.going_on:
+            if quickstop:
+                self._channel.command(quickstop)
+            return self._position.standing_away()
         if not quickstop:
             return Standstill(self._position.actual(), read=True, dropped=False)
         self._logbook.progress.moves_dropped()
         self._channel.command(quickstop)
         return self._position.standstill()
+
+    def _record_stood(self, stop: Standstill) -> None:
+        """Write down with which line of the job it can be gone on, and from where."""
+        progress = self._logbook.progress
+        all_made = self._excursion.going_on or stop.place == Modal()
+        found = Stood(progress.done, None, True) if all_made else progress.stood(stop.place)
+        self._logbook.record(
+            "stood",
+            done=progress.done,
+            line=found.line,
+            begin_at=None if found.at is None else asdict(found.at),
+            certain=found.certain,
+            dropped=stop.dropped,
+            place=asdict(stop.place),
+        )
 
     def _way_out(self, stop: Standstill) -> list[bytes]:
         """Commands that relieve the plunger and lift the needle from there.
@@ -83,22 +125,12 @@ class Ending:
         """
         at, printer = stop.at, self._printer
         retreat = self._heads.retreat
+        if self._excursion.going_on:
+            return self._excursion.way_out(at, retreat, printer)
         if not stop.dropped:
             return retreat.leave(at, printer, self._logbook.progress.relieved_mm)
         counted = [] if at.e is None or printer.pneumatic else [count_from(at.e)]
         return [*counted, *retreat.leave(at, printer)]
-
-    def end_paused(self, message: str) -> NoReturn:
-        """Switch off where the needle is out of the bath already.
-
-        Raises
-        ------
-        PrintEnded
-            Always: stopped.
-        """
-        self._heaters_off()
-        self._firmware.undo_settings()
-        raise PrintEnded(LinkState.STOPPED, message)
 
     def end_on_fault(self) -> None:
         """End the print where printer or journal complained of something."""

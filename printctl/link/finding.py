@@ -1,4 +1,4 @@
-"""Which port a printer is at, and at which baud rate it answers.
+"""Search for a printer's port and baud rate.
 
 A port is chosen by USB id and by nothing else: other machines may be on other ports, and opening
 one may reset a board. Where not exactly one port matches the profile the choice is refused, and

@@ -1,4 +1,4 @@
-"""What the firmware says about itself (M115, M92), against what the profile says."""
+"""The firmware's own account (M115, M92) against the profile."""
 
 from __future__ import annotations
 

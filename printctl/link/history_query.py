@@ -1,4 +1,4 @@
-"""What is asked of the history: words, states, days; in which order, and how many at once."""
+"""Queries of the history: words, states, days, order and number."""
 
 from __future__ import annotations
 

@@ -19,12 +19,14 @@ reload     a change of syringe begins after ``done`` lines; the plunger's count 
            of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
+stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `Stood`; ``done`` lines taken;
+           ``dropped``: whether moves of theirs weren't made; ``place`` that the printer told
 end        state, message, done, error, position_known: last; where the printer refused a line of
            the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, reload, syringe and end records also have ``at``, the wall-clock
-time, s since 1970.
+job, state, alarm, checkpoint, reload, syringe, stood and end records also have ``at``, the
+wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
@@ -51,7 +53,9 @@ from printctl.link.errors import JournalError
 from printctl.link.states import LinkState
 
 Record = dict[str, Any]
-_DATED: Final = frozenset({"job", "state", "alarm", "checkpoint", "reload", "syringe", "end"})
+_DATED: Final = frozenset(
+    {"job", "state", "alarm", "checkpoint", "reload", "syringe", "stood", "end"}
+)
 
 
 class Journal:
@@ -178,6 +182,9 @@ class History:
         Where the next changes are due, since the last one.
     reload_heads : tuple of int
         Of several heads, whose.
+    stood : dict or None
+        Where in the job the printer stood after a stop; None in journals of before, and where
+        nobody knows.
     end : dict or None
         The end record; None when the link process died first.
     damaged : int
@@ -205,6 +212,7 @@ class History:
     reloaded: int = -1
     reload_at: tuple[int, ...] | None = None
     reload_heads: tuple[int, ...] = ()
+    stood: Record | None = None
     end: Record | None = None
     damaged: int = 0
     gaps: int = 0
@@ -263,7 +271,7 @@ def _apply(history: History, record: Record | None) -> None:
         history._torn, begins = False, record.get("state") == LinkState.CONNECTING
         history.gaps += not (sort in ("job", "end") or begins)
     if sort == "job":
-        history.job, history.end = record, None
+        history.job, history.end, history.stood = record, None, None
     elif sort == "state":
         history.state = LinkState(record["state"])
         history.stopping |= history.state is LinkState.STOPPING
@@ -289,6 +297,8 @@ def _apply(history: History, record: Record | None) -> None:
     elif sort == "syringe":
         history.syringe, history.reload_at = record, tuple(record["reload_at"])
         history.reload_heads = tuple(record.get("reload_heads", ()))
+    elif sort == "stood":
+        history.stood = record
     elif sort == "end":
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]

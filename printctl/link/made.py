@@ -1,4 +1,4 @@
-"""Which of a job's lines have certainly been carried out, not only taken.
+"""Count of a job's lines that were certainly carried out.
 
 A firmware says ok when it has put a move into its planner. So the last moves taken, as many as
 planner and command queue hold, may still be ahead; once it has answered M400, none is.

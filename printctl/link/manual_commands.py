@@ -7,6 +7,7 @@ from collections.abc import Callable
 from printctl.gate import Known, Refusal
 from printctl.link.channel import Channel
 from printctl.link.gating import Manual, judge_typed
+from printctl.link.interruption import StopAsked
 from printctl.link.requests import RequestQueue
 
 
@@ -42,7 +43,11 @@ class ManualCommands:
             manual.refused(verdict.message)
             return
         before = self._logbook.fault
-        lines = self._channel.command(verdict.text.encode("ascii"))
+        try:
+            lines = self._channel.command(verdict.text.encode("ascii"))
+        except StopAsked:
+            manual.refused("the print is being stopped")
+            raise
         complaint = self._logbook.excuse(before)
         said = (complaint.encode("ascii", "replace"),) if complaint else ()
         manual.done((*lines, *said))

@@ -1,4 +1,4 @@
-"""Where the job's text says the needle and plunger are after so many of its lines."""
+"""Needle's and plunger's place by the job's text after some lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a print was made with: the program's version, and the printer's profile as it was."""
+"""Program's version and printer's profile at a print's start."""
 
 from __future__ import annotations
 

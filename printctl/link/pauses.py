@@ -12,14 +12,17 @@ from printctl.link.care import NewSyringe
 from printctl.link.channel import Channel
 from printctl.link.ending import Ending
 from printctl.link.errors import LinkError
+from printctl.link.excursion import Excursion
 from printctl.link.gating import PausedTip
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
+from printctl.link.interruption import StopAsked
 from printctl.link.manual_commands import ManualCommands
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_requests import PrintRequests
 from printctl.link.requests import Request, RequestQueue
+from printctl.link.returning import Returning
 from printctl.link.states import LinkState
 from printctl.link.syringe_change import CHANGE, SyringeChange
 from printctl.link.syringe_changer import SyringeChanger
@@ -48,6 +51,8 @@ class Pauses:
     valve : ValveSwitch
     motors : IdleMotors
     ending : Ending
+    excursion : Excursion
+    returning : Returning
     """
 
     channel: Channel
@@ -62,6 +67,8 @@ class Pauses:
     valve: ValveSwitch
     motors: IdleMotors
     ending: Ending
+    excursion: Excursion
+    returning: Returning
 
     # --- between two lines -----------------------------------------------------------------------
 
@@ -104,31 +111,41 @@ class Pauses:
         at = self.position.expected()
         self.position.verify(at)
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
+        self.excursion.begin(at, relieved, self._top(at, changing))
         channel.commands(retreat.leave(at, channel.wiring.printer, relieved))
         if changing:
+            self.excursion.lose_count()
             self.changer.begin(at)
         channel.command(b"M400")
         self._wait_and_come_back(at, message)
 
+    def _top(self, at: Modal, changing: bool) -> float | None:
+        """Return the greatest height of the way out of ``at``, mm."""
+        if at.z is None:
+            return None
+        retreat, high = self.channel.wiring.retreat, self.channel.wiring.printer.z_mm.high
+        lift = max(self.heads.retreat.lift_mm, retreat.park_mm if changing else 0.0)
+        return max(at.z, min(at.z + lift, high))
+
     def await_syringe(self, at: Modal, head: int | None = None) -> None:
         """Go on waiting for a syringe: the host died while it was changed."""
+        self.excursion.begin(at, 0.0, None)
+        self.excursion.lose_count()
         self.motors.hold()
         self.changer.found_again(at, head)
         self.channel.command(b"M400")
         self._wait_and_come_back(at, f"paused, found again: {self.change.words()}")
 
     def _wait_and_come_back(self, at: Modal, message: str) -> None:
-        logbook, channel = self.channel.logbook, self.channel
+        logbook = self.channel.logbook
         logbook.enter(LinkState.PAUSED, message)
+        self.excursion.rest()
         new = self._stay_paused(at)
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
         self.heads.take()
-        retreat = self.heads.retreat
-        channel.commands(retreat.rejoin(at, channel.wiring.printer, retreat.prime_mm))
-        channel.command(b"M400")
-        self.position.verify(at)
+        self.returning.come_back(at, self.heads.retreat.prime_mm)
         self.motors.release()
         self.change.end()
         self.requests.alive()
@@ -146,9 +163,10 @@ class Pauses:
             self.commands.send_all(tip.known)
             request = queue.take()
             if request is Request.STOP:
-                self.ending.end_paused("stopped by the user while paused")
+                raise StopAsked
             if request is Request.RELOAD and not self.change.going_on:
                 self.change.plan(self.requests.reload_head)
+                self.excursion.lose_count()
                 self.changer.begin(at)
                 channel.logbook.enter(LinkState.PAUSED, f"paused: {self.change.words()}")
             if request is Request.RESUME:

@@ -1,4 +1,4 @@
-"""Which serial ports there are."""
+"""List of the serial ports."""
 
 from __future__ import annotations
 

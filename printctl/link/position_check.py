@@ -8,12 +8,12 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
-from printctl.link.modal import Modal, disagreement
+from printctl.link.modal import AXES, Modal, disagreement
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
 
@@ -35,11 +35,14 @@ class Standstill:
         Whether the printer's own word could be read; else it is the job's.
     dropped : bool
         Whether moves of the job weren't made.
+    place : Modal
+        What the printer told, where its motors were stopped.
     """
 
     at: Modal
     read: bool
     dropped: bool
+    place: Modal = field(default_factory=Modal)
 
     def words(self) -> str:
         """Return what to add to the message of the end."""
@@ -91,6 +94,31 @@ class PositionCheck:
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
 
+    def height(self) -> float:
+        """Return the needle's height, mm.
+
+        Raises
+        ------
+        PrintEnded
+            Where it can't be read.
+        """
+        position = self._said_twice()
+        if not position:
+            self._valve.shut()
+            raise PrintEnded(
+                LinkState.POSITION_UNKNOWN,
+                "where the needle stands can't be read (M114), so it wasn't lowered; `printctl "
+                "status` says what next",
+                known=False,
+            )
+        return position["Z"]
+
+    def standing_away(self) -> Standstill:
+        """Return where the printer says it stands, whatever the job's text says."""
+        position = self._said_twice()
+        words = {axis.lower(): value for axis, value in position.items() if axis in AXES}
+        return Standstill(Modal(**words), read=bool(position), dropped=False)
+
     def standstill(self) -> Standstill:
         """Return where the printer stands after it dropped moves."""
         at, heights = self._progress.modal(), self._progress.heights()
@@ -102,7 +130,8 @@ class PositionCheck:
             self._logbook.alarm(disagreement(Modal(z=at.z), position))
         x, y, e = position["X"], position["Y"], position.get("E")
         there = replace(at, x=x, y=y, z=max([z, *heights]), e=e)
-        return Standstill(there, read=True, dropped=bool(disagreement(at, position)))
+        dropped = bool(disagreement(at, position))
+        return Standstill(there, read=True, dropped=dropped, place=Modal(x=x, y=y, z=z, e=e))
 
     def _said_twice(self) -> dict[str, float]:
         """Return the position once it was said twice running: no checksum guards it; else empty."""

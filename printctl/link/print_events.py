@@ -8,6 +8,7 @@ from typing import Any, Final
 from firmware_profiles.families import link_protocol as said
 from printctl.link.channel import Channel, Heard
 from printctl.link.errors import HandshakeError
+from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
@@ -35,11 +36,19 @@ class PrintEvents:
     kill : Kill
     requests : RequestQueue
     heard : Heard
+    interruption : Interruption
     """
 
     def __init__(
-        self, wiring: Wiring, logbook: Logbook, kill: Kill, requests: RequestQueue, heard: Heard
+        self,
+        wiring: Wiring,
+        logbook: Logbook,
+        kill: Kill,
+        requests: RequestQueue,
+        heard: Heard,
+        interruption: Interruption,
     ) -> None:
+        self._interruption = interruption
         self._wiring, self._logbook, self._progress = wiring, logbook, logbook.progress
         self._kill, self._requests, self._heard = kill, requests, heard
         self._handlers: dict[type, Callable[[Any], None]] = {
@@ -64,13 +73,12 @@ class PrintEvents:
         self._handlers[type(event)](event)
 
     def step_made(self) -> None:
-        """End a print that is to be stopped before the printer has its first line."""
-        if self._logbook.state not in EARLY or Request.STOP not in self._requests.requests:
-            return
-        if self._logbook.resumed:
-            message = "stopped by the user before the printer was found again"
-            raise PrintEnded(LinkState.FAILED, message, known=False)
-        raise PrintEnded(LinkState.STOPPED, "stopped by the user before the first line")
+        """Act on a stop that was asked for meanwhile."""
+        self._interruption.look()
+
+    def between_commands(self) -> None:
+        """Go no further where a stop was asked for."""
+        self._interruption.check()
 
     # --- for the journal -------------------------------------------------------------------------
 
@@ -204,8 +212,11 @@ class PrintEvents:
         return self._logbook.fault
 
 
-def print_channel(wiring: Wiring, logbook: Logbook, requests: RequestQueue) -> Channel:
-    """Return a conversation whose events are a print's."""
+def print_channel(
+    wiring: Wiring, logbook: Logbook, requests: RequestQueue
+) -> tuple[Channel, Interruption]:
+    """Return a conversation whose events are a print's, and what stops it in mid-wait."""
     kill, heard = Kill(wiring), Heard()
-    handler = PrintEvents(wiring, logbook, kill, requests, heard)
-    return Channel(wiring, logbook, kill, handler, heard)
+    interruption = Interruption(wiring, logbook, requests, kill)
+    handler = PrintEvents(wiring, logbook, kill, requests, heard, interruption)
+    return Channel(wiring, logbook, kill, handler, heard), interruption

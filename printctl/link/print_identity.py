@@ -1,4 +1,4 @@
-"""Which print a scan is of, by the print's own journal."""
+"""Find the print that a scan belongs to, by the print's journal."""
 
 from __future__ import annotations
 

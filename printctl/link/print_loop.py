@@ -10,6 +10,7 @@ from printctl.link.agreeing import agree_start
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
+from printctl.link.interruption import StopAsked
 from printctl.link.job_start import told_start
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
@@ -40,6 +41,12 @@ class PrintLoop:
         PrintEnded
             Always, but for a `LinkError`.
         """
+        try:
+            self._run(history)
+        except StopAsked:
+            self._parts.ending.stop()
+
+    def _run(self, history: History | None) -> None:
         parts, logbook = self._parts, self._logbook
         logbook.enter(LinkState.CONNECTING, f"opening {self._wiring.transport.name}")
         if history is None:
@@ -145,8 +152,8 @@ class PrintLoop:
         parts.commands.send_all(self._printing)
         while (request := parts.queue.take()) is not None:
             if request is Request.STOP:
-                parts.ending.retreat(LinkState.STOPPED, "stopped by the user")
-            elif request is Request.PAUSE:
+                raise StopAsked
+            if request is Request.PAUSE:
                 parts.pauses.pause()
             elif request is Request.RESUME:
                 parts.watch.pause_after(None)  # a pause that is waited for no longer
@@ -168,6 +175,7 @@ class PrintLoop:
         # a stop while the last moves were made: the way out needs the job's settings
         self._obey()
         if confirmed:
+            self._parts.interruption.disarm()  # it is done, and nothing moves any more
             self._parts.firmware.undo_settings()
         return confirmed
 

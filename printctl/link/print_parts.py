@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from printctl.link.care import Care
 from printctl.link.channel import Channel
 from printctl.link.ending import Ending
+from printctl.link.excursion import Excursion
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
+from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook
 from printctl.link.manual_commands import ManualCommands
@@ -22,6 +24,7 @@ from printctl.link.print_requests import PrintRequests
 from printctl.link.progress import JobProgress
 from printctl.link.requests import RequestQueue
 from printctl.link.resumption import Resumption
+from printctl.link.returning import Returning
 from printctl.link.slips import SlipWatch
 from printctl.link.syringe_change import SyringeChange
 from printctl.link.syringe_changer import SyringeChanger
@@ -49,6 +52,7 @@ class PrintParts:
     pauses : Pauses
     slips : SlipWatch
     resumption : Resumption
+    interruption : Interruption
     """
 
     channel: Channel
@@ -64,6 +68,7 @@ class PrintParts:
     pauses: Pauses
     slips: SlipWatch
     resumption: Resumption
+    interruption: Interruption
 
 
 def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
@@ -73,13 +78,15 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     watched = [Gauge(one) for one in wiring.printer.watch]
     details = PrintDetails(wiring.clock, watched, watch, change)
     logbook = Logbook(wiring, progress, details.add, details.next_due)
-    channel = print_channel(wiring, logbook, queue)
+    channel, interruption = print_channel(wiring, logbook, queue)
     requests = PrintRequests(wiring, logbook, queue, watch, change)
     commands, gauges = ManualCommands(channel, queue), Gauges(channel, watched)
     firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
     valve = ValveSwitch(channel)
     position = PositionCheck(channel, valve)
-    ending = Ending(channel, firmware, heads, position, valve)
+    excursion = Excursion()
+    returning = Returning(channel, heads, position, excursion)
+    ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
     pauses = Pauses(
         channel=channel,
         queue=queue,
@@ -93,6 +100,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         valve=valve,
         motors=IdleMotors(channel),
         ending=ending,
+        excursion=excursion,
+        returning=returning,
     )
     return PrintParts(
         channel=channel,
@@ -107,5 +116,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         ending=ending,
         pauses=pauses,
         slips=SlipWatch(channel, position),
-        resumption=Resumption(channel, firmware, heads, position, valve, watch, pauses),
+        resumption=Resumption(
+            channel, firmware, heads, position, valve, watch, pauses, excursion, returning
+        ),
+        interruption=interruption,
     )

@@ -6,6 +6,7 @@ from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.made import Made
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
+from printctl.link.stood import Stood, find_stood
 from printctl.link.wiring import Wiring
 
 
@@ -71,6 +72,11 @@ class JobProgress:
         lines, done, sent = self.job.lines, self.done, self._protocol.lines_done
         found = (modal_state(lines, k).z for k in range(self.executed(done), sent + 1))
         return [z for z in found if z is not None]
+
+    def stood(self, place: Modal) -> Stood:
+        """Return with which line it can be gone on after the moves ahead were dropped."""
+        done = self.done
+        return find_stood(self.job.lines, self.executed(done), done, place)
 
     @property
     def speed_mm_s(self) -> float:

@@ -17,7 +17,7 @@ from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.job_start import declared_start, places_told
-from printctl.link.journal import History
+from printctl.link.journal import History, Record
 from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, modal_state, relieved_mm
@@ -92,20 +92,84 @@ def plan_recovery(
     LinkError
         When the job doesn't say where the needle is there.
     """
-    begin, why = _beginning(job, history, printer, from_line)
-    at = modal_state(job.lines, begin)
+    found = _beginning(job, history, printer, from_line)
+    begin, at = found.index, found.at
     if None in (at.x, at.y, at.z) or (at.e is None and not printer.pneumatic):
         raise LinkError(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
     start = declared_start(job, begin)
-    gcode = _way_in(job, begin, at, printer, retreat, start) + _rest(job, data, begin)
-    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, begin, why, printer))
+    gcode = _way_in(job, found, printer, retreat, start) + _rest(job, data, begin)
+    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, found, printer))
     return Recovery(begin, gcode, steps, start)
 
 
-def _beginning(
+@dataclass(frozen=True)
+class _Beginning:
+    """Where the rest begins.
+
+    Attributes
+    ----------
+    index : int
+        Command lines left out.
+    why : str
+    at : Modal
+        Where needle and plunger were.
+    relieved_mm : float
+        How far the job itself had drawn the plunger back there.
+    stood : str
+        What is told of a stop whose place in the job was found; else empty.
+    """
+
+    index: int
+    why: str
+    at: Modal
+    relieved_mm: float
+    stood: str = ""
+
+
+def _where_it_stood(job: Job, stood: Record) -> _Beginning:
+    """Go on with the line in whose middle a printer was stopped, or with one that is surely open.
+
+    Raises
+    ------
+    LinkError
+        Where no line is left.
+    """
+    index = int(stood["line"])
+    if index >= len(job):
+        raise LinkError("every line of the job was made before the print was stopped")
+    at, relieved = modal_state(job.lines, index), relieved_mm(job.lines, index)
+    line = job.file_lines[index]
+    if stood["dropped"]:
+        relieved = 0.0
+    if stood["begin_at"] is not None:
+        at = Modal(**stood["begin_at"])
+    if stood["certain"] and stood["begin_at"] is None:
+        told = f"All lines before line {line} were made, and none after: nothing is written twice."
+    elif stood["certain"]:
+        told = (
+            f"The printer was stopped at X{at.x:g} Y{at.y:g} Z{at.z:g}, on its way of line {line}: "
+            "the file goes on with the rest of that line, so nothing is left out or written twice."
+        )
+    else:
+        told = (
+            f"The printer was stopped where more than one line passes, or at a place that the "
+            f"journal can't tell exactly; line {line} is the first that may not have been made. "
+            "Nothing is left out, but what follows may be written already: look at the part."
+        )
+    return _Beginning(index, "where it was stopped", at, relieved, told)
+
+
+def _beginning(job: Job, history: History, printer: Printer, from_line: int | None) -> _Beginning:
+    if from_line is None and history.stood is not None:
+        return _where_it_stood(job, history.stood)
+    index, why = _line_to_begin(job, history, printer, from_line)
+    return _Beginning(index, why, modal_state(job.lines, index), relieved_mm(job.lines, index))
+
+
+def _line_to_begin(
     job: Job, history: History, printer: Printer, from_line: int | None
 ) -> tuple[int, str]:
     if from_line is not None:
@@ -136,8 +200,7 @@ def _refused(history: History) -> int | None:
 
 def _way_in(
     job: Job,
-    begin: int,
-    at: Modal,
+    found: _Beginning,
     printer: Printer,
     retreat: Retreat,
     start: tuple[float, float, float] | None,
@@ -147,6 +210,7 @@ def _way_in(
     A pneumatic head's valve is shut first of all, and opened once the tip is in place. Of several
     heads all are raised, the job's is chosen, and lowered above its place.
     """
+    begin, at = found.index, found.at
     head = head_at(job.lines, begin) if printer.heads else None
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
@@ -160,7 +224,7 @@ def _way_in(
     if head is not None:
         commands += [*all_raised(printer), choose(printer, head)]
     if not printer.pneumatic:
-        commands.append(count_from(retreat.relieved_e(e, relieved_mm(job.lines, begin))))
+        commands.append(count_from(retreat.relieved_e(e, found.relieved_mm)))
     opens = reopen(job.lines, begin, printer)
     commands += [
         b"G0 Z%.4f F%.0f" % (high, rise * 60),
@@ -248,11 +312,14 @@ def _by_hand(
 
 
 def _what_is_there(
-    job: Job, history: History, begin: int, why: str, printer: Printer
+    job: Job, history: History, found: _Beginning, printer: Printer
 ) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
+    begin = found.index
     first = job.file_lines[begin]
-    steps = [f"The file begins with line {first} of {job.name} ({why})."]
+    steps = [f"The file begins with line {first} of {job.name} ({found.why})."]
+    if found.stood:
+        return (*steps, found.stood)
     refused = (history.end or {}).get("refused")
     if refused is not None and refused >= begin:
         words = job.lines[refused].decode("ascii", "replace")

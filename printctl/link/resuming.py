@@ -1,4 +1,4 @@
-"""Whether the print in a folder can be gone on with."""
+"""Decide if the print in a folder can be gone on with."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from printctl.link.channel import Channel
+from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.head_choice import HeadChoice
@@ -12,6 +13,7 @@ from printctl.link.journal import History
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
+from printctl.link.returning import Returning
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve import is_open
 from printctl.link.valve_switch import ValveSwitch
@@ -31,6 +33,8 @@ class Resumption:
     valve : ValveSwitch
     watch : Watch
     pauses : Pauses
+    excursion : Excursion
+    returning : Returning
     """
 
     channel: Channel
@@ -40,6 +44,8 @@ class Resumption:
     valve: ValveSwitch
     watch: Watch
     pauses: Pauses
+    excursion: Excursion
+    returning: Returning
 
     def find_again(self, history: History) -> None:
         """Ask the printer for its last line; come back to where the job was.
@@ -100,8 +106,9 @@ class Resumption:
             logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
 
     def _rejoin(self, at: Modal) -> None:
+        logbook = self.channel.logbook
+        self.excursion.begin(at, logbook.progress.relieved_mm, None)
+        logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         self.heads.take()
         self.position.verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
-        self.channel.commands(self.heads.retreat.rejoin(at, self.channel.wiring.printer))
-        self.channel.command(b"M400")
-        self.position.verify(at)
+        self.returning.come_back(at)

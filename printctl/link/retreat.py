@@ -1,4 +1,4 @@
-"""How the needle leaves the bath in a controlled stop or a pause, and how it comes back.
+"""Way of the needle out of the bath, and back.
 
 A plunger is relieved and primed again; a pneumatic head's valve is shut (`printctl.link.valve`),
 and no E is sent to it. Opening it again is left to who comes back: only when the tip is in place.
@@ -6,6 +6,7 @@ and no E is sent to it. Opening it again is left to who comes back: only when th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +15,8 @@ from printctl.link.modal import Modal
 from printctl.link.valve import shut
 
 _NOTHING_MM: Final = 1e-6
+LOWERING_STEP_MM: Final = 2.0
+"""Of the way down; a stop is looked for between two of them."""
 
 
 @dataclass(frozen=True)
@@ -68,14 +71,16 @@ class Retreat:
         commands = shut(printer)
         relieves = not printer.pneumatic and self.relief_mm - relieved_mm > _NOTHING_MM
         if at.e is not None and relieves:
-            commands.append(
-                _move("E", self.relieved_e(at.e, relieved_mm), self._relief_speed(printer))
-            )
+            commands.append(self.relieve_to(self.relieved_e(at.e, relieved_mm), printer))
         return commands + self.rise(at, printer, self.lift_mm)
 
     def relieved_e(self, e: float, relieved_mm: float = 0.0) -> float:
         """Where the plunger of a needle that left stands, mm, after the job left it at ``e``."""
         return e - max(0.0, self.relief_mm - relieved_mm)
+
+    def relieve_to(self, e_mm: float, printer: Printer) -> bytes:
+        """Command that draws the plunger back to ``e_mm``."""
+        return _move("E", e_mm, self._relief_speed(printer))
 
     def rise(self, at: Modal, printer: Printer, by_mm: float) -> list[bytes]:
         """Commands that go straight up from ``at``, at most to the top of the axis."""
@@ -83,6 +88,15 @@ class Retreat:
             return []
         top = max(at.z, min(at.z + by_mm, printer.z_mm.high))
         return [_move("Z", top, self._lift_speed(printer))]
+
+    def lower(self, at: Modal, printer: Printer, from_z: float) -> list[bytes]:
+        """Commands that come down (or up) to ``at`` from ``from_z``, mm, none by a longer step."""
+        if at.z is None:
+            return []
+        steps = max(1, math.ceil((from_z - at.z) / LOWERING_STEP_MM - _NOTHING_MM))
+        speed = self._lift_speed(printer)
+        heights = [from_z + (at.z - from_z) * k / steps for k in range(1, steps)]
+        return [_move("Z", height, speed) for height in (*heights, at.z)]
 
     def rejoin(self, at: Modal, printer: Printer, prime_mm: float = 0.0) -> list[bytes]:
         """Commands that come back to ``at``: down, prime again, feed rate as it was.

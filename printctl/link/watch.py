@@ -1,4 +1,4 @@
-"""When a print that runs is to be held at a mark, and for what: no I/O, no clock."""
+"""Holds of a running print at marks: no I/O, no clock."""
 
 from __future__ import annotations
 

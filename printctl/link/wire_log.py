@@ -16,8 +16,13 @@ from printctl.link.transport import Transport
 
 RING_BYTES: Final = 256 * 1024
 _OVERHEAD: Final = 32
+_MOST: Final = RING_BYTES // _OVERHEAD
+"""More entries than ever fit into `RING_BYTES`."""
+_LONG: Final = 512
+"""Bytes; entries longer than that could outgrow memory, and are rare."""
 FILE: Final = "wire.log"
 FLUSH_S: Final = 0.5
+_Note = tuple[float, str, bytes]
 
 
 class WireLog:
@@ -30,8 +35,8 @@ class WireLog:
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self._last: deque[tuple[float, str, bytes]] = deque()
-        self._size, self._zero, self._lock = 0, time.monotonic(), threading.Lock()
+        self._last: deque[_Note] = deque(maxlen=_MOST)
+        self._zero, self._lock = time.monotonic(), threading.Lock()
         self._file: TextIO | None = None
         self._flush_due = 0.0
         if path is not None:
@@ -39,24 +44,39 @@ class WireLog:
             self._file = path.open("a", encoding="ascii", buffering=1 << 16)
 
     def add(self, sort: str, data: bytes) -> None:
-        """Note bytes; from any thread."""
-        at = time.monotonic() - self._zero
-        with self._lock:
-            self._last.append((at, sort, data))
-            self._size += len(data) + _OVERHEAD
-            while self._size > RING_BYTES:
-                self._size -= len(self._last.popleft()[2]) + _OVERHEAD
-            if self._file is not None:
-                self._file.write(_line(at, sort, data))
-                if at >= self._flush_due:  # a link that is killed leaves what it had
-                    self._file.flush()
-                    self._flush_due = at + FLUSH_S
+        """Note bytes; from any thread. Part of the link's hot path: twice a line."""
+        note = time.monotonic(), sort, data
+        self._last.append(note)  # atomic; what is too much for the limit is left out on keeping
+        if len(data) > _LONG:
+            self._drop_oldest()
+        if self._file is not None:
+            self._write(note)
 
     def keep(self, path: Path) -> None:
         """Write the last traffic to a file, in place of what it held."""
-        with self._lock:
-            lines = [_line(*one) for one in self._last]
+        self._drop_oldest()
+        lines = [self._line(note) for note in self._last.copy()]
         path.write_text("".join(lines), encoding="ascii")
+
+    def _drop_oldest(self) -> None:
+        """Forget what is more than `RING_BYTES`."""
+        with self._lock:
+            size = sum(len(data) + _OVERHEAD for _, _, data in self._last.copy())
+            while size > RING_BYTES:
+                size -= len(self._last.popleft()[2]) + _OVERHEAD
+
+    def _write(self, note: _Note) -> None:
+        with self._lock:
+            if self._file is None:
+                return
+            self._file.write(self._line(note))
+            if note[0] >= self._flush_due:  # a link that is killed leaves what it had
+                self._file.flush()
+                self._flush_due = note[0] + FLUSH_S
+
+    def _line(self, note: _Note) -> str:
+        at, sort, data = note
+        return f"{at - self._zero:12.6f} {sort} {data!r}\n"
 
     def close(self) -> None:
         """Let go of the file."""
@@ -64,10 +84,6 @@ class WireLog:
             if self._file is not None:
                 self._file.close()
                 self._file = None
-
-
-def _line(at: float, sort: str, data: bytes) -> str:
-    return f"{at:12.6f} {sort} {data!r}\n"
 
 
 class LoggedTransport:
@@ -81,18 +97,19 @@ class LoggedTransport:
 
     def __init__(self, transport: Transport, log: WireLog) -> None:
         self._transport, self._log = transport, log
+        self._read, self._write, self._note = transport.read, transport.write, log.add
         self.name, self.quiet_s = transport.name, transport.quiet_s
 
     def write(self, data: bytes) -> None:
         """Write all of ``data``, or raise `PortLost` within the transport's time limit."""
-        self._log.add(">", data)
-        self._transport.write(data)
+        self._note(">", data)
+        self._write(data)
 
     def read(self, timeout: float) -> bytes:
         """Give what has come, waiting at most ``timeout`` s for it; empty for nothing."""
-        data = self._transport.read(timeout)
+        data = self._read(timeout)
         if data:
-            self._log.add("<", data)
+            self._note("<", data)
         return data
 
     def write_urgent(self, data: bytes) -> None:

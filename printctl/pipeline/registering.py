@@ -24,6 +24,7 @@ from printctl.pipeline.stages.registration import (
 )
 from printctl.pipeline.verdict import verdict
 from registration import RegistrationReport, Scan, report_dict
+from registration.judging import Tolerances, judge
 from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
@@ -59,10 +60,16 @@ class Registered:
     found: RegistrationReport
     printed: dict[str, Any] | None
 
-    def judged(self, tolerance_um: float, diameter_tolerance_percent: float) -> dict[str, Any]:
-        """Numbers and verdict, as ``registration.json`` holds them."""
+    def judged(self, tolerances: Tolerances) -> dict[str, Any]:
+        """Numbers and verdict, as ``registration.json`` holds them.
+
+        Raises
+        ------
+        ToleranceError
+            When the tolerances name a vessel or kind that the network doesn't have.
+        """
         numbers = {
-            **report_dict(self.found),
+            **judge(report_dict(self.found), tolerances),
             "sign_convention": SIGN,
             "design": design_facts(self.network),
             "measured_by": scan_facts(self.scan),
@@ -70,7 +77,7 @@ class Registered:
         return {
             "schema": 1,
             "recipe": self.source.stem,
-            "verdict": verdict(numbers, tolerance_um, diameter_tolerance_percent),
+            "verdict": verdict(numbers),
             "scan": {"source": str(self.source)},
             "printed": self.printed,
             "registration": numbers,
@@ -80,7 +87,8 @@ class Registered:
         """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve."""
         out.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
-            exports = beside.submit(write_exports, out, self.scan, self.vessels, self.found)
+            judged = self.found, data["registration"]
+            exports = beside.submit(write_exports, out, self.scan, self.vessels, judged)
             made = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.

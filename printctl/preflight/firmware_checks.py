@@ -1,4 +1,4 @@
-"""What the firmware does by itself: switch off when the host is dead, and let the plunger move.
+"""Checks of the firmware's own switch-off and of cold extrusion.
 
 A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
 off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.

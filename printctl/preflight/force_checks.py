@@ -1,4 +1,4 @@
-"""What it takes to push the ink: pressure, force on the plunger, shear on the cells.
+"""Checks of pressure, plunger force and shear on the cells.
 
 No machine of ours reports force or pressure, so this is a prediction: the steady flow of the ink
 through the needle (`firmware_profiles.rheology`), on the plunger the syringe's friction besides

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.gate_checks import gate_checks, motor_checks
 from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
@@ -43,6 +44,7 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *_pulled_back(run),
         _line_length(run, printer, found),
         _merged(run, printer),
+        _starved(run, printer),
         *(_counted(code, name, run.findings) for code, name in _counted_for(printer).items()),
         _probing(run),
         *gate_checks(run, printer),
@@ -176,6 +178,26 @@ def _merged(run: DryRun, printer: Printer) -> Check:
         f"line {line}" if line else "",
         f"the firmware adds each to the move after it (min_steps_per_segment {least}): corners a "
         "little cut, no ink lost",
+        "warns",
+    )
+
+
+def _starved(run: DryRun, printer: Printer) -> Check:
+    """Moves shorter than their lines take to come: the motion slows down and stutters."""
+    starved = run.starved
+    pairs = family_of(printer).link
+    more = ", lines_in_flight: 2" if pairs and pairs.pairs and printer.lines_in_flight == 1 else ""
+    return Check(
+        "segments starved by the wire",
+        starved.segments,
+        0,
+        "",
+        starved.segments == 0,
+        f"line {starved.line}" if starved.line else "",
+        f"their lines take longer to come than they are to make, so the head slows down and "
+        f"stutters there, {starved.seconds:.1f} s in all: write longer segments, or use a higher "
+        f"baud rate (now {printer.baud}){more} or an adapter that answers faster "
+        f"(host_turnaround_s {printer.host_turnaround_s:g})",
         "warns",
     )
 

@@ -1,4 +1,4 @@
-"""How much ink a print takes: what is pushed, what stays behind in each filling, what is loaded."""
+"""Ink that a print takes: pushed, left behind in each filling, loaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a well's lines in a plate's job do what its own job does, which was checked by itself."""
+"""Compare a well's lines in a plate's job with its own job."""
 
 from __future__ import annotations
 

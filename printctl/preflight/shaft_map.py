@@ -1,4 +1,4 @@
-"""What the map of an embedded job says besides its lines: network, place, needles."""
+"""Read an embedded job's map: network, place, needles."""
 
 from __future__ import annotations
 

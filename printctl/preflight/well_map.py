@@ -1,4 +1,4 @@
-"""What the map of a plate's job says of its wells, so that its file can be checked by itself."""
+"""Read a plate job's map of its wells."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def _answers(wiring: Wiring, questions: Sequence[bytes]) -> dict[bytes, Sequence
         When nobody answers, or the printer halts.
     """
     logbook = Logbook(wiring, JobProgress(wiring, Job([], [], "", "questions")))
-    channel = print_channel(wiring, logbook, RequestQueue())
+    channel, _ = print_channel(wiring, logbook, RequestQueue())
     try:
         connect(channel)
         return {question: _answer(channel, question) for question in questions}

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 from printctl.recipe.migrate import SCHEMA, migrated, steps_from
@@ -107,7 +108,7 @@ def sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
     if problem["type"] == "union_tag_invalid":
         tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]
         return f"  {place}: {tag!r} isn't a kind of {place}; choose one of {choices}"
-    message = str(problem["msg"]).removeprefix("Value error, ")
+    message = wording(problem)
     value = problem["input"]
     shown = "" if isinstance(value, dict) else f" (is {value!r})"
     remedy = _REMEDIES.get(problem["type"])

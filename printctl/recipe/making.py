@@ -28,6 +28,8 @@ from printctl.recipe.marks import (
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.regions import FillingPart, RegionPart
+from printctl.recipe.tolerances import Sides, TolerancesPart
+from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
@@ -272,6 +274,27 @@ class RegistrationPart(Part):
     tolerance_um: Annotated[float, Field(gt=0, le=5000)] = Field(
         default=100.0, description="RMS deviation, scaled fit, above which the verdict is fail."
     )
-    diameter_tolerance_percent: Annotated[float, Field(gt=0, le=1000)] = Field(
-        default=10.0, description="Error of a vessel's diameter above which the verdict is fail."
+    diameter_tolerance_percent: Sides = Field(
+        default=10.0, description="Error of a diameter, in any section, beyond which it fails."
     )
+    tolerances: TolerancesPart | None = Field(
+        default=None, description="Finer limits: by vessel, by feature, in µm, or of one side."
+    )
+
+    @model_validator(mode="after")
+    def _check_once(self) -> RegistrationPart:
+        finer, given = self.tolerances, self.model_fields_set
+        for name, other in _SAME.items():
+            if finer is not None and name in given and getattr(finer, other) is not None:
+                raise ValueError(
+                    f"{name} and tolerances.{other} both set one limit; leave one of them out"
+                )
+        return self
+
+    def all_tolerances(self) -> Tolerances:
+        """What every section, vessel and feature is held against."""
+        part = self.tolerances or TolerancesPart()
+        return part.tolerances(self.tolerance_um, self.diameter_tolerance_percent)
+
+
+_SAME = {"tolerance_um": "rms_um", "diameter_tolerance_percent": "diameter_percent"}

@@ -23,7 +23,7 @@ th{width:12em;font-weight:600}td{overflow-wrap:anywhere}
 _ENDS: Final = {
     "pass": "pass",
     "fail": "FAIL",
-    "undecided": "undecided, for want of sight alone",
+    "undecided": "undecided: neither pass nor fail is proven",
     "": "none: the print wasn't scanned, or its report isn't here",
 }
 

@@ -9,7 +9,7 @@ Outcome = Literal["pass", "fail", "undecided", ""]
 
 
 def outcome(verdict: Mapping[str, Any] | None) -> Outcome:
-    """``pass``, ``fail``, ``undecided`` (for want of sight alone), or empty for none."""
+    """``pass``, ``fail``, ``undecided`` (neither is proven), or empty for none."""
     if verdict is None or not isinstance(verdict.get("passed"), bool):
         return ""
     if verdict["passed"]:

@@ -1,4 +1,4 @@
-"""What a person may ask a standing printer to do, judged before it is done.
+"""Commands of a person to a standing printer, judged before they run.
 
 Each wish takes the values that came through the door and gives what is answered. What it refuses
 moves nothing.

@@ -1,4 +1,4 @@
-"""What is mounted, its profiles read."""
+"""Profiles of the mounted parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a station knows of its printer beyond what the firmware tells."""
+"""Knowledge of a printer beyond its firmware's own answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be printed, as it comes through the door, and whether it may begin here."""
+"""Print orders through the station's door, and if they may begin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a print did with the plunger."""
+"""Plunger travel of a print."""
 
 from __future__ import annotations
 

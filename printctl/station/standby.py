@@ -16,6 +16,7 @@ from printctl.link.families import link_facts
 from printctl.link.firmware import Firmware
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.gauges import Gauge, Gauges
+from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.kill import Kill
 from printctl.link.logbook import Logbook
@@ -63,7 +64,9 @@ class Standby:
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
         self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), Heard()
-        as_print = PrintEvents(wiring, self._logbook, self._kill, RequestQueue(), heard)
+        queue = RequestQueue()
+        nothing = Interruption(wiring, self._logbook, queue, self._kill)
+        as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
         self._events = StandbyEvents(self._logbook, self._halt, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
         self._gauges = Gauges(self._channel, [Gauge(one) for one in wiring.printer.watch])

@@ -65,6 +65,10 @@ class StandbyEvents:
         """See `EventHandler`."""
         self._otherwise.step_made()
 
+    def between_commands(self) -> None:
+        """See `EventHandler`."""
+        self._otherwise.between_commands()
+
     # --- always ----------------------------------------------------------------------------------
 
     def _on_fault(self, event: said.Fault) -> None:

@@ -1,4 +1,4 @@
-"""How a station gets at its printer: a port, or a simulated printer of its own."""
+"""Connection to the station's printer: a port, or a simulated one."""
 
 from __future__ import annotations
 

@@ -5,5 +5,6 @@ from registration.alignment.cross_check import cross_check
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.options import AlignmentOptions
+from registration.alignment.rivals import Rival
 
-__all__ = ["Alignment", "AlignmentOptions", "Fit", "Uncertainty", "align", "cross_check"]
+__all__ = ["Alignment", "AlignmentOptions", "Fit", "Rival", "Uncertainty", "align", "cross_check"]

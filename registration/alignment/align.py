@@ -1,16 +1,23 @@
-"""Where the scanned part lies: multistart, exact refinement, and how sure the pose is."""
+"""Where the scanned part lies: search, exact refinement, and how sure the pose is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.contest import contest, residuals, winner
+from registration.alignment.choice import Contestants, thinned
+from registration.alignment.contest import residuals
+from registration.alignment.doubts import pose_doubts
 from registration.alignment.fit import RIGID, Fit, Freedom, refine
-from registration.alignment.intervals import Uncertainty, uncertainty
+from registration.alignment.freedoms import loose_freedoms
+from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
+from registration.alignment.landing import misfits
+from registration.alignment.motion import lay_words
 from registration.alignment.options import AlignmentOptions
+from registration.alignment.rivals import Rival
 from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
@@ -27,34 +34,47 @@ class Alignment:
     ----------
     rigid, scaled : Fit
         Without and with per-axis stretch.
+    depth_axis : int
+        The part's axis that lies most along the light.
     depth_fitted : bool
-        Whether the part's z was allowed to stretch.
+        Whether that axis was allowed to stretch.
     margin : float
         Lead over the best wrong pose where the two can be told apart, see `contest`; inf when no
         other pose was found.
-    ambiguous : bool
-        Margin below the limit.
+    doubts : tuple of str
+        Why the pose isn't sure: sentences with limit and remedy.
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
+    lay : str
+        Which way the part lay under the light.
+    rivals : tuple of Rival
+        Other poses that were tried, the closest first.
     """
 
     rigid: Fit
     scaled: Fit
+    depth_axis: int
     depth_fitted: bool
     margin: float
-    ambiguous: bool
+    doubts: tuple[str, ...]
     uncertainty: Uncertainty
+    lay: str
+    rivals: tuple[Rival, ...]
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether anything speaks against calling the pose sure."""
+        return bool(self.doubts)
 
 
-RIVALS = 4
-"""Distinct poses that are refined and compared."""
 CLOSE_MM = 0.25
 """Surface farther from the model than this after the scaled fit isn't the part's."""
 RIM_BLURS = 3.0
 """So many standard deviations of the blur a face is rounded off beside a sharp edge."""
 MIRROR_LEAD = 1.5
 """A mirrored fit better than this many times is no chance."""
-_MIRROR = np.array([-1.0, 1.0, 1.0])
+DEPTH_COSINE = 0.5
+"""An axis of the part that lies along the light by more than this is stretched by depth."""
 
 
 def align(
@@ -69,11 +89,11 @@ def align(
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
-    The part may be turned any way about the vertical, tilted by about 10 degrees and shifted by
-    several mm. `depth_down`: the scan's z points into the part's -z. `blur_mm`: standard deviation
-    of the blur under which the surface was found, which has narrowed lumens. `depth_standard`:
-    depth was measured on something of known height, so its scale may be fitted in any part.
-    `errors`: what the scan's measurements share, for the intervals.
+    The part may lie any way and anywhere, and be in view in part. `depth_down`: light runs along
+    the scan's z, else against it. `blur_mm`: standard deviation of the blur under which the surface
+    was found, which has narrowed lumens. `depth_standard`: depth was measured on something of known
+    height, so its scale may be fitted in any part. `errors`: what the scan's measurements share,
+    for the intervals.
 
     Raises
     ------
@@ -86,30 +106,37 @@ def align(
             f"{len(points)} surface points are too few to align (needed: 500); check that the "
             "part lies in the field of view"
         )
-    grid = distance_grid(surface, 2.5, 0.15)
-    few, many = _thinned(points, options.coarse_points), _thinned(points, options.fine_points)
-    some = _thinned(points, 4000)
-    axes = (0, 1, 2) if depth_standard else _stretching_axes(surface, many, options)
-    search = Search(surface, grid, depth_down, axes, options)
-    rivals = search.rivals(few, some, RIVALS)
-    mirrored = search.rivals(few * _MIRROR, some * _MIRROR, 1)[0]
-    wide = _thinned(points, options.contest_points)
-    best, margin = winner(surface, wide, rivals)
-    straight = residuals(surface, wide, best)
-    _refuse_mirrored(straight, residuals(surface, wide * _MIRROR, mirrored))
-    free = Freedom(axes, offset=True)
-    scaled = refine(surface, many, best, free, blur_mm=blur_mm)
+    search = Search(surface, distance_grid(surface, 2.5, 0.15), options)
+    many = thinned(points, options.fine_points)
+    depth = float(np.inf if depth_standard else np.ptp(np.percentile(many[:, 2], (1, 99))))
+    free = partial(_freedom, surface, depth, options)
+    choice = Contestants(search, points, free).choose()
+    _refuse_mirrored(choice.mirror_lead)
+    freedom = free(choice.best)
+    scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
-    scaled = refine(surface, many, scaled, free, blur_mm=blur_mm)
+    scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm)
     _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
     rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
-    sure = uncertainty(
-        surface, many[kept], scaled, free, blur_mm, errors or ScanErrors.of_blur(blur_mm)
+    shared = errors or ScanErrors.of_blur(blur_mm)
+    sure = fit_errors(surface, many[kept], scaled, freedom, shared)
+    loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)
+    off = misfits(surface, many, scaled, blur_mm)
+    depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())
+    return Alignment(
+        rigid,
+        scaled,
+        depth_axis,
+        depth_axis in freedom.axes,
+        min((r.lead for r in choice.rivals if not r.mirrored), default=float("inf")),
+        pose_doubts(choice.rivals, loose, off, options.ambiguous_below),
+        uncertainty(sure, scaled, freedom, shared),
+        lay_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
+        choice.rivals,
     )
-    return Alignment(rigid, scaled, 2 in axes, margin, margin < options.ambiguous_below, sure)
 
 
 def _off_rims(surface: ModelSurface, points: FloatArray, fit: Fit, reach_mm: float) -> FloatArray:
@@ -122,25 +149,17 @@ def _rigid(fit: Fit) -> Fit:
     return Fit(fit.rotation, fit.shift, np.ones(3), fit.centre)
 
 
-def _thinned(points: FloatArray, most: int) -> FloatArray:
-    """At most `most` of the points, spread evenly, the same every time."""
-    if len(points) <= most:
-        return points
-    chosen = np.random.default_rng(0).choice(len(points), most, replace=False)
-    return np.asarray(points[np.sort(chosen)])
+def _freedom(
+    surface: ModelSurface, depth_mm: float, options: AlignmentOptions, fit: Fit
+) -> Freedom:
+    """All axes across the light, and along it where scan and model both show enough depth."""
+    span = np.minimum(np.ptp(surface.bounds, axis=0), depth_mm)
+    deep = np.abs(fit.rotation[:, 2]) > DEPTH_COSINE
+    known = ~deep | (span >= options.depth_span_mm) | np.isinf(depth_mm)
+    return Freedom(tuple(np.flatnonzero(known).tolist()), offset=True)
 
 
-def _stretching_axes(
-    surface: ModelSurface, points: FloatArray, options: AlignmentOptions
-) -> tuple[int, ...]:
-    """The plane's axes, and z when scan and model both show enough depth."""
-    seen = float(np.ptp(np.percentile(points[:, 2], (1, 99))))
-    model = float(np.ptp(surface.bounds[:, 2]))
-    return (0, 1, 2) if min(seen, model) >= options.depth_span_mm else (0, 1)
-
-
-def _refuse_mirrored(straight: FloatArray, mirrored: FloatArray) -> None:
-    lead = contest(mirrored, straight)
+def _refuse_mirrored(lead: float) -> None:
     if lead > MIRROR_LEAD:
         raise AlignmentError(
             f"the scan fits the model better as its mirror image (by a factor of {lead:.1f} where "

@@ -33,17 +33,6 @@ def contest(mine: FloatArray, other: FloatArray) -> float:
     return float(np.sqrt(squares[1] / max(squares[0], 1e-12)))
 
 
-def winner(surface: ModelSurface, points: FloatArray, rivals: list[Fit]) -> tuple[Fit, float]:
-    """The pose that stands against all others, and its smallest lead."""
-    under = [residuals(surface, points, fit) for fit in rivals]
-    best = 0
-    for k in range(1, len(rivals)):
-        if contest(under[best], under[k]) < 1.0:
-            best = k
-    leads = [contest(under[best], r) for k, r in enumerate(under) if k != best]
-    return rivals[best], min(leads, default=float("inf"))
-
-
 def residuals(surface: ModelSurface, points: FloatArray, fit: Fit) -> FloatArray:
     """Signed distance of the mapped points less the fit's offset, mm."""
     return np.asarray(surface.query(fit.apply(points)).distance - fit.offset_mm)

@@ -97,8 +97,9 @@ def refine(
     steps: int = 40,
     kernel_mm: float | None = None,
     blur_mm: float = 0.0,
+    settled_mm: float = 1e-5,
 ) -> Fit:
-    """Improve `start` until nothing moves by more than a hundredth of a micrometre.
+    """Improve `start` until nothing moves by more than `settled_mm`.
 
     Residuals are exact signed distances, weighted after Geman & McClure at `kernel_mm`, or at
     three times their own spread, less what a blur of the volume by `blur_mm` has moved the surface
@@ -111,7 +112,7 @@ def refine(
         step = linearised(surface, points, fit, freedom, kernel_mm, blur_mm).step
         fit = _advance(fit, step, freedom)
         largest = max(np.abs(step[:3]).max() * reach, np.abs(step[3:6]).max(), 0.0)
-        if max(largest, np.abs(step[6:]).max(initial=0.0) * reach) < 1e-5:
+        if max(largest, np.abs(step[6:]).max(initial=0.0) * reach) < settled_mm:
             break
     return fit
 
@@ -203,3 +204,12 @@ def _advance(fit: Fit, step: FloatArray, freedom: Freedom) -> Fit:
         stretch=stretch,
         offset_mm=fit.offset_mm + (float(step[-1]) if freedom.offset else 0.0),
     )
+
+
+def residuals_blurred(
+    surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Signed distances less what blur and offset explain, their directions, and what is curved."""
+    near = surface.query(fit.apply(points))
+    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
+    return residual, near.direction, np.abs(surface.curvature[near.face]) > 0

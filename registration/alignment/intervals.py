@@ -26,6 +26,7 @@ PATCH_MM = 0.5
 """Points of one cell of this edge err together."""
 BLOCK_MM = 2.5
 """Over this distance walls of one facing deviate together."""
+INSET_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,16 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
-class _Errors:
-    """Standard errors (k,) of a fit's parameters by each cause."""
+class FitErrors:
+    """Errors of a fit's k parameters by cause; pulls (g, k), one row an independent source.
+
+    Attributes
+    ----------
+    patches, blocks, level, reflections : (g, k) float64
+        Shift of the parameters by one standard deviation of each source, rad, mm and relative.
+    block_dof : float
+        Degrees of freedom of `blocks`.
+    """
 
     patches: FloatArray
     blocks: FloatArray
@@ -62,31 +71,39 @@ class _Errors:
     reflections: FloatArray
     block_dof: float
 
-    def budget(self, parameter: int, errors: ScanErrors, depth: float = 0.0) -> Budget:
-        """Budget of one parameter; `depth`: the beam's part along a scale's axis, squared."""
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (k, k) of the parameters, index and voxel size left out."""
+        pulls = np.vstack([self.patches, self.blocks, self.level, self.reflections])
+        return np.asarray(pulls.T @ pulls)
+
+    def budget(self, parameter: int, errors: ScanErrors, depth: float = -1.0) -> Budget:
+        """Budget of a parameter; `depth`: the beam's part along a scale's axis, squared."""
         scale = parameter >= _FIRST_SCALE and depth >= 0
         lateral = (1 - depth) * errors.lateral if scale else 0.0
         return Budget(
             (
-                Term("speckle", "A", float(self.patches[parameter]), np.inf, "patches of 0.5 mm"),
+                Term(
+                    "speckle", "A", _size(self.patches[:, parameter]), np.inf, "patches of 0.5 mm"
+                ),
                 Term(
                     "shape",
                     "A",
-                    float(self.blocks[parameter]),
+                    _size(self.blocks[:, parameter]),
                     self.block_dof,
                     "residuals over blocks of 2.5 mm: swelling, roughness, light",
                 ),
                 Term(
                     "level of the walls",
                     "B",
-                    float(self.level[parameter]),
+                    _size(self.level[:, parameter]),
                     errors.wall_dof,
                     "halfway between liquid and gel",
                 ),
                 Term(
                     "reflections",
                     "B",
-                    float(self.reflections[parameter]),
+                    _size(self.reflections[:, parameter]),
                     np.inf,
                     "too weak to be told from gel",
                 ),
@@ -105,59 +122,51 @@ class _Errors:
 _FIRST_SCALE = 6
 
 
-def uncertainty(
-    surface: ModelSurface,
-    points: FloatArray,
-    fit: Fit,
-    freedom: Freedom,
-    blur_mm: float,
-    errors: ScanErrors,
-) -> Uncertainty:
-    """95 % intervals of a converged fit to scanned points (n, 3)."""
-    step = linearised(surface, points, fit, freedom, blur_mm=blur_mm)
+def uncertainty(found: FitErrors, fit: Fit, freedom: Freedom, errors: ScanErrors) -> Uncertainty:
+    """95 % intervals of a fit's parameters."""
     beam = fit.rotation @ errors.beam
-    causes = _causes(step, fit.apply(points), beam, errors)
-    none = -1.0
     budgets = {}
     scale = np.full(3, np.nan)
     for number, axis in enumerate(freedom.axes):
-        budget = causes.budget(_FIRST_SCALE + number, errors, float(beam[axis] ** 2))
+        budget = found.budget(_FIRST_SCALE + number, errors, float(beam[axis] ** 2))
         budgets[f"scale_{'xyz'[axis]}"] = budget
         scale[axis] = budget.expanded / fit.stretch[axis]
-    half = np.array([causes.budget(k, errors, none).expanded for k in range(_FIRST_SCALE)])
+    half = np.array([found.budget(k, errors).expanded for k in range(_FIRST_SCALE)])
     offset = float("nan")
     if freedom.offset:
-        budgets["offset"] = causes.budget(len(causes.patches) - 1, errors, none)
+        budgets["offset"] = found.budget(found.patches.shape[1] - 1, errors)
         offset = budgets["offset"].expanded
     return Uncertainty(np.rad2deg(half[:3]), half[3:], scale, offset, budgets)
 
 
-def _causes(step: Linearised, places: FloatArray, beam: FloatArray, errors: ScanErrors) -> _Errors:
-    """Standard errors of the parameters by each cause."""
+def fit_errors(
+    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, errors: ScanErrors
+) -> FitErrors:
+    """Return the errors of a converged fit to scanned points (n, 3) by cause."""
+    step = linearised(surface, points, fit, freedom, blur_mm=errors.blur_mm)
     bread = np.asarray(np.linalg.inv(step.normal), dtype=np.float64)
-    scores = step.jacobian * (step.weight * step.residual)[:, None]
+    # A face may lie on a cell's border, where noise alone would share its points out.
+    places = fit.apply(points) - INSET_MM * step.direction
     patch = _numbers(np.floor(places / PATCH_MM).astype(np.int64))
     facing = _facing(step.direction, step.bends)
     cell = np.floor(places / BLOCK_MM).astype(np.int64)
     block = _numbers(np.column_stack([facing, cell]))
     pulls = step.jacobian * step.weight[:, None]
-    square = (step.direction @ beam) ** 2
-    light = _numbers(np.column_stack([facing, step.direction @ beam > 0]))
+    along = step.direction @ (fit.rotation @ errors.beam)
+    light = _numbers(np.column_stack([facing, along > 0]))
+    noise = _summed(pulls * step.residual[:, None], patch)
     spread, dof = _block_spread(step, patch, block)
-    noise = _summed(scores, patch)
-    count = len(noise)
-    return _Errors(
-        patches=_through(bread, noise) * np.sqrt(count / max(count - 1, 1)),
-        blocks=spread * _through(bread, _summed(pulls, block)),
-        level=errors.level_mm * _through(bread, _summed(pulls, facing)),
-        reflections=errors.facing_mm * _through(bread, _summed(pulls * square[:, None], light)),
+    return FitErrors(
+        patches=np.sqrt(len(noise) / max(len(noise) - 1, 1)) * noise @ bread,
+        blocks=spread * _summed(pulls, block) @ bread,
+        level=errors.level_mm * _summed(pulls, facing) @ bread,
+        reflections=errors.facing_mm * _summed(pulls * along[:, None] ** 2, light) @ bread,
         block_dof=dof,
     )
 
 
-def _through(bread: FloatArray, sums: FloatArray) -> FloatArray:
-    """Standard errors of the parameters by independent pulls (g, k)."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(bread @ (sums.T @ sums) @ bread), 0.0)))
+def _size(pulls: FloatArray) -> float:
+    return float(np.sqrt((pulls**2).sum()))
 
 
 def _block_spread(step: Linearised, patch: IntArray, block: IntArray) -> tuple[float, float]:

@@ -14,11 +14,6 @@ from kernels import jit, pjit
 FloatArray = NDArray[np.float64]
 Grid = NDArray[np.float32]
 
-STAGES_MM = (1.0, 0.4, 0.15)
-"""Scale of the robust loss (Geman & McClure 1987), stage by stage; wide first, to be caught."""
-STEPS = 18
-"""Gauss-Newton steps a stage."""
-
 
 @jit
 def _distance(
@@ -76,14 +71,24 @@ def losses(
 
 @pjit
 def descend(
-    grid: Grid, origin: FloatArray, step: float, points: FloatArray, poses: FloatArray
+    grid: Grid,
+    origin: FloatArray,
+    step: float,
+    points: FloatArray,
+    poses: FloatArray,
+    scales: FloatArray,
+    steps: int,
 ) -> FloatArray:
-    """Poses (n, 3, 4) after robust Gauss-Newton; points should be centred about their mean."""
+    """Poses (n, 3, 4) after `steps` of robust Gauss-Newton at each of the loss's `scales`, mm.
+
+    Points should be centred about their mean. The loss is Geman & McClure's (1987).
+    """
     out = poses.copy()
     for s in numba.prange(len(poses)):
         pose = out[s]
-        for scale in STAGES_MM:
-            for _ in range(STEPS):
+        for k in range(len(scales)):
+            scale = scales[k]
+            for _ in range(steps):
                 normal = np.zeros((6, 6))
                 right = np.zeros(6)
                 row = np.empty(6)

@@ -11,12 +11,12 @@ class AlignmentOptions:
 
     Attributes
     ----------
-    turns : int
-        Starts around the vertical.
-    tilt_deg : float, degrees
-        Tilt of the tilted starts.
-    shift_mm : float, mm
-        Shift of the shifted starts.
+    cover : int
+        Orientations tried, spread evenly over all there are.
+    descents : int
+        The best of these, improved.
+    orientations, places : int
+        Distinct ones kept of these, and places tried of each where the view is partial.
     coarse_points, fine_points, contest_points : int
         Surface points used while searching, for the final fits, and to compare poses.
     depth_span_mm : float, mm
@@ -28,9 +28,10 @@ class AlignmentOptions:
         Lead (see `contest`) of the pose over the best wrong one below which it is ambiguous.
     """
 
-    turns: int = 72
-    tilt_deg: float = 7.0
-    shift_mm: float = 1.5
+    cover: int = 1500
+    descents: int = 160
+    orientations: int = 16
+    places: int = 4
     coarse_points: int = 1500
     fine_points: int = 20_000
     contest_points: int = 60_000

@@ -1,4 +1,4 @@
-"""Candidate poses: many starts, a coarse descent each, the distinct best refined."""
+"""Candidate poses over all orientations, for whole and for partial views."""
 
 from __future__ import annotations
 
@@ -7,93 +7,145 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from registration.alignment.contest import CAP_MM, residuals
-from registration.alignment.fit import Fit, Freedom, refine
-from registration.alignment.multistart import STAGES_MM, descend, losses
+from registration.alignment.cover import cover
+from registration.alignment.fit import Fit
+from registration.alignment.multistart import descend, losses
 from registration.alignment.options import AlignmentOptions
 from registration.distance import DistanceGrid, ModelSurface
 
 FloatArray = NDArray[np.float64]
 
+THIN, MEDIUM = 160, 450
+"""Points for the first look at all orientations, and for the first descent."""
+SLACK_MM = 0.5
+"""A view is partial along an axis where the part is longer by more than this."""
+SLIDE_MM = 0.4
+"""Step of places tried along what the part is longer by: within the catch of a lumen."""
+WIDE, CLOSE_MM = 0.06, (0.4, 0.15)
+"""Scales of the robust loss: the first as a share of the part's diagonal, then mm."""
+MOST_PLACES = 400
+"""Places tried of one orientation."""
+
 
 @dataclass(frozen=True)
 class Search:
-    """What every search of a pose needs."""
+    """What every search of a pose needs.
+
+    Attributes
+    ----------
+    surface : ModelSurface
+    grid : DistanceGrid
+        Of the surface.
+    options : AlignmentOptions
+    """
 
     surface: ModelSurface
     grid: DistanceGrid
-    depth_down: bool
-    axes: tuple[int, ...]
     options: AlignmentOptions
 
-    def rivals(self, few: FloatArray, some: FloatArray, most: int) -> list[Fit]:
-        """Distinct poses refined with scales, the least capped RMS first.
-
-        ``few`` points search, ``some`` refine.
-        """
-        freedom = Freedom(self.axes, offset=True)
-        coarse = _distinct(self.poses(few), self.surface, self.options, most)
-        fine = [refine(self.surface, some, fit, freedom, steps=25) for fit in coarse]
-        rms = [
-            np.mean(np.minimum(np.abs(residuals(self.surface, some, fit)), CAP_MM) ** 2)
-            for fit in fine
-        ]
-        ranked = [fine[k] for k in np.argsort(rms, kind="stable")]
-        return _distinct(ranked, self.surface, self.options, most)
-
-    def poses(self, points: FloatArray) -> list[Fit]:
-        """Poses by multistart, best first."""
+    def poses(self, points: FloatArray, most: int) -> list[Fit]:
+        """Return at most `most` distinct poses of points (n, 3), the lowest robust loss first."""
         middle = points.mean(axis=0)
         centred = np.ascontiguousarray(points - middle)
-        where = (self.grid.values, self.grid.origin_mm, self.grid.step_mm)
-        starts = _starts(self.surface, self.depth_down, self.options)
-        thin = centred[::3].copy()
-        rough = losses(*where, thin, starts.reshape(-1, 3, 4), STAGES_MM[0])
-        best = rough.reshape(starts.shape[:2]).argmin(axis=1)
-        chosen = np.ascontiguousarray(starts[np.arange(len(starts)), best])
-        found = descend(*where, centred, chosen)
-        score = losses(*where, centred, found, STAGES_MM[-1])
+        turned = self._oriented(centred)
+        placed = np.concatenate([self._placed(centred, pose) for pose in turned])
+        found = self._descend(centred, placed, CLOSE_MM, 18)
+        score = self._losses(centred, found, CLOSE_MM[-1])
         centre = self.surface.bounds.mean(axis=0)
+        ranked = found[np.argsort(score, kind="stable")]
+        kept = ranked[_distinct(ranked, centred, self.options.distinct_mm, most)]
         return [
-            Fit(pose[:, :3], pose[:, 3] - pose[:, :3] @ middle, np.ones(3), centre)
-            for pose in found[np.argsort(score, kind="stable")]
+            Fit(pose[:, :3], pose[:, 3] - pose[:, :3] @ middle, np.ones(3), centre) for pose in kept
         ]
 
+    def _oriented(self, centred: FloatArray) -> FloatArray:
+        """Distinct poses after a first descent from all orientations, (k, 3, 4), best first."""
+        wide = WIDE * float(np.linalg.norm(np.ptp(self.surface.bounds, axis=0)))
+        few = _some(centred, THIN)
+        starts = self._starts(few)
+        score = self._losses(few, starts, wide)
+        chosen = starts[np.argsort(score, kind="stable")[: self.options.descents]]
+        more = _some(centred, MEDIUM)
+        found = self._descend(more, chosen, (wide, CLOSE_MM[0]), 8)
+        ranked = found[np.argsort(self._losses(more, found, CLOSE_MM[0]), kind="stable")]
+        return np.asarray(ranked[_distinct(ranked, few, 2 * SLIDE_MM, self.options.orientations)])
 
-def _starts(surface: ModelSurface, depth_down: bool, options: AlignmentOptions) -> FloatArray:
-    """Poses (turns, variants, 3, 4) for points centred about their mean."""
-    flip = np.diag([1.0, -1.0, -1.0]) if depth_down else np.eye(3)
-    angles = np.arange(options.turns) * 2 * np.pi / options.turns
-    turns = Rotation.from_rotvec(angles[:, None] * np.array([0.0, 0.0, 1.0]))
-    tilts = Rotation.from_rotvec(
-        np.deg2rad(options.tilt_deg)
-        * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    )
-    steps = (0.0, -options.shift_mm, options.shift_mm)
-    shifts = [np.array([x, y, 0.0]) for x, y in product(steps, steps)]
-    out = np.empty((options.turns, len(tilts) * len(shifts), 3, 4))
-    middle, turned = surface.centroid, turns.as_matrix()
-    for n, (tilt, shift) in enumerate(product(tilts.as_matrix(), shifts)):
-        out[:, n, :, :3] = tilt @ turned @ flip
-        out[:, n, :, 3] = middle + shift
-    return out
+    def _starts(self, few: FloatArray) -> FloatArray:
+        """The best place of each orientation, box against box, (n, 3, 4)."""
+        turns = cover(self.options.cover)
+        low, high = self.surface.bounds
+        turned = np.sort(few @ turns.transpose(0, 2, 1), axis=1)
+        rim = max(1, len(few) // 50)
+        ends = low - turned[:, rim], high - turned[:, -1 - rim]
+        starts = []
+        for share in product((0.0, 0.5, 1.0), repeat=3):
+            pose = np.empty((len(turns), 3, 4))
+            pose[:, :, :3] = turns
+            pose[:, :, 3] = ends[0] + np.array(share) * (ends[1] - ends[0])
+            wanted = ((np.array(share) == 0.5) | (ends[1] - ends[0] > 2 * SLACK_MM)).all(axis=1)
+            starts.append(pose[wanted])
+        return np.concatenate(starts)
+
+    def _placed(self, centred: FloatArray, pose: FloatArray) -> FloatArray:
+        """The pose, and where else along what isn't in view it may belong, (k, 3, 4)."""
+        there = centred @ pose[:, :3].T + pose[:, 3]
+        seen = np.percentile(there, (1, 99), axis=0)
+        ends = (
+            np.minimum(self.surface.bounds - seen, 0)[0],
+            np.maximum(self.surface.bounds - seen, 0)[1],
+        )
+        slack = ends[1] - ends[0] > SLACK_MM
+        if not slack.any():
+            return pose[None]
+        count = np.where(slack, np.ceil((ends[1] - ends[0]) / SLIDE_MM), 1).astype(int)
+        count = np.maximum(
+            1,
+            np.floor(count * min(1.0, (MOST_PLACES / count.prod()) ** (1 / slack.sum()))).astype(
+                int
+            ),
+        )
+        steps = [
+            np.linspace(a, b, n) if n > 1 else np.zeros(1)
+            for a, b, n in zip(*ends, count, strict=True)
+        ]
+        shifts = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        places = np.repeat(pose[None], len(shifts) + 1, axis=0)
+        places[1:, :, 3] += shifts
+        score = self._losses(_some(centred, MEDIUM), places, CLOSE_MM[0] / 2)
+        best = np.argsort(score[1:], kind="stable")[: self.options.places] + 1
+        return np.asarray(places[np.concatenate([[0], best])])
+
+    def _descend(
+        self, points: FloatArray, poses: FloatArray, scales: tuple[float, ...], steps: int
+    ) -> FloatArray:
+        grid = self.grid
+        where = (grid.values, grid.origin_mm, grid.step_mm)
+        return np.asarray(
+            descend(*where, points, np.ascontiguousarray(poses), np.array(scales), steps)
+        )
+
+    def _losses(self, points: FloatArray, poses: FloatArray, scale: float) -> FloatArray:
+        grid = self.grid
+        where = (grid.values, grid.origin_mm, grid.step_mm)
+        return np.asarray(losses(*where, points, np.ascontiguousarray(poses), scale))
 
 
-def _distinct(
-    fits: list[Fit], surface: ModelSurface, options: AlignmentOptions, most: int
-) -> list[Fit]:
-    """The first `most` fits that differ, in their order."""
-    corners = np.array(list(product(*surface.bounds.T)))
-    kept: list[Fit] = []
-    for fit in fits:
-        there = fit.invert(corners)
-        if all(
-            np.linalg.norm(other.apply(there) - corners, axis=1).max() > options.distinct_mm
-            for other in kept
-        ):
-            kept.append(fit)
+def _some(points: FloatArray, most: int) -> FloatArray:
+    """At most `most` of points that lie in no order, spread evenly."""
+    every = max(1, len(points) // most)
+    return np.ascontiguousarray(points[::every][:most])
+
+
+def _distinct(poses: FloatArray, points: FloatArray, apart_mm: float, most: int) -> list[int]:
+    """Numbers of the first `most` poses that move no point nearer than `apart_mm` to another's."""
+    corners = np.array(list(product(*np.percentile(points, (0, 100), axis=0).T)))
+    there = corners @ poses[:, :, :3].transpose(0, 2, 1) + poses[:, None, :, 3]
+    kept: list[int] = []
+    for k in range(len(poses)):
+        away = np.linalg.norm(there[kept] - there[k], axis=2).max(axis=1)
+        if (away > apart_mm).all():
+            kept.append(k)
         if len(kept) == most:
             break
     return kept

@@ -139,8 +139,13 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
         offset_half_um=float(_numbers([interval["offset_um"]])[0]),
         rms_um=float(numbers["scaled"]["rms_um"]),
         rigid_rms_um=float(numbers["rigid"]["rms_um"]),
-        defects=tuple(numbers["defects"]),
+        defects=tuple(row for row in numbers["defects"] if _counts(row)),
     )
+
+
+def _counts(row: Record) -> bool:
+    """Whether a finding is one: it stands out from its vessel, or is beyond its limits."""
+    return bool(row.get("local", True) or row.get("decision") == "fail")
 
 
 def _is_defect(row: Record, vessels: int) -> bool:

@@ -20,21 +20,32 @@ _SECTION_COLUMNS = {
     "ovality_along": "ovality",
     "offset_along_um": "offset_um",
     "noise_um": "noise_um",
+    "designed_along_um": "designed_um",
+    "interval_95_um": "interval_95_um",
+    "lower_um": "lower_um",
+    "upper_um": "upper_um",
+    "decision_along": "decision",
 }
 
 
-def write_tables(folder: Path, report: RegistrationReport) -> tuple[str, ...]:
+def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -> tuple[str, ...]:
     """Write `vessels.csv`, `sections.csv` and `defects.csv`; return their names.
 
     A number that isn't known is an empty field. Units stand in the columns' names. Beside what
     was gauged, a vessel's row has its resistance and flow as designed and as printed.
+
+    Parameters
+    ----------
+    folder : Path
+    report : RegistrationReport or mapping
+        Or its numbers; decisions stand in the tables of judged ones (`judging.judge`).
 
     Raises
     ------
     OSError
         When a file can't be written.
     """
-    found = report_dict(report)
+    found = report_dict(report) if isinstance(report, RegistrationReport) else report
     write_text(folder / VESSELS, as_csv(_rows(found)))
     write_text(
         folder / SECTIONS,
@@ -61,7 +72,8 @@ def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 _DEFECT_COLUMNS = (
     "kind", "vessel", "other", "from_mm", "to_mm", "at_mm", "x_mm", "y_mm", "z_mm", "size_um",
-    "error_um", "percent", "wall_um", "significance", "seen",
+    "error_um", "percent", "wall_um", "significance", "seen", "local", "decision", "deviation_um",
+    "deviation_percent", "u_um", "lower_um", "upper_um",
 )  # fmt: skip
 
 
@@ -85,11 +97,18 @@ def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [
         {"vessel": vessel["vessel"], **dict(zip(_SECTION_COLUMNS.values(), row, strict=True))}
         for vessel in vessels
-        for row in zip(*(vessel[key] for key in _SECTION_COLUMNS), strict=True)
+        for row in zip(*(_along(vessel, key) for key in _SECTION_COLUMNS), strict=True)
     ]
+
+
+def _along(vessel: Mapping[str, Any], key: str) -> Sequence[Any]:
+    """A list of the vessel's, or as many unknowns where nothing was judged."""
+    found: Sequence[Any] = vessel.get(key) or [None] * len(vessel["along_mm"])
+    return found
 
 
 def _defect(defect: Mapping[str, Any]) -> dict[str, Any]:
     plain = dict(defect)
     plain["x_mm"], plain["y_mm"], plain["z_mm"] = plain.pop("point_mm")
-    return plain
+    plain["lower_um"], plain["upper_um"] = plain.get("tolerance_um") or (None, None)
+    return {name: plain.get(name) for name in _DEFECT_COLUMNS}

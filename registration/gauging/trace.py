@@ -48,6 +48,8 @@ class VesselTrace:
         Clear of junctions and ends.
     counted : (n,) bool
         Seen, with a diameter (0 where closed) that is the vessel's own.
+    own : (n,) bool
+        With (nearly) all of its wall its own by design: where a diameter should be measured.
     short : bool
         No station lies clear; diameters are twice the median ray's.
     """
@@ -62,6 +64,7 @@ class VesselTrace:
     seen: BoolArray
     apart: BoolArray
     counted: BoolArray
+    own: BoolArray
     short: bool
 
     @property
@@ -135,12 +138,13 @@ def _trace(
         # Its middle third, where half of the rays must meet the wall; those that look into a
         # neighbour don't sway the median.
         own = neighbours.free_wall(vessel, centre, tangent, radius) >= _FREE_WALL
-        middle = np.abs(along - length / 2) <= length / 6
-        counted = seen & own & middle & ((sections.met >= 0.5) | ~sections.open)
+        own &= np.abs(along - length / 2) <= length / 6
+        counted = seen & own & ((sections.met >= 0.5) | ~sections.open)
     else:
-        counted = seen & apart & (sections.closed_outline | ~sections.open)
+        own = apart
+        counted = seen & own & (sections.closed_outline | ~sections.open)
     return VesselTrace(
-        vessel, length, along, centre, radius, planes, sections, seen, apart, counted, short
+        vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, short
     )
 
 

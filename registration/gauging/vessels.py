@@ -54,6 +54,8 @@ class VesselGauge:
         with a measured section.
     unseen_mm : tuple of (from, to), mm
         Stretches that weren't seen.
+    unmeasured_mm : tuple of (from, to), mm
+        Stretches clear of junctions that were seen without a wall all round being found.
     sections : int
         Number measured.
     resistance_ratio : float
@@ -65,6 +67,10 @@ class VesselGauge:
         area 0).
     shift_along_um : (n, 3) float64, µm
         That offset as a vector across the vessel, along the part's axes.
+    designed_along_um : (n,) float64, µm
+        Designed diameter of those sections.
+    place_mm : (n, 3) float64, mm
+        Their middles on the designed axis, part frame.
     u_um : (n,) float64, µm
         Half width of each diameter's 95 % interval, all terms of its budget; NaN where the section
         is closed or the number is withdrawn.
@@ -93,6 +99,7 @@ class VesselGauge:
     seen_fraction: float
     gauged_fraction: float
     unseen_mm: tuple[tuple[float, float], ...]
+    unmeasured_mm: tuple[tuple[float, float], ...]
     sections: int
     resistance_ratio: float
     along_mm: FloatArray
@@ -102,6 +109,8 @@ class VesselGauge:
     offset_along_um: FloatArray
     noise_um: FloatArray
     shift_along_um: FloatArray
+    designed_along_um: FloatArray
+    place_mm: FloatArray
     u_um: FloatArray
     measured_u_um: float
     offset_u_um: float
@@ -173,6 +182,7 @@ def _gauge(
         seen_fraction=float(trace.seen.mean()),
         gauged_fraction=float(counted.mean()),
         unseen_mm=stretches(~trace.seen, trace.spacing),
+        unmeasured_mm=stretches(_unmeasured(trace), trace.spacing),
         sections=int(counted.sum()),
         along_mm=trace.along[counted],
         diameter_um=1e3 * trace.diameter[counted],
@@ -181,6 +191,8 @@ def _gauge(
         offset_along_um=1e3 * sections.offset[counted],
         noise_um=1e3 * sections.noise[counted],
         shift_along_um=1e3 * shift[counted],
+        designed_along_um=2e3 * trace.radius[counted],
+        place_mm=trace.centre[counted],
         u_um=1e3 * own.expanded,
         measured_u_um=1e3 * mean.expanded,
         offset_u_um=1e3 * own.offset_expanded(),
@@ -198,6 +210,19 @@ def _stretch(trace: VesselTrace, fit: Fit) -> float:
         return float(np.mean(fit.scale))
     length = np.linalg.norm(way, axis=1).sum()
     return float(np.linalg.norm(way * fit.scale, axis=1).sum() / max(length, 1e-12))
+
+
+def _unmeasured(trace: VesselTrace) -> BoolArray:
+    """Stations that should have a diameter and have none.
+
+    A single one at the brink of a junction is left to the junction: its rim is rounded.
+    """
+    missing = trace.seen & trace.own & ~trace.counted
+    before = np.concatenate([[False], trace.own[:-1]])
+    after = np.concatenate([trace.own[1:], [False]])
+    brink = (~before | ~after) & trace.own
+    beside = np.concatenate([[False], missing[:-1]]) | np.concatenate([missing[1:], [False]])
+    return np.asarray(missing & ~(brink & ~beside))
 
 
 def stretches(flags: BoolArray, spacing: float) -> tuple[tuple[float, float], ...]:

@@ -74,6 +74,7 @@ def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None =
         volume=volume,
         voxel_mm=(float(grid.voxel[2]), float(grid.voxel[1]), float(grid.voxel[0])),
         optical_depth=False,
+        space=None,
         depth_standard=calibration.depth_standard,
         notes=(*scan.notes, note),
     )

@@ -1,32 +1,38 @@
-"""DICOM: an enhanced multi-frame file, or a folder of slices, by pydicom (extra ``scans``).
+"""DICOM: a multi-frame file, or a folder of slices, by pydicom (extra ``scans``).
 
 Slices of computed tomography are depths. Frames of ophthalmic tomography (modality OPT) are
-B-scans whose rows are depth, their positions often nominal: so written by OCT-Converter
-(``write_opt_dicom``); its files, not a device's, are what this follows.
+B-scans whose rows are depth. Where frames lie is believed as the file says it, and the scan's
+frame keeps it (`registration.readers.dicom_geometry`); OCT-Converter (``write_opt_dicom``) writes
+nominal places. Sizes without places say nothing of the handedness.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
+from registration.readers.dicom_geometry import (
+    Stack,
+    check_grey,
+    check_room,
+    line_of,
+    rescaled,
+    stacked,
+)
 from registration.readers.extras import need
 from registration.readers.found import Array, Found
-from registration.readers.limits import ANY_RATIO, check_available
-from registration.readers.orient import is_right_handed
-from registration.readers.storage import filled
 
 MAGIC = b"DICM"
 _MOST_SLICES = 20_000
 _MODALITY = {"CT": "microct", "OCT": "oct", "OPT": "oct"}
-
-Vector = NDArray[np.float64]
+_PLACED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
+_THICKNESS = "frames are taken to touch: their spacing is SliceThickness, {:g} mm"
 
 
 def is_dicom(path: Path) -> bool:
@@ -41,7 +47,8 @@ def read_dicom(path: Path) -> Found:
     Raises
     ------
     ScanFileError
-        When it is broken, compressed in a way that isn't supported, or not a grey volume.
+        When it is broken, compressed in a way that isn't supported, not a grey volume, or its
+        frames don't make a straight stack.
     """
     with reading(path, "DICOM"):
         data = need("pydicom", path).dcmread(path)
@@ -57,7 +64,7 @@ def read_dicom_folder(folder: Path) -> Found:
     Raises
     ------
     ScanFileError
-        When the slices aren't of one series, not evenly spaced, or one is broken.
+        When the slices aren't of one series, don't make a straight stack, or one is broken.
     """
     pydicom = need("pydicom", folder)
     files = sorted(place for place in folder.iterdir() if place.is_file() and is_dicom(place))
@@ -65,55 +72,124 @@ def read_dicom_folder(folder: Path) -> Found:
         raise ScanFileError(f"{folder}: {len(files)} DICOM slices aren't a volume")
     with reading(folder, "DICOM"):
         slices = [pydicom.dcmread(file, stop_before_pixels=True) for file in files]
-        series = {str(item.get("SeriesInstanceUID")) for item in slices}
-        sizes = {(int(item.Rows), int(item.Columns)) for item in slices}
-        if len(series) > 1 or len(sizes) > 1:
-            raise ScanFileError(
-                f"{folder}: holds {len(series)} series of {len(sizes)} sizes; give a folder of one"
-            )
-        first = slices[0]
-        across = [float(v) for v in first.ImageOrientationPatient]
+        _check_one_series(slices, files, folder)
         places = np.array([item.ImagePositionPatient for item in slices], dtype=np.float64)
-        order, step, right = _stacking(places, across, folder)
+        across = np.array([item.ImageOrientationPatient for item in slices], dtype=np.float64)
+        stack = stacked(places, across, folder)
+        first = slices[0]
         spacing = [float(v) for v in first.PixelSpacing]
-        rows, columns = sizes.pop()
-        pages = (_grey(pydicom.dcmread(files[at]), folder) for at in order)
-        start = _grey(pydicom.dcmread(files[0]), folder)
-        volume = filled(pages, (len(files), rows, columns), start.dtype, folder)
-        return _found(volume, first, [step, *spacing], right)
+        frames = (pydicom.dcmread(files[at]).pixel_array for at in stack.order)
+        lines = [line_of(slices[at]) for at in stack.order]
+        shape = (len(files), int(first.Rows), int(first.Columns))
+        volume = rescaled(frames, lines, shape, folder)
+        return _found(volume, first, [stack.step_mm, *spacing], stack)
+
+
+def _check_one_series(slices: list[Any], files: list[Path], folder: Path) -> None:
+    series = {str(item.get("SeriesInstanceUID")) for item in slices}
+    sizes = {(int(item.Rows), int(item.Columns)) for item in slices}
+    if len(series) > 1 or len(sizes) > 1:
+        raise ScanFileError(
+            f"{folder}: holds {len(series)} series of {len(sizes)} sizes; give a folder of one"
+        )
+    for item, file in zip(slices, files, strict=True):
+        check_grey(item, file)
+        if int(item.get("NumberOfFrames", 1)) > 1:
+            raise ScanFileError(f"{file}: is a multi-frame file in a folder of slices; give it")
+        missing = [name for name in _PLACED if item.get(name) is None]
+        if missing:
+            raise ScanFileError(
+                f"{file}: doesn't say {', '.join(missing)}, so that its place in the stack isn't "
+                "known (SliceLocation doesn't say which way); export it with positions"
+            )
+    pixels = np.array([item.PixelSpacing for item in slices], dtype=np.float64)
+    at = int(np.argmax(np.abs(pixels - pixels[0]).max(axis=1)))
+    if not np.allclose(pixels, pixels[0], rtol=1e-3):
+        raise ScanFileError(
+            f"{files[at]}: has pixels of {pixels[at].tolist()} mm, {files[0].name} of "
+            f"{pixels[0].tolist()}; give a folder of one series"
+        )
 
 
 def _multiframe(data: Any, count: int, path: Path) -> Found:
-    shape = (count, int(data.Rows), int(data.Columns))
-    if int(data.get("SamplesPerPixel", 1)) != 1:
-        raise ScanFileError(f"{path}: colour pictures aren't a scan; export grey values")
-    kind = np.dtype(f"u{int(data.BitsAllocated) // 8}")
-    if data.file_meta.TransferSyntaxUID.is_compressed:
-        check_available(shape, kind, path.stat().st_size * ANY_RATIO, path)
-    else:
-        check_available(shape, kind, path.stat().st_size, path)
-    frames = data.pixel_array
-    groups = data.get("PerFrameFunctionalGroupsSequence")
-    shared = data.get("SharedFunctionalGroupsSequence")
-    sources = [groups[0] if groups else None, shared[0] if shared else None, data]
-    spacing = _first(sources, "PixelMeasuresSequence", "PixelSpacing")
-    across = _first(sources, "PlaneOrientationSequence", "ImageOrientationPatient")
-    places = [_first([g], "PlanePositionSequence", "ImagePositionPatient") for g in groups or ()]
-    right, step = None, _first(sources, "PixelMeasuresSequence", "SpacingBetweenSlices")
-    step = step or _first(sources, "PixelMeasuresSequence", "SliceThickness")
-    if len(places) == count and across is not None and all(p is not None for p in places):
-        positions = np.array([[float(v) for v in p] for p in places])
-        order, step, right = _stacking(positions, [float(v) for v in across], path)
-        frames = frames[order]
-    sizes = [step, *spacing] if step and spacing else None
-    return _found(_rescaled(frames, data), data, sizes, right)
+    check_grey(data, path)
+    check_room(data, count, path)
+    groups = list(data.get("PerFrameFunctionalGroupsSequence") or ())
+    shared = list(data.get("SharedFunctionalGroupsSequence") or ())
+    if groups and len(groups) != count:
+        raise ScanFileError(
+            f"{path}: says where {len(groups)} frames lie but holds {count}; export it again"
+        )
+    per_frame = [[group, *shared, data] for group in groups] or [[*shared, data]] * count
+    stack = _stack(data, per_frame, path)
+    order = range(count) if stack is None else stack.order
+    lines = [_line(sources) for sources in per_frame]
+    pixels = data.pixel_array
+    frames, shape = (pixels[at] for at in order), pixels.shape
+    sizes, notes = _sizes(per_frame, stack, path)
+    in_order = list(order) == list(range(count)) and set(lines) == {(1.0, 0.0)}
+    volume = pixels if in_order else rescaled(frames, [lines[at] for at in order], shape, path)
+    return _found(volume, data, sizes, stack, notes)
 
 
-def _first(sources: list[Any], sequence: str, name: str) -> Any:
+def _stack(data: Any, per_frame: list[list[Any]], path: Path) -> Stack | None:
+    """From each frame's place and orientation, or the offsets of a grid; None without."""
+    across = [_first(s, "PlaneOrientationSequence", "ImageOrientationPatient") for s in per_frame]
+    places = [_first(s, "PlanePositionSequence", "ImagePositionPatient") for s in per_frame]
+    if any(value is None for value in (*across, *places)):
+        if any(value is not None for value in across):
+            missing = sum(value is None for value in (*across, *places))
+            raise ScanFileError(
+                f"{path}: says how its frames are oriented but not where they lie ({missing} of "
+                f"{2 * len(places)} entries are missing), so that their order may be mirrored; "
+                "export it with a position for each frame"
+            )
+        return None
+    turns = np.array([[float(v) for v in value] for value in across])
+    where = np.array([[float(v) for v in value] for value in places])
+    offsets = data.get("GridFrameOffsetVector")
+    if offsets is not None and len(offsets) == len(where):
+        heights = np.array([float(v) for v in offsets]) - float(offsets[0])
+        where = where[0] + np.outer(heights, np.cross(turns[0, :3], turns[0, 3:]))
+    return stacked(where, turns, path)
+
+
+def _line(sources: Sequence[Any]) -> tuple[float, float]:
+    for source in sources:
+        inner = source.get("PixelValueTransformationSequence")
+        if inner:
+            return line_of(inner[0])
+    return line_of(sources[-1])
+
+
+def _sizes(
+    per_frame: list[list[Any]], stack: Stack | None, path: Path
+) -> tuple[list[float] | None, tuple[str, ...]]:
+    """Frame step, row and column spacing, mm, and what was taken for granted."""
+    spacings = [_first(s, "PixelMeasuresSequence", "PixelSpacing") for s in per_frame]
+    if any(value is None for value in spacings):
+        return None, ()
+    pixels = np.array([[float(v) for v in value] for value in spacings])
+    if not np.allclose(pixels, pixels[0], rtol=1e-3):
+        at = int(np.argmax(np.abs(pixels - pixels[0]).max(axis=1)))
+        raise ScanFileError(
+            f"{path}: frame {at + 1} has pixels of {pixels[at].tolist()} mm, the first of "
+            f"{pixels[0].tolist()}; export a volume of one size"
+        )
+    if stack is not None:
+        return [stack.step_mm, *map(float, pixels[0])], ()
+    step = _first(per_frame[0], "PixelMeasuresSequence", "SpacingBetweenSlices")
+    if step:
+        return [float(step), *map(float, pixels[0])], ()
+    thick = _first(per_frame[0], "PixelMeasuresSequence", "SliceThickness")
+    if not thick:
+        return None, ()
+    return [float(thick), *map(float, pixels[0])], (_THICKNESS.format(float(thick)),)
+
+
+def _first(sources: Sequence[Any], sequence: str, name: str) -> Any:
     """A value from the first functional group (or data set) that has it."""
     for source in sources:
-        if source is None:
-            continue
         inner = source.get(sequence)
         value = inner[0].get(name) if inner else source.get(name)
         if value is not None:
@@ -121,51 +197,21 @@ def _first(sources: list[Any], sequence: str, name: str) -> Any:
     return None
 
 
-def _stacking(
-    places: Vector, across: list[float], path: Path
-) -> tuple[NDArray[np.intp], float, bool | None]:
-    """Order, spacing and handedness of slices from where they lie.
-
-    Slices are stacked along the way from the lowest to the highest along the normal of their
-    plane (columns' direction × rows' direction): rows, columns and slices then are right-handed.
-    """
-    along_x, along_y = np.array(across[:3]), np.array(across[3:])
-    normal = np.cross(along_x, along_y)
-    heights = places @ normal
-    order = np.argsort(heights, kind="stable")
-    steps = np.diff(heights[order])
-    if len(steps) == 0 or steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean() + 1e-6:
-        raise ScanFileError(
-            f"{path}: its slices aren't evenly spaced ({steps.min():.4g} to {steps.max():.4g} mm); "
-            "one is missing or there are two series"
-        )
-    step = float(steps.mean())
-    return order, step, is_right_handed(np.array([along_x, along_y, normal]))
-
-
-def _grey(data: Any, path: Path) -> Array:
-    if int(data.get("SamplesPerPixel", 1)) != 1:
-        raise ScanFileError(f"{path}: colour pictures aren't a scan; export grey values")
-    return _rescaled(data.pixel_array, data)
-
-
-def _rescaled(values: Array, data: Any) -> Array:
-    """Stored values times slope plus intercept, where the data set has them."""
-    slope, offset = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
-    if (slope, offset) == (1.0, 0.0):
-        return values
-    return values.astype(np.float32) * np.float32(slope) + np.float32(offset)
-
-
-def _found(volume: Array, data: Any, sizes: list[Any] | None, right: bool | None) -> Found:
+def _found(
+    volume: Array,
+    data: Any,
+    sizes: Sequence[float] | None,
+    stack: Stack | None,
+    notes: tuple[str, ...] = (),
+) -> Found:
     """The volume with what its modality means; `sizes` as frames, rows, columns, mm."""
     modality = _MODALITY.get(str(data.get("Modality", "")))
     known: dict[str, Any] = {"axes": "yzx" if modality == "oct" else "zyx"}
-    if sizes is not None and all(math.isfinite(float(size)) for size in sizes):
-        frame, row, column = (float(size) for size in sizes)
+    if sizes is not None and all(math.isfinite(size) for size in sizes):
+        frame, row, column = sizes
         known["voxel_mm"] = [row, frame, column] if modality == "oct" else [frame, row, column]
     if modality:
         known["modality"] = modality
     if modality == "microct":
         known["scale"] = "linear"
-    return Found(volume, known, None if modality == "oct" else right)
+    return Found(volume, known, None if stack is None else stack.space, notes)

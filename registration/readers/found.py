@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from registration.readers.space import FileSpace
+
 Array = NDArray[np.generic]
 
 
@@ -22,14 +24,13 @@ class Found:
         A view of the file where that is possible, so that nothing is read twice.
     known : mapping
         What the file says, by the names of `ScanOverrides` (``axes`` included).
-    right_handed : bool or None
-        Whether x, y, z (as `axes` names them) make a right-handed frame in space; None where the
-        file doesn't say.
+    space : FileSpace or None
+        How the array's axes run in space; None where the file doesn't say.
     notes : tuple of str
         What the user should know of this reading.
     """
 
     volume: Array
     known: Mapping[str, Any] = field(default_factory=dict)
-    right_handed: bool | None = None
+    space: FileSpace | None = None
     notes: tuple[str, ...] = ()

@@ -18,14 +18,17 @@ from registration.readers.storage import empty
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _MOST_OBJECTS = 10_000
 _SLAB_BYTES = 64 << 20
+_MATLAB = "MATLAB_class"
+"""Attribute of every array in a MATLAB file."""
 
 
 def read_hdf5(path: Path) -> Found:
     """The one dataset of three axes, with what its attributes or datasets beside it say.
 
     Attributes of the dataset, of the file, and scalar datasets are looked up by the names of a
-    sidecar's keys (``voxel_mm``, ``axes``, ``scale``, ...). MATLAB 7.3 stores axes reversed; give
-    ``axes`` as NumPy sees them, slowest first.
+    sidecar's keys (``voxel_mm``, ``axes``, ``scale``, ...). ``axes`` names NumPy's order of
+    indices, in a file written by MATLAB (7.3) the order of its subscripts, as in level 5:
+    ``V(z, y, x)`` is "zyx".
 
     Raises
     ------
@@ -40,7 +43,9 @@ def read_hdf5(path: Path) -> Found:
         if data.external:
             raise ScanFileError(f"{path}: its data lies in other files; export it as one")
         known = {**_said(file, file.attrs), **_said({}, data.attrs)}
-        return Found(_read(data, path), known)
+        volume = _read(data, path)
+        # MATLAB stores columns first, HDF5 rows first: transposed, subscripts are MATLAB's own.
+        return Found(volume.T if _MATLAB in data.attrs else volume, known)
 
 
 def _volumes(file: Any, h5py: Any) -> dict[str, Any]:
@@ -73,8 +78,15 @@ def _said(group: Any, attributes: Any) -> dict[str, Any]:
         if name in attributes:
             known[name] = _plain(attributes[name])
         elif name in group and hasattr(group[name], "size") and group[name].size <= 16:
-            known[name] = _plain(group[name][()])
+            known[name] = _of_matlab(group[name]) or _plain(group[name][()])
     return known
+
+
+def _of_matlab(data: Any) -> str | None:
+    """MATLAB's text, which HDF5 holds as codes; None for anything else."""
+    if _plain(data.attrs.get(_MATLAB, b"")) != "char":
+        return None
+    return "".join(map(chr, np.ravel(data[()]).tolist()))
 
 
 def _plain(value: Any) -> Any:

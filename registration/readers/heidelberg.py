@@ -21,13 +21,15 @@ import numpy as np
 from registration.errors import ScanFileError
 from registration.readers.found import Array, Found
 from registration.readers.limits import check_available
-from registration.readers.orient import is_right_handed
+from registration.readers.space import FileSpace
 from registration.readers.storage import filled
 
 MAGIC = b"HSF-OCT-"
 
 _HEADER_BYTES = 2048
 _OUTSIDE = 1e30
+_LEAST_SINE = 0.1
+_PICTURE = "fundus picture (x right, y down, z away)"
 _VOLUMES = (0, 3, 4)
 """Scan patterns that are stacks of parallel B-scans: unknown, volume, fast volume."""
 
@@ -77,7 +79,7 @@ def read_heidelberg(path: Path) -> Found:
     notes: tuple[str, ...] = ()
     if outside[0]:
         notes = (f"{outside[0]} voxels outside the picture were set to 0",)
-    return Found(volume, known, _right_handed(data, header), notes)
+    return Found(volume, known, _space(data, header), notes)
 
 
 def _header(start: bytes) -> _Header:
@@ -100,13 +102,22 @@ def _scans(data: Array, header: _Header, outside: list[int]) -> Any:
         yield scan
 
 
-def _right_handed(data: Array, header: _Header) -> bool | None:
-    """From where the first and last B-scan lie in the picture: x right, y down, depth away."""
+def _space(data: Array, header: _Header) -> FileSpace | None:
+    """From where the first and last B-scan lie in the picture: x right, y down, depth away.
+
+    None where the places don't tell. B-scans are placed by an eye tracker, so that they stack
+    nearly, not exactly, square to themselves: the part along them is left out.
+    """
     ends = []
     for index in (0, header.scans - 1):
         at = header.first + index * header.stride
         ends.append(struct.unpack_from("<4d", bytes(data[at : at + 256]), 16))
     (x0, y0, x1, y1), (later_x, later_y, _, _) = ends
-    along = [x1 - x0, y1 - y0, 0.0]
-    across = [later_x - x0, later_y - y0, 0.0]
-    return is_right_handed(np.array([along, across, [0.0, 0.0, 1.0]]))
+    along, across = np.array([x1 - x0, y1 - y0, 0.0]), np.array([later_x - x0, later_y - y0, 0.0])
+    lengths = float(np.linalg.norm(along)), float(np.linalg.norm(across))
+    turn = along[0] * across[1] - along[1] * across[0]
+    if not np.isfinite(turn) or abs(turn) < _LEAST_SINE * lengths[0] * lengths[1] or turn == 0:
+        return None
+    unit = along / lengths[0]
+    square = np.sign(turn) * np.array([-unit[1], unit[0], 0.0])
+    return FileSpace(_PICTURE, np.array([square, [0.0, 0.0, 1.0], unit]), np.array([x0, y0, 0.0]))

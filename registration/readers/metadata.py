@@ -13,9 +13,10 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.found import Array, Found
-from registration.readers.orient import is_axes, is_even, renamed, to_scan_axes, unmirrored
+from registration.readers.orient import is_axes, renamed, to_scan_axes, unmirrored
 from registration.readers.storage import native
 from registration.scan import Scan
+from registration.space import Space
 
 SCHEMA = "printctl-scan-1"
 
@@ -62,6 +63,16 @@ class ScanOverrides:
 NAMES = tuple(item.name for item in fields(ScanOverrides))
 _FRAME = ("axes", "mirrored")
 _OF_SCAN = tuple(name for name in NAMES if name not in _FRAME)
+
+
+@dataclass(frozen=True)
+class _Oriented:
+    """A volume in the scan's frame."""
+
+    volume: Array
+    handedness: Literal["right", "unknown"]
+    space: Space | None
+    notes: tuple[str, ...]
 
 
 def describe(scan: Scan) -> str:
@@ -137,10 +148,10 @@ def build_scan(
     _check_choices(known, path)
     voxel = _voxel(known["voxel_mm"], path)
     _check_swapped(voxel, in_file.get("voxel_mm"), path)
-    volume, handedness, turned = _oriented(found, known, path)
-    _check_finite(volume, path)
+    turned = _oriented(found, known, voxel, path)
+    _check_finite(turned.volume, path)
     return Scan(
-        volume=volume,
+        volume=turned.volume,
         voxel_mm=voxel,
         refractive_index=_index(known["refractive_index"], path),
         optical_depth=known["optical_depth"],
@@ -148,9 +159,10 @@ def build_scan(
         modality=known["modality"],
         depth_down=known["depth_down"],
         came_from=path,
-        handedness=handedness,
+        handedness=turned.handedness,
+        space=turned.space,
         origins={name: origins[name] for name in _OF_SCAN if name in origins},
-        notes=(*found.notes, *turned),
+        notes=(*found.notes, *turned.notes),
     )
 
 
@@ -182,19 +194,25 @@ def _refuse_missing(known: Mapping[str, Any], path: Path) -> None:
 
 
 def _oriented(
-    found: Found, known: Mapping[str, Any], path: Path
-) -> tuple[Array, Literal["right", "unknown"], tuple[str, ...]]:
-    """The volume as z, y, x of a right-handed frame, and what was turned."""
-    volume = to_scan_axes(found.volume, known["axes"], path)
-    mirrored = known.get("mirrored")
-    if mirrored is None and found.right_handed is not None:
-        # The file spoke of axes as it names them; the user may name them otherwise.
-        kept = is_even(found.known.get("axes", known["axes"]), known["axes"])
-        mirrored = found.right_handed is not kept
-    if mirrored:
-        note = "its axes are mirrored (left-handed): y was reversed"
-        return native(unmirrored(volume)), "right", (note,)
-    return native(volume), "unknown" if mirrored is None else "right", ()
+    found: Found, known: Mapping[str, Any], voxel: tuple[float, float, float], path: Path
+) -> _Oriented:
+    """The volume as z, y, x of a right-handed frame, where that lies, and what was turned."""
+    axes, space, mirrored = known["axes"], found.space, known.get("mirrored")
+    volume = to_scan_axes(found.volume, axes, path)
+    if space is not None:
+        in_file = not space.is_right_handed(axes)
+        if mirrored is None:
+            mirrored = in_file
+        elif mirrored is not in_file:
+            space = None  # The user knows better: what the file says of its axes doesn't hold.
+    notes = ("its axes are mirrored (left-handed): y was reversed",) if mirrored else ()
+    reversed_mm = (volume.shape[1] - 1) * voxel[1] if mirrored else None
+    return _Oriented(
+        native(unmirrored(volume) if mirrored else volume),
+        "unknown" if mirrored is None else "right",
+        None if space is None else space.of_scan(axes, reversed_mm),
+        notes,
+    )
 
 
 def _check_volume(volume: Array, path: Path) -> None:

@@ -79,6 +79,7 @@ def read_mosaic(path: Path, overrides: ScanOverrides | None = None) -> Scan:
         scans[0],
         volume=volume,
         came_from=path,
+        space=None,
         notes=(*scans[0].notes, _told(placed, voxel, len(scans), listed.kind)),
     )
 

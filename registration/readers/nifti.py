@@ -11,8 +11,10 @@ from registration.errors import ScanFileError
 from registration.readers.broken import reading
 from registration.readers.found import Array, Found
 from registration.readers.limits import DEFLATE_RATIO, check_available
-from registration.readers.orient import is_right_handed
+from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.units import millimetres
+
+_TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def is_nifti(start: bytes) -> bool:
@@ -37,7 +39,7 @@ def read_nifti(path: Path) -> Found:
             shape = shape[:-1]
         if len(shape) != 3:
             raise ScanFileError(f"{path}: has the axes {image.shape}; export one volume")
-        return Found(_volume(image, shape, path), _known(image, path), _right_handed(image))
+        return Found(_volume(image, shape, path), _known(image, path), _space(image, path))
 
 
 def _open(path: Path) -> Any:
@@ -81,9 +83,43 @@ def _known(image: Any, path: Path) -> dict[str, Any]:
     return known
 
 
-def _right_handed(image: Any) -> bool | None:
-    """From the affine, where the header carries one (a code above 0)."""
+def _space(image: Any, path: Path) -> FileSpace | None:
+    """From the affine, where the header carries one (a code above 0); RAS becomes LPS.
+
+    Raises
+    ------
+    ScanFileError
+        When sform and qform contradict each other, or sform the sizes of the voxels.
+    """
     header = image.header
-    if int(header["sform_code"]) <= 0 and int(header["qform_code"]) <= 0:
+    forms = {
+        name: np.asarray(matrix, dtype=np.float64)
+        for name, matrix in (
+            ("sform", header.get_sform(coded=True)[0]),
+            ("qform", header.get_qform(coded=True)[0]),
+        )
+        if matrix is not None
+    }
+    if not forms:
         return None
-    return is_right_handed(np.asarray(image.affine, dtype=np.float64)[:3, :3].T)
+    _check_forms(forms, [float(size) for size in header.get_zooms()[:3]], path)
+    unit = millimetres(header.get_xyzt_units()[0], path) or 1.0
+    affine = _TO_LPS @ next(iter(forms.values()))
+    return file_space(LPS, affine[:3, 2::-1].T, affine[:3, 3] * unit, path)
+
+
+def _check_forms(forms: dict[str, Any], zooms: list[float], path: Path) -> None:
+    signs = {name: bool(np.linalg.det(form[:3, :3]) > 0) for name, form in forms.items()}
+    if len(set(signs.values())) > 1:
+        raise ScanFileError(
+            f"{path}: of its two orientations one is mirrored and one isn't (sform right-handed: "
+            f"{signs['sform']}, qform: {signs['qform']}); keep one of them (its code 0 else)"
+        )
+    if "sform" not in forms:
+        return
+    lengths = np.linalg.norm(forms["sform"][:3, :3], axis=0)
+    if not np.allclose(lengths, zooms, rtol=0.01):
+        raise ScanFileError(
+            f"{path}: its sform makes voxels of {np.round(lengths, 6).tolist()}, its pixdim of "
+            f"{np.round(zooms, 6).tolist()} (i, j, k; limit 1 %); write it again with one size"
+        )

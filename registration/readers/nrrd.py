@@ -13,14 +13,21 @@ from registration.errors import ScanFileError
 from registration.readers.broken import reading
 from registration.readers.found import Array, Found
 from registration.readers.limits import DEFLATE_RATIO, check_available
-from registration.readers.orient import is_right_handed
+from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.storage import mapped
 from registration.readers.units import millimetres
 
 MAGIC = b"NRRD"
 
-_RAS = ("right-anterior-superior", "left-posterior-superior", "ras", "lps", "3d-right-handed")
-_LEFT = ("left-anterior-superior", "las", "3d-left-handed")
+_SPACES = {
+    **dict.fromkeys(("right-anterior-superior", "ras"), (LPS, (-1.0, -1.0, 1.0))),
+    **dict.fromkeys(("left-anterior-superior", "las"), (LPS, (1.0, -1.0, 1.0))),
+    **dict.fromkeys(("left-posterior-superior", "lps"), (LPS, (1.0, 1.0, 1.0))),
+    "3d-right-handed": ("the file's", (1.0, 1.0, 1.0)),
+    "3d-left-handed": ("the file's, x reversed", (-1.0, 1.0, 1.0)),
+}
+"""By NRRD's name: ours, and the signs that bring its x, y, z there."""
+
 _DEFLATED = ("gzip", "gz")
 _KINDS = {
     "signed char": "i1", "int8": "i1", "int8_t": "i1", "uchar": "u1", "unsigned char": "u1",
@@ -46,7 +53,7 @@ def read_nrrd(path: Path) -> Found:
         return Found(
             _volume(nrrd.read_data, handle, header, path),
             _known(header, path),
-            _right_handed(header),
+            _space(header, path),
         )
 
 
@@ -100,11 +107,15 @@ def _known(header: dict[str, Any], path: Path) -> dict[str, Any]:
     return known
 
 
-def _right_handed(header: dict[str, Any]) -> bool | None:
+def _space(header: dict[str, Any], path: Path) -> FileSpace | None:
+    """From the space directions (rows, fastest axis first); None where the space has no name."""
     directions, space = header.get("space directions"), str(header.get("space", "")).lower()
-    if directions is None or np.shape(directions) != (3, 3):
+    if directions is None or space not in _SPACES:
         return None
-    right = is_right_handed(np.asarray(directions, dtype=np.float64))
-    if right is None or space in _RAS:
-        return right
-    return not right if space in _LEFT else None
+    rows = np.asarray(directions, dtype=np.float64)
+    if rows.shape != (3, 3):
+        raise ScanFileError(f"{path}: its space directions are {directions}; give three of three")
+    name, signs = _SPACES[space]
+    origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    units = {millimetres(str(unit), path) or 1.0 for unit in header.get("space units", ("mm",))}
+    return file_space(name, rows[::-1] * signs, origin * signs * max(units), path)

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from registration.errors import ScanFileError
 from registration.readers.found import Array
 
@@ -31,18 +28,6 @@ def to_scan_axes(volume: Array, axes: str, path: Path) -> Array:
     return volume.transpose([named.index(name) for name in ORDER])
 
 
-def is_right_handed(directions: NDArray[np.float64]) -> bool | None:
-    """Whether three directions (rows: x, y, z of the voxels, in space) make a right-handed frame.
-
-    None when they lie in a plane or aren't finite, so that nothing can be said.
-    """
-    lengths = np.linalg.norm(directions, axis=1)
-    if not np.isfinite(directions).all() or lengths.min() <= 0:
-        return None
-    volume = float(np.linalg.det(directions / lengths[:, None]))
-    return None if abs(volume) < 0.1 else volume > 0
-
-
 def renamed(sizes: Sequence[float], old: str, new: str) -> list[float]:
     """Sizes along z, y, x of a file's axes that are called otherwise from now on."""
     by_new = {
@@ -55,15 +40,6 @@ def renamed(sizes: Sequence[float], old: str, new: str) -> list[float]:
 def is_axes(axes: object) -> bool:
     """Whether something is an order of x, y and z."""
     return isinstance(axes, str) and sorted(axes.lower()) == sorted(ORDER)
-
-
-def is_even(axes: str, other: str) -> bool:
-    """Whether one order of axes becomes the other by an even number of swaps.
-
-    An odd one turns a right-handed frame into a left-handed one.
-    """
-    places = [other.lower().index(name) for name in axes.lower()]
-    return sum(a > b for i, a in enumerate(places) for b in places[i + 1 :]) % 2 == 0
 
 
 def unmirrored(volume: Array) -> Array:

@@ -34,6 +34,7 @@ MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 _MOST_PAGES = 100_000
 _DEFLATE = (8, 32946)
+_ORIENTATION = 274
 
 
 def read_tiff(path: Path) -> Found:
@@ -57,6 +58,7 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
         raise ScanFileError(
             f"{path}: {pages} images of {len(shapes)} different sizes aren't a stack"
         )
+    _check_upright(tiff, path)
     series = tiff.series[0]
     whole = tuple(series.shape)
     kind = np.dtype(first.dtype).newbyteorder(tiff.byteorder)
@@ -71,6 +73,18 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     if series.dataoffset is not None:
         return mapped(path, kind, series.dataoffset, whole)
     return filled((page.asarray() for page in series.pages), whole, first.dtype, path)
+
+
+def _check_upright(tiff: tifffile.TiffFile, path: Path) -> None:
+    """Refuse pictures whose Orientation tag says that they are stored turned or mirrored."""
+    for index, page in enumerate(tiff.pages if len(tiff.pages) < _MOST_PAGES else (tiff.pages[0],)):
+        tag = page.tags.get(_ORIENTATION) if isinstance(page, tifffile.TiffPage) else None
+        if tag is not None and int(tag.value) != 1:
+            raise ScanFileError(
+                f"{path}: page {index + 1} has the Orientation tag {int(tag.value)} (stored turned "
+                "or mirrored; needed: 1, rows from the top, columns from the left); write it again "
+                "upright"
+            )
 
 
 def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> None:

@@ -3,7 +3,8 @@
 Read by our own few lines: the format is JSON and one file a chunk. Sources: OME-NGFF 0.4 and 0.5
 (ngff.openmicroscopy.org), Zarr 2 and 3 specifications (zarr-specs.readthedocs.io).
 
-Not read: sharded chunks of Zarr 3, Zarr in a zip file, remote stores.
+Not read: transformations other than scale and translation, sharded chunks of Zarr 3, Zarr in a zip
+file, remote stores.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from registration.readers.metadata import SCHEMA, known_keys
 from registration.readers.storage import empty
 from registration.readers.units import millimetres
 from registration.readers.zarr_codecs import decode
+from registration.readers.zarr_orientation import anatomical, transformed
 
 _MOST_JSON_BYTES = 64 << 20
 _MOST_CHUNK_BYTES = 2 << 30
@@ -72,7 +74,7 @@ def read_zarr(path: Path) -> Found:
         ours = attributes.get("printctl")
         if isinstance(ours, dict) and ours.get("schema") == SCHEMA:
             known |= {**known_keys(ours, str(path)), "axes": known["axes"]}
-        return Found(_volume(place, grid, axes, path), known)
+        return Found(_volume(place, grid, axes, path), known, anatomical(image, path))
     except (KeyError, IndexError, TypeError, ValueError) as exc:
         if isinstance(exc, ScanFileError):
             raise
@@ -171,12 +173,10 @@ def _fill(value: Any) -> float:
 def _known(image: dict[str, Any], axes: list[str], path: Path) -> dict[str, Any]:
     """Order and sizes of the spatial axes; one of the others must be of length 1."""
     named = "".join(name for name in axes if name in _SPACE)
+    if sorted(named) != sorted(_SPACE):
+        raise ScanFileError(f"{path}: has the axes {axes}; three of space (z, y, x) are needed")
     known: dict[str, Any] = {"axes": named}
-    factors = [1.0] * len(axes)
-    for source in (image, image["datasets"][0]):
-        for step in source.get("coordinateTransformations", ()):
-            if step.get("type") == "scale":
-                factors = [a * float(b) for a, b in zip(factors, step["scale"], strict=True)]
+    factors, _ = transformed(image, path)
     units = {str(axis["name"]): axis.get("unit") for axis in image["axes"]}
     voxel = []
     for name in _SPACE:

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from registration.judging.tolerance import Limit, symmetric
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.scaled_lines import (
@@ -74,7 +75,7 @@ def diameter_figure(
     names: Sequence[str],
     designed_um: Sequence[float],
     measured_um: Sequence[float],
-    tolerance_percent: float = 10.0,
+    limit: Limit | None = None,
 ) -> bytes:
     """Measured against designed diameter, with the line of agreement and a band around it.
 
@@ -83,8 +84,8 @@ def diameter_figure(
     names : (n,) str
     designed_um, measured_um : (n,) floats, µm
         A vessel whose value is missing (NaN) is left out.
-    tolerance_percent : float, %
-        Half width of the band.
+    limit : Limit or None
+        Of the diameters; None: ± 10 %.
 
     Returns
     -------
@@ -95,15 +96,17 @@ def diameter_figure(
     seen = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     top = 1.08 * float(max(x[seen].max(), y[seen].max())) if len(seen) else 1.0
     low = 0.88 * float(min(x[seen].min(), y[seen].min())) if len(seen) else 0.0
-    line, part = np.array([low, top]), tolerance_percent / 100.0
+    line, band = np.linspace(low, top, 60), limit or symmetric(10.0)
+    below, above = band.around(line)
     with styled():
         figure, axes = blank(5.2, 3.6)
         axes.fill_between(
-            line, line * (1 - part), line * (1 + part), color=ACCENT, alpha=0.12, linewidth=0.0,
-            label=f"± {tolerance_percent:g} %",
+            line, line - below, line + above, color=ACCENT, alpha=0.12, linewidth=0.0,
+            label=str(band),
         )  # fmt: skip
         axes.plot(line, line, color=MUTED, linewidth=0.8, label="as designed")
-        off = np.abs(y - x) > part * x
+        under, over = band.around(x)
+        off = (y - x > over) | (x - y > under)
         _mark(axes, x, y, seen[~off[seen]], ACCENT, "within")
         _mark(axes, x, y, seen[off[seen]], OUTSIDE, "outside")
         for i in _worth_a_name(x[seen], y[seen], off[seen], 0.04 * (top - low)):

@@ -10,15 +10,18 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from registration.report.drawing import blank, broken, small_multiples, styled, to_svg
-from registration.report.svg import ACCENT, INK, MUTED
+from registration.report.svg import ACCENT, BAD, INK, MUTED
 from registration.report.wording import is_number
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 OUTSIDE: Final = "#b85a14"
+UNDECIDED: Final = "#a97a00"
 MOST_PROFILES: Final = 12
-"""Vessels drawn along their length: those with defects, then the worst."""
+"""Vessels drawn along their length: those with findings, then the worst."""
+_COLOURS: Final = {"pass": ACCENT, "undecided": UNDECIDED, "fail": BAD}
+_SEVERE: Final = {"pass": 1, "undecided": 2, "fail": 3}
 
 
 def curve_figure(
@@ -35,19 +38,16 @@ def curve_figure(
         return to_svg(figure, "within")
 
 
-def profile_figure(
-    vessels: Sequence[Record], defects: Sequence[Record], tolerance_percent: float = 10.0
-) -> bytes | None:
-    """Diameter along the vessels that say most, with the design, a band and the defects.
+def profile_figure(vessels: Sequence[Record], defects: Sequence[Record]) -> bytes | None:
+    """Diameter ± U along the vessels that say most, with their limits, decisions and findings.
 
     Parameters
     ----------
     vessels : sequence of dict
-        ``vessel``, ``designed_um``, ``length_mm``, ``along_mm``, ``diameter_um``, ``unseen_mm``.
+        ``vessel``, ``designed_um``, ``length_mm``, ``along_mm``, ``diameter_um``, ``unseen_mm``;
+        of judged ones ``interval_95_um``, ``lower_um``, ``upper_um``, ``decision_along``.
     defects : sequence of dict
-        ``kind``, ``vessel``, ``from_mm``, ``to_mm``.
-    tolerance_percent : float, %
-        Half width of the band.
+        The list of findings: ``kind``, ``vessel``, ``from_mm``, ``to_mm``, ``decision``.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def profile_figure(
         figure, grid, columns = small_multiples(len(shown))
         for axes, vessel in zip(grid, shown, strict=True):
             own = [d for d in defects if vessel["vessel"] in (d.get("vessel"), d.get("other"))]
-            _profile(axes, vessel, own, tolerance_percent / 100)
+            _profile(axes, vessel, own)
         for axes in grid[::columns]:
             axes.set_ylabel("diameter / µm")
         for axes in grid[-columns:]:
@@ -70,44 +70,88 @@ def profile_figure(
 
 
 def _worth_showing(vessels: Sequence[Record], defects: Sequence[Record]) -> list[Record]:
-    ill = {d.get("vessel") for d in defects}
+    """Vessels with findings, fails first, then the farthest off; in the network's order."""
+    severe: dict[Any, int] = {}
+    for d in defects:
+        rank_of = _SEVERE.get(str(d.get("decision")), 1)
+        severe[d.get("vessel")] = max(rank_of, severe.get(d.get("vessel"), 0))
 
-    def rank(vessel: Record) -> tuple[bool, float]:
+    def rank(vessel: Record) -> tuple[int, float]:
         error = vessel.get("error_percent")
-        return (vessel["vessel"] not in ill, -abs(error) if is_number(error) else 0.0)
+        return (-severe.get(vessel["vessel"], 0), -abs(error) if is_number(error) else 0.0)
 
     usable = [v for v in vessels if isinstance(v.get("along_mm"), list) and v["along_mm"]]
     chosen = sorted(usable, key=rank)[:MOST_PROFILES]
     return sorted(chosen, key=lambda vessel: vessel["vessel"])
 
 
-def _profile(axes: Axes, vessel: Record, defects: Sequence[Record], part: float) -> None:
+def _profile(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
     along, diameter = _numbers(vessel["along_mm"]), _numbers(vessel["diameter_um"])
     designed, length = float(vessel["designed_um"]), float(vessel["length_mm"])
     for first, last in vessel.get("unseen_mm") or []:
         axes.axvspan(first, last, color=MUTED, alpha=0.15, linewidth=0)
     for defect in defects:
         if defect.get("vessel") == vessel["vessel"]:
-            axes.axvspan(defect["from_mm"], defect["to_mm"], color=OUTSIDE, alpha=0.18, linewidth=0)
-    axes.axhspan(
-        designed * (1 - part), designed * (1 + part), color=ACCENT, alpha=0.12, linewidth=0
-    )
+            colour = _COLOURS.get(str(defect.get("decision")), OUTSIDE)
+            axes.axvspan(defect["from_mm"], defect["to_mm"], color=colour, alpha=0.13, linewidth=0)
+    edges = _limits(axes, vessel, along, length)
     axes.axhline(designed, color=MUTED, linewidth=0.8)
-    axes.plot(
-        *broken(along, diameter),
-        color=INK,
-        linewidth=1.1,
-        marker="." if len(along) < 4 else "",
-        markersize=4,
-    )
-    names = ", ".join(dict.fromkeys(str(d["kind"]) for d in defects))
-    axes.set_title(f"vessel {vessel['vessel']}" + (f": {names}" if names else ""), loc="left",
-                   fontsize=8.6, color=OUTSIDE if names else INK)  # fmt: skip
+    half = _along(vessel, "interval_95_um", along)
+    x, low = broken(along, diameter - half)
+    axes.fill_between(x, low, broken(along, diameter + half)[1], color=INK, alpha=0.16, linewidth=0)
+    axes.plot(*broken(along, diameter), color=INK, linewidth=0.9)
+    _decided(axes, vessel, along, diameter)
+    _title(axes, vessel, defects)
     axes.set_xlim(0, length)
-    finite = diameter[np.isfinite(diameter)]
-    low = min([designed * 0.8, *finite.tolist()])
-    axes.set_ylim(
-        0 if low < 0.4 * designed else 0.97 * low, max([designed * 1.2, *(1.03 * finite)])
+    reach = np.concatenate([diameter, diameter - half, diameter + half, edges])
+    reach = reach[np.isfinite(reach)]
+    low_um, high_um = reach.min(initial=0.85 * designed), reach.max(initial=1.15 * designed)
+    room = 0.06 * (high_um - low_um)
+    axes.set_ylim(0 if low_um < 0.4 * designed else low_um - room, high_um + room)
+
+
+def _along(vessel: Record, name: str, along: FloatArray) -> FloatArray:
+    """Numbers along a vessel; unknown where it wasn't judged."""
+    found = vessel.get(name)
+    return _numbers(found) if isinstance(found, list) else np.full(len(along), np.nan)
+
+
+def _limits(axes: Axes, vessel: Record, along: FloatArray, length: float) -> FloatArray:
+    """Draw the band of what is allowed, carried on to the vessel's ends; return its edges."""
+    lower, upper = (_along(vessel, name, along) for name in ("lower_um", "upper_um"))
+    whole = np.concatenate([[0.0], along, [length]])
+    band = [np.concatenate([edge[:1], edge, edge[-1:]]) for edge in (lower, upper)]
+    axes.fill_between(whole, band[0], band[1], color=ACCENT, alpha=0.12, linewidth=0)
+    for edge in band:
+        axes.plot(whole, edge, color=ACCENT, linewidth=0.7)
+    return np.concatenate(band)
+
+
+def _decided(axes: Axes, vessel: Record, along: FloatArray, diameter: FloatArray) -> None:
+    """Mark each section by its decision, by shape and by colour."""
+    decisions = vessel.get("decision_along")
+    if not isinstance(decisions, list):
+        if len(along) < 4:
+            axes.plot(along, diameter, ".", color=INK, markersize=4)
+        return
+    for decision, marker in (("pass", "o"), ("undecided", "^"), ("fail", "s")):
+        chosen = np.array([one == decision for one in decisions], dtype=np.bool_)
+        axes.plot(along[chosen], diameter[chosen], marker, color=_COLOURS[decision],
+                  markersize=2.4 if decision == "pass" else 3.8, markeredgewidth=0)  # fmt: skip
+
+
+def _title(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
+    said = [
+        f"{d['kind']} ({d['decision']})" if d.get("decision") else str(d["kind"]) for d in defects
+    ]
+    worst = max((str(d.get("decision")) for d in defects), default="pass",
+                key=lambda decision: _SEVERE.get(decision, 1))  # fmt: skip
+    names = ", ".join(dict.fromkeys(said))
+    axes.set_title(
+        f"vessel {vessel['vessel']}" + (f": {names}" if names else ""),
+        loc="left",
+        fontsize=8.6,
+        color=_COLOURS.get(worst, OUTSIDE) if names else INK,
     )
 
 

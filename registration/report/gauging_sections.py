@@ -18,6 +18,9 @@ DEFECT_COLUMNS: Final = (
     Column("place", "Place x, y, z, mm", kind="text"),
     Column("size_um", "Size", "µm"),
     Column("error_um", "± (95 %)", "µm"),
+    Column("deviation", "Off the design, %", kind="text"),
+    Column("limit", "Limit", kind="text"),
+    Column("decision", "Decision", kind="text"),
     Column("percent", "Of the diameter", "%", "signed"),
     Column("wall_um", "Wall moved", "µm", "signed"),
     Column("seen", "All seen", kind="mark"),
@@ -78,6 +81,7 @@ def _defect(row: Record) -> dict[str, Any]:
     return {
         **row,
         "to": to,
+        "deviation": _off(row),
         "extent": _span(row.get("from_mm"), row.get("to_mm")),
         "place": ", ".join(f"{v:.2f}" for v in place) if isinstance(place, list | tuple) else None,
         "source": _source(made),
@@ -85,6 +89,16 @@ def _defect(row: Record) -> dict[str, Any]:
         if made.get("line_count")
         else None,
     }
+
+
+def _off(row: Record) -> str | None:
+    """Deviation from the design with its interval, percent."""
+    off, half, um = row.get("deviation_percent"), row.get("u_um"), row.get("deviation_um")
+    if not (is_number(off) and is_number(um)):
+        return None
+    if not is_number(half) or not um:
+        return fixed(off, 1)
+    return f"{fixed(off, 1)} ± {fixed(abs(half * off / um), 1)}"
 
 
 def _span(first: Any, last: Any) -> str | None:

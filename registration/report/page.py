@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
+from registration.judging import Limit
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
@@ -198,8 +199,9 @@ def _drawings(
     made |= _gauged(registration)
     made |= _oxygen(mapping(data, "oxygen"))
     gauged = records(registration, "vessels")
+    limit = mapping(mapping(mapping(registration, "judging"), "tolerances"), "diameter")
     if any(is_number(r.get("measured_um")) for r in gauged):
-        made["diameters/Measured against designed diameter"] = partial(_diameters, gauged)
+        made["diameters/Measured against designed diameter"] = partial(_diameters, gauged, limit)
     if network is not None:
         made["design/Network, coloured by diameter"] = partial(network_figure, network)
         rows = records(mapping(data, "flow"), "vessels")
@@ -230,7 +232,8 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
             curve_figure, curve["tolerance_um"], curve["rigid"], curve["scaled"]
         )
     made[
-        "profiles/Diameter along the vessels: measured (line), designed with ± 10 %, defects marked"
+        "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
+        "(blue band); sections that fail are squares, undecided ones triangles; findings are shaded"
     ] = partial(profile_figure, vessels, records(registration, "defects"))
     made["registration/Deviation of each written layer"] = partial(
         layer_deviation_figure, records(registration, "by_layer")
@@ -238,12 +241,13 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     return made
 
 
-def _diameters(gauged: Sequence[Mapping[str, Any]]) -> bytes:
+def _diameters(gauged: Sequence[Mapping[str, Any]], limit: Mapping[str, Any]) -> bytes:
     designed, measured = (
         [float(r[key]) if is_number(r.get(key)) else np.nan for r in gauged]
         for key in ("designed_um", "measured_um")
     )
-    return diameter_figure([plain(r.get("vessel")) for r in gauged], designed, measured)
+    names = [plain(r.get("vessel")) for r in gauged]
+    return diameter_figure(names, designed, measured, Limit(**limit) if limit else None)
 
 
 def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Markup]]]:

@@ -25,6 +25,7 @@ VESSEL_COLUMNS: Final = (
     Column("designed_um", "Designed", "µm"),
     Column("measured_um", "Measured", "µm"),
     Column("error_percent", "Error", "%", "signed"),
+    Column("decision", "Decision", kind="text"),
     Column("narrowest_um", "Narrowest", "µm"),
     Column("ovality", "Ovality", digits=4),
     Column("offset_um", "Axis offset", "µm"),

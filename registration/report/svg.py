@@ -16,12 +16,14 @@ MUTED: Final = "#5f6972"
 RULE: Final = "#dcdfe2"
 ACCENT: Final = "#1b5e9e"
 PAPER: Final = "#fcfcfb"
+BAD: Final = "#ad3517"
 THEMED: Final = {
     INK: "var(--ink)",
     MUTED: "var(--muted)",
     RULE: "var(--rule)",
     ACCENT: "var(--accent)",
     PAPER: "var(--paper)",
+    BAD: "var(--bad)",
 }
 """Colours of a drawing that follow the page's light or dark theme."""
 

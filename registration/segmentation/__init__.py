@@ -1,6 +1,15 @@
 """From a scanned volume to the surface between gel and lumen."""
 
+from registration.segmentation.evidence import GelEvidence, gel_evidence, told_apart
 from registration.segmentation.segment import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField
 
-__all__ = ["GelField", "Segmentation", "SegmentationOptions", "segment"]
+__all__ = [
+    "GelEvidence",
+    "GelField",
+    "Segmentation",
+    "SegmentationOptions",
+    "gel_evidence",
+    "segment",
+    "told_apart",
+]

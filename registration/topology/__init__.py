@@ -3,12 +3,13 @@
 from registration.topology.compare import Faults, Topology, compare_topology, graph_betti
 from registration.topology.euler import Betti, betti_numbers
 from registration.topology.grid import LumenGrid, lay_grid, scanned_with
-from registration.topology.leaks import Leaks, find_leaks
+from registration.topology.leaks import Leaks, LeakSearch, find_leaks, liquid_level
 from registration.topology.overlap import Overlap, overlap
 
 __all__ = [
     "Betti",
     "Faults",
+    "LeakSearch",
     "Leaks",
     "LumenGrid",
     "Overlap",
@@ -18,6 +19,7 @@ __all__ = [
     "find_leaks",
     "graph_betti",
     "lay_grid",
+    "liquid_level",
     "overlap",
     "scanned_with",
 ]

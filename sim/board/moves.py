@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.board.controller import Controller
-from sim.board.waits import Place, Task
+from sim.board.waits import Place, Task, Until
 from sim.gcode_modal import ARC, BAD, arc_points, interpret, speed
+from sim.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.planner_state import Records
 
 LONGEST_EXTRUSION_MM: Final = 200.0
 """As Marlin is built; no other twin's own is known."""
+ARC_PIECE_S: Final = BLOCK_S + CORNER_S + 2 * TRAPEZOID_S
+"""Between two pieces of an arc: an 8-bit board's time to plan one."""
 
 
 def move(board: Controller) -> Task:
@@ -37,6 +40,8 @@ def move(board: Controller) -> Task:
     for point in points:
         yield Place()
         machine.move_to(point, feed, board.work.job_line)
+        if len(points) > 1:
+            yield Until(machine.now + ARC_PIECE_S)
     machine.idle_since = machine.now
 
 

@@ -48,10 +48,10 @@ def scan(design, options):
     return image(design, plant(design, given), pose, given, rng), pose
 
 
-def test_speckle_of_one_look_is_fully_developed():
+def test_speckle_of_one_look_of_many_scatterers_is_fully_developed():
     design = Design(block(2.0, 2.0, 1.0))
     design.add(design.node(0, 0.2, 0.5), design.node(0.3, 0.2, 0.5), (0.2,))
-    volume, _ = scan(design, [*FLAT, "--shrink", "1,1,1"])
+    volume, _ = scan(design, [*FLAT, "--shrink", "1,1,1", "--per-cell", "12"])
     gel = volume[15:40, 20:40, 20:40]
     assert gel.mean() == pytest.approx(1.0, abs=0.03)
     assert gel.std() / gel.mean() == pytest.approx(1.0, abs=0.04)

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
 from sim.dryrun import dry_run
+from sim.gcode import checksum, read_gcode
+from sim.line_times import sent_bytes
 from tests.sim.transcripts import DATA
 
 PROFILE = load(Printer, "marlin_avr")
@@ -113,6 +115,42 @@ def test_moves_shorter_than_their_lines_take_are_slowed_by_the_line():
     two = dry_run(text, PROFILE, (10, 10, 10), in_flight=2).duration_s
     quick = dry_run(text, fast_line, (10, 10, 10)).duration_s
     assert quick < two < one
+
+
+def test_what_the_wire_starves_is_told_and_what_it_feeds_is_not():
+    text = "".join(f"G1 X{10 + 0.15 * k:.2f} F1800\n" for k in range(1, 301)).encode()
+    fed = dry_run(text, PROFILE.model_copy(update={"baud": 2_000_000}), (10, 10, 10), in_flight=2)
+    late = dry_run(text, PROFILE.model_copy(update={"host_turnaround_s": 0.016}), (10, 10, 10))
+    assert late.starved.segments > 80
+    assert 0 < late.starved.seconds < late.duration_s
+    assert late.starved.line < 20
+    assert fed.starved.segments == 0
+
+
+def test_each_line_costs_its_bytes_both_ways_the_board_and_the_host():
+    text = "".join(f"G1 X{10 + 0.1 * k:.1f} F6000\n" for k in range(1, 301)).encode()
+    slow = PROFILE.model_copy(update={"host_turnaround_s": 0.03})
+    one, longer, later = (
+        dry_run(text, slow.model_copy(update=more), (10, 10, 10)).duration_s
+        for more in ({}, {"advanced_ok": True}, {"host_turnaround_s": 0.05})
+    )
+    # the motors begin at the third line, and end a line's time after the last one
+    assert later - one == pytest.approx(297 * 0.02, rel=0.02)
+    # an ok with N, P and B is 9 bytes and the number's digits more; the divider gives 117,647 Bd
+    assert longer - one == pytest.approx(300 * 11.6 * 10 / 117_647, rel=0.1)
+
+
+def test_lines_are_counted_as_sent_with_number_and_checksum():
+    text = b"G1 X1 F600\n  G1 X2 ; a remark\nM400\n" + b"G1 X3\n" * 8
+    program = read_gcode(text, (0.0, 0.0, 0.0))
+    sent = [numbered(line.split(b";")[0].strip(), number) for number, line in
+            enumerate(text.splitlines(), 1)]  # fmt: skip
+    assert sent_bytes(program, text).tolist() == [len(line) for line in sent]
+
+
+def numbered(line, number):
+    body = b"N%d %s" % (number, line)
+    return b"%s*%d\n" % (body, checksum(body))
 
 
 def test_short_moves_are_merged_and_counted():

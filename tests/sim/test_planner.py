@@ -247,3 +247,21 @@ def test_a_single_block_waits_for_company():
         three.move(x, 0, 0, 0)
     assert next_event(alone.planner) == pytest.approx(0.1)
     assert next_event(three.planner) == 0.0
+
+
+def test_a_travel_after_a_hop_is_entered_at_its_least_speed():
+    """sqrt(a / 2 / steps per mm), as the real board does it: 4.33 mm/s, not the corner's 2.1."""
+    bench = Bench()
+    bench.move(0, 0, 1, 0, feed=5.0)
+    bench.move(10, 0, 1, 0, feed=50.0)
+    bench.move(20, 0, 1, 0, feed=50.0)
+    travel = bench.ring[1]
+    assert math.sqrt(travel["entry_sq"]) == pytest.approx(math.sqrt(3000 / 2 / 80), rel=1e-3)
+
+
+def test_an_idle_stepper_looks_for_blocks_each_millisecond():
+    bench = Bench()
+    for x, now in ((10, 0.0102), (20, 0.0104), (30, 0.0106)):
+        bench.now = now
+        bench.move(x, 0, 0, 0)
+    assert next_event(bench.planner) == pytest.approx(0.011)

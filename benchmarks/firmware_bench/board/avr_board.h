@@ -73,6 +73,8 @@ typedef struct uart {
   uint8_t out_next, out_shift;
   bool shifting;
   uint64_t overruns;
+  uint64_t answered;        /* cycle at which the last line's end had left; 0 once a byte came */
+  uint64_t turned, turns;   /* cycles from there to the next byte's begin, and how often */
 } uart;
 
 typedef struct board {

@@ -50,11 +50,12 @@ static void report(board *b, char *to, int room) {
            "},\"powered\":%d,\"speed\":%g,\"slipped_s\":%.3f,\"wall_s\":%.3f,\"busy_s\":%.3f,"
            "\"resets\":%lu,\"baud\":%.0f,\"host_baud\":%u,\"opens\":%d,\"overruns\":%lu,"
            "\"bytes_in\":%lu,\"bytes_out\":%lu,\"corrupted\":%lu,\"dropped\":%lu,\"lost_oks\":%lu,"
-           "\"delayed_oks\":%lu,\"unread\":%lu,\"cpu_state\":%d,"
+           "\"delayed_oks\":%lu,\"unread\":%lu,\"turned_s\":%.6f,\"turns\":%lu,\"cpu_state\":%d,"
            "\"heaters\":{\"hotend\":%d,\"bed\":%d,\"fan\":%d}}",
            b->powered, b->speed, b->slipped_ns / 1e9, (now - b->began_ns) / 1e9, b->busy_ns / 1e9,
            b->resets, uart_baud(b), l->host_baud, l->opens, b->uart.overruns, l->bytes_in,
            l->bytes_out, l->corrupted, l->dropped, l->lost_oks, l->delayed_oks, l->unread,
+           b->uart.turned / (double)CPU_HZ, b->uart.turns,
            b->avr->state, b->heater_level[0], b->heater_level[1], b->heater_level[2]);
 }
 

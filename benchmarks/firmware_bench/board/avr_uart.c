@@ -25,11 +25,19 @@ double uart_baud(board *b) {
 
 static avr_cycle_count_t byte_cycles(board *b) { return 10 * CPU_HZ / uart_baud(b); }
 
+/* The host's turnaround. */
+static void note_turn(board *b, avr_cycle_count_t begun) {
+  uart *u = &b->uart;
+  if (u->answered && begun > u->answered) u->turned += begun - u->answered, u->turns++;
+  u->answered = 0;
+}
+
 static avr_cycle_count_t byte_arrives(avr_t *avr, avr_cycle_count_t when, void *param) {
   board *b = param;
   uart *u = &b->uart;
   uint8_t byte;
   if (line_take(b, &byte) && enabled(b, RXEN)) {
+    note_turn(b, avr->cycle - byte_cycles(b));
     if (u->in_count == 3) { /* the shift register is written over */
       u->in[2] = byte;
       u->overruns++;
@@ -59,6 +67,7 @@ static avr_cycle_count_t byte_left(avr_t *avr, avr_cycle_count_t when, void *par
   board *b = param;
   uart *u = &b->uart;
   line_say(b, u->out_shift);
+  if (u->out_shift == '\n') u->answered = avr->cycle;
   u->shifting = u->out_full;
   if (!u->out_full) {
     avr_raise_interrupt(avr, &u->sim->txc);

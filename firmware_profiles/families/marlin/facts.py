@@ -61,6 +61,7 @@ FAMILY: Final = Family(
         m84_sets_timeout=True,
         run_on_s=RUN_ON_S,
         quickstop=QUICKSTOP,
+        ends_waits=b"M108",
     ),
     grammar=Grammar(codes=CODES, head_codes=frozenset({"M218"}), words=WORDS, whole=WHOLE),
     dialect=always(

@@ -103,6 +103,10 @@ class Hearing:
         if tokens.hear(reply.text):
             state.deadline = now + tokens.ok_wait_s(state.timing.answer_s)
             return True
+        if tokens.flying and not tokens.echoed and tokens.resembles(reply.text):
+            tokens.move_on()
+            self._begin_doubt(reply, now, events)
+            return True
         if reply.kind is not Kind.OK or not tokens.flying:
             return False
         if tokens.echoed or reply.number == state.number + 1:
@@ -119,6 +123,9 @@ class Hearing:
         """The token's own ok has come: all before it is done, and what comes now is the next's."""
         state = self._state
         self._sender.count_flight()
+        if state.tokens.behind:
+            self._sender.send_token(now, events)
+            return
         self._sender.answer(events)
         if state.tokens.settle():
             events.append(said.Stray(state.number))

@@ -164,8 +164,26 @@ class MarlinProtocol:
         """Have a token come back from behind all that was sent; `InStep` follows."""
         self.state.confirming, self.state.deadline = True, now
 
+    def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:
+        """Write commands past the line in flight; no ok is believed until a token came back.
+
+        In a doubt they may be lost: an error empties the receive buffer of a firmware without
+        emergency parser. Whoever wrote them writes them again.
+        """
+        state = self.state
+        if state.phase in (Phase.READY, Phase.OVER):
+            return False
+        state.out.append(b"\n%b\n" % b"\n".join(commands))
+        state.tokens.expect(len(commands))
+        state.behind_moves = b"\n%b\n" % commands[-1] if again else b""
+        state.fast = False
+        if state.phase is Phase.FLIGHT:
+            state.deadline = now + state.timing.silence_s
+        return True
+
     def submit(self, command: bytes, now: float) -> None:
         """Send a control command ahead of further job lines; `Replied` follows."""
+        self.state.behind_moves = b""
         self.state.controls.append(self.wording.guard(command))
         self.go(now)
 
@@ -199,6 +217,8 @@ class MarlinProtocol:
         classify = self.wording.classify
         replies = [classify(text.rstrip(b"\r")) for text in texts if text.strip()]
         self._hearing.hear_all(replies, now, events)
+        if state.rest.startswith(b"ok") and state.phase is Phase.FLIGHT:  # its line end is garbled
+            state.deadline = min(state.deadline, now + state.timing.whole_s)
         return events
 
     def _take_ok(self, now: float) -> None:

@@ -1,4 +1,4 @@
-"""What Marlin's protocol sends: job lines and control commands, numbered, one or two in flight."""
+"""Sending part of Marlin's protocol: numbered lines, one or two in flight."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Sender:
             state.flight, state.flight_frame = state.second, state.second_frame
             state.second = None
             self._await_ok(now)
-            state.fast = not state.rest
+            state.fast = not (state.rest or state.tokens.suspect)
             return
         if state.controls and not state.waits:
             state.flight, state.flight_control = state.controls.popleft(), True
@@ -120,9 +120,13 @@ class Sender:
     def owe(self, now: float, events: list[Event]) -> None:
         """Count the line in flight as taken, whose ok may have come or not; send a token."""
         state = self._state
+        if state.behind_moves and (state.flight or b"")[:1] == b"G":
+            state.out.append(state.behind_moves)
+            state.tokens.expect(1)
         self.count_flight()
         state.tokens.owed += 1
-        if state.controls:  # sent again, under numbers that are written down already
+        # controls: sent again, under numbers that are written down already
+        if state.controls or state.second is not None:
             self.send_next(now)
         else:
             self.send_token(now, events)

@@ -91,6 +91,8 @@ class LineState:
         What is asked, and what was heard of it.
     confirming : bool
         Whether a token was asked for by `LinkProtocol.confirm`.
+    behind_moves : bytes
+        Written behind each move in flight that is taken, after `LinkProtocol.cut_in`.
     """
 
     timing: Timing
@@ -127,6 +129,7 @@ class LineState:
     goal: Goal = Goal.GO_ON
     doubt: Doubt = field(default_factory=lambda: Doubt(0.0))
     confirming: bool = False
+    behind_moves: bytes = b""
 
     def fault(self, text: str) -> Fault:
         """Hold the job: nothing more of it leaves until somebody has looked at the fault."""

@@ -24,6 +24,7 @@ PATIENCE_S: Final = 20.0
 MOST_DOUBLINGS: Final = 8
 TRIES: Final = 60
 """So many tokens that don't come back, though they are taken: the firmware has no such command."""
+_GARBLED: Final = 2
 IDLE_S: Final = 20.0
 """Without a busy message for so long nothing is being worked on: the echo was lost."""
 
@@ -47,10 +48,12 @@ class Tokens:
         Questions asked while the newest was awaited.
     tries : int
         Tokens sent since oks were last believed.
+    behind : bool
+        Whether oks are due that come behind the newest token's own.
     """
 
     def __init__(self) -> None:
-        self.suspect = self.flying = self.echoed = False
+        self.suspect = self.flying = self.echoed = self.behind = False
         self.owed = self.heard = 0.0
         self.numbers: set[int] = set()
         self.rounds = 0
@@ -62,6 +65,12 @@ class Tokens:
     def doubt(self) -> None:
         """Believe no ok from now on."""
         self.suspect = True
+
+    def expect(self, oks: int) -> None:
+        """Take notice of commands without numbers, each of which is answered by an ok."""
+        self.suspect = True
+        self.behind = self.flying
+        self.owed += oks
 
     def forget_oks(self) -> None:
         """Nobody knows how many oks are due: what noise made of lines may be answered as well."""
@@ -75,6 +84,7 @@ class Tokens:
         text = b"at %d.%d" % (number, self._count)
         self._texts.append(text)
         self.suspect = self.flying = True
+        self.behind = False
         self.echoed, self.rounds, self._active_at = False, 0, now
         self._moved_on = False
         return COMMAND + text
@@ -88,6 +98,12 @@ class Tokens:
                 del self._texts[: k + 1]
                 return True
         return False
+
+    def resembles(self, text: bytes) -> bool:
+        """Whether a line from the printer may be an echo that noise has garbled."""
+        return any(
+            _alike(text, said) for token in self._texts for said in (token, b"echo:" + token)
+        )
 
     def come_back(self) -> bool:
         """Note that the newest has come back; False where none was sent."""
@@ -133,6 +149,20 @@ class Tokens:
         self.tries = 0
         self._texts.clear()
         return surplus
+
+
+def _alike(text: bytes, said: bytes) -> bool:
+    """Whether all but `_GARBLED` bytes of ``said`` begin or end a text of about its length."""
+    if abs(len(text) - len(said)) > _GARBLED:
+        return False
+    begin = _alike_from_start(text, said)
+    end = _alike_from_start(text[begin:][::-1], said[begin:][::-1])
+    return begin + end >= len(said) - _GARBLED
+
+
+def _alike_from_start(one: bytes, other: bytes) -> int:
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
 
 
 def _quotes(text: bytes, token: bytes) -> bool:

@@ -68,7 +68,8 @@ def judged(found: Mapping[str, Any]) -> dict[str, Any]:
     ]
     return {
         "passed": verdict["passed"],
-        "outcome": "passed" if verdict["passed"] else "failed",
+        "undecided": verdict["undecided"],
+        "outcome": _outcome(verdict),
         "reasons": verdict["reasons"],
         "rms_um": numbers["scaled"]["rms_um"],
         "mean_error_percent": sum(errors) / len(errors) if errors else None,
@@ -111,4 +112,15 @@ def _verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]
     left = wells - len(scanned)
     if left:
         reasons.append(f"{left} of {wells} wells weren't scanned, and aren't judged")
-    return {"passed": all(row["passed"] for row in scanned), "undecided": False, "reasons": reasons}
+    failed = any(row["outcome"] == "failed" for row in scanned)
+    return {
+        "passed": all(row["passed"] for row in scanned),
+        "undecided": not failed and any(row["undecided"] for row in scanned),
+        "reasons": reasons,
+    }
+
+
+def _outcome(verdict: Mapping[str, Any]) -> str:
+    if verdict["passed"]:
+        return "passed"
+    return "undecided" if verdict["undecided"] else "failed"

@@ -37,6 +37,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.judging import judge
 from registration.result import SIGN, scaled_vertices
 from registration.walls_file import read_walls
 
@@ -56,6 +57,7 @@ def depends(context: RunContext) -> Any:
         context.outlets_digest,
         context.place_mm.tolist(),
         context.compensation_digest,
+        context.recipe.registration.model_dump(mode="json"),
     ]
     if not isinstance(part, FileScan):
         return made
@@ -70,7 +72,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     found = register_scan(scan, model, context.network, _options(context))
     report(0.8, "tracing")
     summary = {
-        **report_dict(found),
+        **judge(report_dict(found), context.recipe.registration.all_tolerances()),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
         "design": design_facts(context.folder / NETWORK),
@@ -79,7 +81,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
-    names = write_exports(context.folder, scan, context.network, found)
+    names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
     return summary, [NUMBERS, DEVIATION, *names]
@@ -107,6 +109,10 @@ def scan_facts(scan: Scan) -> dict[str, Any]:
         "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
         "optical_depth": scan.optical_depth,
         "depth_standard": scan.depth_standard,
+        "handedness": scan.handedness,
+        "space": None
+        if scan.space is None
+        else {"name": scan.space.name, "from_scan": scan.space.from_scan.tolist()},
     }
 
 
@@ -134,16 +140,20 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
 
 
 def write_exports(
-    folder: Path, scan: Scan, network: VesselNetwork, found: RegistrationReport
+    folder: Path,
+    scan: Scan,
+    network: VesselNetwork,
+    judged: tuple[RegistrationReport, dict[str, Any]],
 ) -> list[str]:
-    """Tables, and files for ParaView and 3D Slicer; their names."""
+    """Tables, and files for ParaView and 3D Slicer, of a report and its judged numbers."""
+    found, numbers = judged
     write_surface_vtp(folder / SURFACE_VTP, found)
     write_axes_vtp(folder / AXES_VTP, network, found)
     # Fine enough to see the thinnest lumen, and small enough to be looked at.
     size = float(np.prod(np.array(scan.geometric_voxel_mm) * scan.volume.shape))
     voxel = max(float(2 * network.radius.min()) / 8, (size / _MOST_VOXELS) ** (1 / 3))
     write_scan_nrrd(folder / SCAN_NRRD, scan, found, voxel)
-    return [*write_tables(folder, found), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
+    return [*write_tables(folder, numbers), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
 
 
 def write_deviation(path: Path, found: RegistrationReport) -> None:

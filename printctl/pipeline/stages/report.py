@@ -88,8 +88,7 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     truth = found.pop("truth_check", None)
     if truth is not None:
         data["truth_check"] = truth
-    limits = context.recipe.registration
-    data["verdict"] = verdict(found, limits.tolerance_um, limits.diameter_tolerance_percent)
+    data["verdict"] = verdict(found)
     data["frames"] = frames(context, found)
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()

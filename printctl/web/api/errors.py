@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
+from typing import Any, Final
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
@@ -12,6 +14,7 @@ from starlette.requests import Request
 
 from design.errors import DesignError
 from firmware_profiles import ProfileError
+from firmware_profiles.wrong_values import wording
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError
 from printctl.system_errors import explain
@@ -19,6 +22,8 @@ from registration.errors import RegistrationError
 
 log = logging.getLogger("printctl.web")
 _CONFLICT = 409
+_SHOWN: Final = 60
+"""Longest value shown, characters."""
 
 
 def answer_errors(app: FastAPI) -> None:
@@ -38,8 +43,18 @@ async def _refused(request: Request, exc: Exception) -> JSONResponse:
 
 async def _invalid(request: Request, exc: Exception) -> JSONResponse:
     problems = exc.errors() if isinstance(exc, RequestValidationError) else []
-    said = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in problems]
-    return told(422, "BadRequestError", "; ".join(said) or "the request can't be read")
+    return told(
+        422, "BadRequestError", "; ".join(map(_sentence, problems)) or "the request can't be read"
+    )
+
+
+def _sentence(problem: Mapping[str, Any]) -> str:
+    """One wrong value of a request: its place, what it must be, and what it is."""
+    place, value = ".".join(map(str, problem["loc"])), repr(problem.get("input"))
+    if problem["type"] == "missing":
+        return f"{place} is missing; add it"
+    shown = value if len(value) <= _SHOWN else f"{value[:_SHOWN]}..."
+    return f"{place} {wording(problem)} (is {shown})"
 
 
 async def _system(request: Request, exc: Exception) -> JSONResponse:

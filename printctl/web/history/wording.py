@@ -20,7 +20,7 @@ SIGNS: Final = {"done": "✓", "running": "▶", "stopped": "■"}
 VERDICTS: Final = {
     "pass": "✓ Pass",
     "fail": "✕ Fail",
-    "undecided": "? Undecided, for want of sight alone",
+    "undecided": "? Undecided: neither pass nor fail is proven",
     "": "No verdict: no scan of this print was registered",
 }
 

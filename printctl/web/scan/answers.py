@@ -104,6 +104,7 @@ class FindingsAnswer(BaseModel):
     """What a registration found."""
 
     passed: bool | None
+    undecided: bool
     reasons: list[str]
     alignment: list[PairAnswer]
     vessels: list[VesselAnswer]

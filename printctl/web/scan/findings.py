@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from printctl.records.verdict import Outcome, outcome
 from printctl.web.errors import NotFoundError
 
 
@@ -43,6 +44,8 @@ class Findings:
 
     Attributes
     ----------
+    outcome : str
+        ``pass``, ``fail``, ``undecided``; empty where no verdict was written.
     passed : bool or None
         None where no verdict was written.
     reasons : tuple of str
@@ -52,6 +55,7 @@ class Findings:
     vessels : tuple of VesselFinding
     """
 
+    outcome: Outcome
     passed: bool | None
     reasons: tuple[str, ...]
     alignment: tuple[tuple[str, str], ...]
@@ -71,12 +75,12 @@ def findings(folder: Path) -> Findings:
         raise NotFoundError(f"no scan is registered in {folder.name} yet")
     numbers = numbers.get("registration", numbers)
     judged = (_read(folder / "report.json") or numbers).get("verdict", {})
-    limit = _limit(folder)
     return Findings(
+        outcome(judged),
         judged.get("passed"),
         tuple(str(one) for one in judged.get("reasons", ())),
         tuple(alignment(numbers)),
-        tuple(_vessel(row, limit) for row in numbers.get("vessels", ())),
+        tuple(_vessel(row) for row in numbers.get("vessels", ())),
     )
 
 
@@ -86,13 +90,6 @@ def _read(path: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return data if isinstance(data, dict) else None
-
-
-def _limit(folder: Path) -> float:
-    """Error of a diameter that is allowed, percent."""
-    facts = (_read(folder / "manifest.json") or {}).get("facts", {})
-    part = facts.get("recipe", {}).get("registration", {})
-    return float(part.get("diameter_tolerance_percent", 10.0))
 
 
 def alignment(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -135,17 +132,18 @@ def _plus(values: Any, factor: float, unit: str) -> str:
     return f"(± {factor * max(float(v) for v in values):.2g} {unit}, 95 %)"
 
 
-def _vessel(row: Mapping[str, Any], limit: float) -> VesselFinding:
+def _vessel(row: Mapping[str, Any]) -> VesselFinding:
     error = _number(row.get("error_percent"))
     seen = row.get("measured_um") is not None
+    decision = row.get("decision")
     if row.get("open") is False:
         verdict = "closed"
     elif not seen:
         verdict = "not seen"
-    elif error is not None and abs(error) > limit:
-        verdict = f"open, off by more than {limit:g} %"
     else:
-        verdict = "open"
+        verdict = "open" if row.get("open") else "not seen from end to end"
+    if decision is not None:
+        verdict = f"{decision}: {verdict}"
     return VesselFinding(
         vessel=str(row.get("name") or row.get("vessel", "")),
         kind=str(row.get("kind", "")),

@@ -89,6 +89,7 @@ def _add_registrations(routes: APIRouter, service: ScanService) -> None:
         it = service.findings(scan, run)
         return a.FindingsAnswer(
             passed=it.passed,
+            undecided=it.outcome == "undecided",
             reasons=list(it.reasons),
             alignment=[a.PairAnswer(name=name, value=value) for name, value in it.alignment],
             vessels=[a.VesselAnswer(**vars(one)) for one in it.vessels],

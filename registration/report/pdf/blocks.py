@@ -49,14 +49,19 @@ def outcome(verdict: Mapping[str, Any]) -> str:
         return "No verdict"
     if passed:
         return "Pass"
-    return "Fail, for want of sight alone" if verdict.get("undecided") is True else "Fail"
+    return (
+        "Undecided: neither pass nor fail is proven" if verdict.get("undecided") is True else "Fail"
+    )
 
 
 def verdict_box(verdict: Mapping[str, Any]) -> Flowable:
     """The verdict and its reasons, with a bar of its colour beside them."""
     passed = verdict.get("passed")
-    colour = {True: GOOD, False: BAD}.get(passed, MUTED) if isinstance(passed, bool) else MUTED
-    sign = {True: "✓ ", False: "✕ "}.get(passed, "") if isinstance(passed, bool) else ""
+    colour, sign = MUTED, ""
+    if isinstance(passed, bool):
+        colour, sign = (GOOD, "✓ ") if passed else (BAD, "✕ ")
+    if verdict.get("undecided") is True:
+        colour, sign = MUTED, "? "
     rows = [[text(sign + outcome(verdict), OUTCOME[colour])]]
     reasons = verdict.get("reasons")
     for reason in reasons if isinstance(reasons, list | tuple) else ():

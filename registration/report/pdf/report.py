@@ -116,10 +116,13 @@ def _defects(registration: Mapping[str, Any]) -> list[Flowable]:
         return []
     table = defect_table(registration)
     if table is not None:
-        return [text("Defects", HEADING), *data_table(table)]
+        rule = mapping(registration, "judging").get("rule")
+        said = [text(plain(rule), BODY)] if rule else []
+        return [text("Findings", HEADING), *data_table(table), *said]
     seen = "" if registration.get("all_open") else "; not all of every vessel was seen"
-    said = text(f"None stands out from the sections' noise{seen}.", BODY)
-    return [KeepTogether([text("Defects", HEADING), said])]
+    judged = "Every section is within its limits, and none" if "judging" in registration else "None"
+    said = text(f"{judged} stands out from the sections' noise{seen}.", BODY)
+    return [KeepTogether([text("Findings", HEADING), said])]
 
 
 def _each_vessel(registration: Mapping[str, Any]) -> list[Flowable]:

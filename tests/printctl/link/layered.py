@@ -13,7 +13,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.job import Job
-from printctl.link.journal import History, Journal
+from printctl.link.journal import History
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
@@ -22,6 +22,7 @@ from printctl.link.wiring import Wiring
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeMarlin
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")
@@ -104,7 +105,7 @@ def played(
         transport=transport,
         protocol=protocol or MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(folder / "journal.log"),
+        journal=journal_in(folder),
         printer=printer,
         retreat=retreat or Retreat(),
         on_status=script.status,

@@ -9,12 +9,12 @@ import numpy as np
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import Journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport
 
 PRINTER = load(Printer, "generic_marlin")
@@ -52,7 +52,7 @@ def stopped(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(folder / "journal.log"),
+        journal=journal_in(folder),
         printer=PRINTER,
         on_status=stop_once,
     )

@@ -14,7 +14,7 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import read_journal
 from printctl.link.retreat import Retreat
 from printctl.link.slips import SOONEST_LINES
 from printctl.link.states import LinkState, Status
@@ -27,6 +27,7 @@ from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import parse_fault
 from tests.printctl.link.jobs import parse_job, with_codes
+from tests.printctl.link.journals import journal_in
 from tests.printctl.link.layered import doomed
 from tests.printctl.link.sim_transport import SimTransport
 
@@ -51,7 +52,7 @@ def printed(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(folder / "journal.log"),
+        journal=journal_in(folder),
         printer=printer,
     )
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
@@ -154,7 +155,7 @@ def test_controlled_stop_leaves_the_bath(tmp_path):
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(tmp_path / "journal.log"),
+        journal=journal_in(tmp_path),
         printer=PRINTER,
         on_status=lambda status: streamer_at[0].stop() if status.lines_done > 50 else None,
     )
@@ -223,7 +224,7 @@ def test_kill_halts_a_printer_with_full_queues(tmp_path, parser, profiled):
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(tmp_path / "journal.log"),
+        journal=journal_in(tmp_path),
         printer=facts,
         on_status=on_status,
     )
@@ -257,7 +258,7 @@ def test_a_stop_during_the_last_moves_relieves_the_plunger_before_settings_are_p
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(tmp_path / "journal.log"),
+        journal=journal_in(tmp_path),
         printer=PRINTER,
         retreat=Retreat(relief_mm=0.5),
     )
@@ -285,7 +286,7 @@ def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(folder / "journal.log"),
+        journal=journal_in(folder),
         printer=PRINTER,
     )
     return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
@@ -305,7 +306,7 @@ def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=Journal(tmp_path / "journal.log"),
+        journal=journal_in(tmp_path),
         printer=PRINTER,
         on_status=on_status,
     )
@@ -320,7 +321,7 @@ def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert np.array_equal(motion.end[-1], foreseen.end[-1])
     assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
-    assert len(motion) == len(foreseen) + 4  # relieve, lift, come down, prime
+    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
 
 
 def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
@@ -414,7 +415,7 @@ class StrayingTransport(SimTransport):
 
 def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
     printer = MarlinPrinter(PRINTER, START)
-    transport = StrayingTransport(printer, VirtualClock(), np.random.default_rng(1), noise=0.001)
+    transport = StrayingTransport(printer, VirtualClock(), np.random.default_rng(2), noise=0.001)
     status, _ = printed(gcode(600), tmp_path, transport)
     alarms = read_journal(tmp_path / "journal.log").alarms
     told = [text for text in alarms if "slipped through its checksum" in text]

@@ -196,7 +196,7 @@ def test_resumed_within_a_path_the_valve_opens_last_and_its_delay_is_waited_for(
     down = next(k for k in range(ours, 0, -1) if commands[k].startswith("G1 Z"))
     assert commands[down] == "G1 Z10.00000 F300"
     assert "M400" in commands[down:ours]
-    lift = next(k for k in range(down - 1, 0, -1) if commands[k].startswith("G1 Z"))
+    lift = next(k for k in range(down - 1, 0, -1) if commands[k].startswith("G1 Z30"))
     assert CLOSES in commands[lift - 2 : lift]
 
 

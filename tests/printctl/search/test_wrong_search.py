@@ -26,7 +26,7 @@ RANGE = {"from": 1, "to": 2}
         ({"vary": {"seed": RANGE}}, r"vary\.seed: a grid takes steps"),
         ({"draw": "random", "count": 3, "vary": {"seed": RANGE | {"steps": 3}}}, "a grid's"),
         ({"vary": {"seed": {"from": 2, "to": 1}}}, r"vary\.seed: from 2 isn't below to 1; swap"),
-        ({"vary": {"seed": {"from": 1}}}, r"vary\.seed\.to: Field required.*add it"),
+        ({"vary": {"seed": {"from": 1}}}, r"vary\.seed\.to: is missing.*add it"),
         ({"vary": {"seed": 3}}, r"vary\.seed: give a list of values, or a range"),
         ({"vary": {"seed": []}}, r"vary\.seed: .*at least 1"),
         ({"vary": {"seed": {"from": 0, "to": 1, "steps": 3, "log": True}}}, "above 0 only"),

@@ -345,9 +345,11 @@ def test_frames_of_ophthalmic_tomography_are_b_scans(tmp_path: Path) -> None:
         read_scan(path)
     said = ScanOverrides(refractive_index=1.36, optical_depth=False, scale="linear")
     found = read_scan(path, said)
-    np.testing.assert_array_equal(found.volume, counts().transpose(1, 0, 2))
+    # Columns x, rows down, frames along their normal: left-handed, so that y is reversed.
+    np.testing.assert_array_equal(found.volume, counts().transpose(1, 0, 2)[:, ::-1])
     assert found.voxel_mm == pytest.approx((0.02, 0.01, 0.03))
-    assert (found.modality, found.handedness) == ("oct", "unknown")
+    assert (found.modality, found.handedness) == ("oct", "right")
+    assert "mirrored" in found.notes[0]
 
 
 def test_frames_beyond_the_file_are_refused(tmp_path: Path) -> None:

@@ -7,6 +7,13 @@ from nicegui import ui
 from printctl.web.design.pane.embed import embed
 from printctl.web.scan.findings import Findings, VesselFinding
 
+_OUTCOMES = {
+    "pass": "Passed",
+    "fail": "Not passed",
+    "undecided": "Undecided: neither pass nor fail is proven",
+    "": "No verdict yet",
+}
+
 
 class ResultCard:
     """Shows one registration."""
@@ -23,8 +30,7 @@ class ResultCard:
         self._box.clear()
         with self._box:
             _heading("Verdict")
-            words = {True: "Passed", False: "Not passed", None: "No verdict yet"}[found.passed]
-            ui.label(words).classes("pc-state-line").props("role=status")
+            ui.label(_OUTCOMES[found.outcome]).classes("pc-state-line").props("role=status")
             for reason in found.reasons:
                 ui.label(reason)
             _heading("Alignment")

@@ -65,7 +65,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     layer = page.get_by_label("layer (µm)")
     expect(layer).to_have_value("150")  # what is typed is taken up a moment later
     layer.fill("1")
-    page.get_by_text("Input should be greater than or equal to 10 (is 1)", exact=True).wait_for()
+    page.get_by_text("must be at least 10 (is 1)", exact=True).wait_for()
     page.get_by_text("one: 1 to mend · saved").wait_for()
     assert "layer_um: 1, line_um: 400}" in text.input_value()
     page.wait_for_timeout(500)  # the hint fades away under the error

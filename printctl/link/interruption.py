@@ -1,0 +1,120 @@
+"""Stop asked for in the middle of a wait of the link's own.
+
+A stop can't wait until a pause is made, the needle is back or the last move is over. Where the
+firmware has a quickstop it is written past the line in flight, without a number; that line is then
+answered soon, and the print ends by `printctl.link.ending`. No further command of what was going
+on is sent, with any firmware.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from printctl.link.families import link_facts
+from printctl.link.kill import Kill
+from printctl.link.logbook import Logbook
+from printctl.link.requests import Request, RequestQueue
+from printctl.link.states import EARLY, LinkState, PrintEnded
+from printctl.link.valve import shut
+from printctl.link.wiring import Wiring
+
+AGAIN_S: Final = 3.0
+MOST: Final = 3
+"""So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
+HEATS: Final = b" W:"
+"""In temperatures that are told while heat is waited for."""
+WAITS: Final = (
+    "stopping; this firmware can't drop the moves that it holds, so they are made first: "
+    "kill doesn't wait"
+)
+
+
+class StopAsked(Exception):  # noqa: N818
+    """A stop was asked for and nothing is in flight: go no further, end the print."""
+
+
+class Interruption:
+    """Looks for a stop while the link waits.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    logbook : Logbook
+    queue : RequestQueue
+    kill : Kill
+        Knows whether the firmware has an emergency parser.
+    """
+
+    def __init__(self, wiring: Wiring, logbook: Logbook, queue: RequestQueue, kill: Kill) -> None:
+        self._wiring, self._logbook, self._queue, self._kill = wiring, logbook, queue, kill
+        self._over = self._told = False
+        self._cuts, self._again_s = 0, -math.inf
+
+    def disarm(self) -> None:
+        """Let nothing cut what follows: the way out, or a print that is over."""
+        self._over = True
+
+    def look(self) -> None:
+        """Act on a stop that was asked for since the last look, with a line in flight.
+
+        Raises
+        ------
+        PrintEnded
+            Where the printer hasn't got the job's first line.
+        """
+        if not self._asked:
+            return
+        if self._logbook.state in EARLY:
+            self._end_early()
+        if not self._wiring.protocol.idle:
+            self._cut_in()
+
+    def check(self) -> None:
+        """Go no further where a stop was asked for and nothing is in flight.
+
+        Raises
+        ------
+        StopAsked
+        """
+        if self._asked and self._logbook.state not in EARLY and self._wiring.protocol.idle:
+            raise StopAsked
+
+    @property
+    def _asked(self) -> bool:
+        return not self._over and Request.STOP in self._queue.requests
+
+    def _cut_in(self) -> None:
+        wiring = self._wiring
+        link, now = link_facts(wiring.printer), wiring.clock.now()
+        if not link.quickstop:
+            self._tell(WAITS)
+            return
+        if self._cuts == MOST or now < self._again_s:
+            return
+        # a second would hold up a firmware that looks at it in its turn
+        again = self._kill.halting.stops_at_once
+        heats = HEATS in wiring.protocol.report  # else its place in the queue is wanted
+        commands = (*shut(wiring.printer), link.ends_waits if heats else b"", link.quickstop)
+        if not wiring.protocol.cut_in([text for text in commands if text], again, now):
+            return
+        wiring.transport.write(wiring.protocol.take_output())
+        self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S
+        self._logbook.progress.moves_dropped()
+        self._tell(f"stopping the motors ({link.quickstop.decode()})")
+
+    def _tell(self, message: str) -> None:
+        if not self._told:
+            self._told = True
+            self._logbook.enter(LinkState.STOPPING, message)
+
+    def _end_early(self) -> None:
+        if not self._logbook.resumed:
+            message = "stopped by the user before the first line"
+            raise PrintEnded(LinkState.STOPPED, message)
+        message = "stopped by the user before the printer was found again"
+        quickstop = link_facts(self._wiring.printer).quickstop
+        if quickstop:
+            self._wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+            message += f"; its motors were told to stop ({quickstop.decode()})"
+        raise PrintEnded(LinkState.FAILED, message, known=False)

@@ -1,0 +1,51 @@
+"""Return of the needle to the job's place: down in steps, plunger as it was, place verified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from printctl.link.channel import Channel
+from printctl.link.excursion import Excursion
+from printctl.link.head_choice import HeadChoice
+from printctl.link.modal import Modal
+from printctl.link.position_check import PositionCheck
+
+
+@dataclass(frozen=True)
+class Returning:
+    """Brings the needle back.
+
+    Attributes
+    ----------
+    channel : Channel
+    heads : HeadChoice
+    position : PositionCheck
+    excursion : Excursion
+    """
+
+    channel: Channel
+    heads: HeadChoice
+    position: PositionCheck
+    excursion: Excursion
+
+    def come_back(self, at: Modal, prime_mm: float = 0.0) -> None:
+        """Lower the needle to ``at``, push the plunger to its place, and compare both.
+
+        Each step of the way down is waited for, so that a stop finds no further one ahead.
+
+        Raises
+        ------
+        PrintEnded
+            Where the place can't be read, or isn't the job's.
+        """
+        channel, retreat = self.channel, self.heads.retreat
+        printer = channel.wiring.printer
+        height = self.position.height()
+        self.excursion.come_back(height)
+        for move in retreat.lower(at, printer, height):
+            channel.command(move)
+            channel.command(b"M400")
+        channel.commands(retreat.rejoin(replace(at, z=None), printer, prime_mm))
+        channel.command(b"M400")
+        self.position.verify(at)
+        self.excursion.end()

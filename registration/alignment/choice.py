@@ -1,0 +1,137 @@
+"""The pose that fits best of all there are, and its rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.alignment.contest import contest, residuals
+from registration.alignment.fit import Fit, Freedom, refine
+from registration.alignment.rivals import MIRROR, Rival, describe, own_symmetries
+from registration.alignment.search import Search
+
+FloatArray = NDArray[np.float64]
+
+CANDIDATES, MIRRORED, OWN = 5, 2, 5
+"""Poses refined: of the scan, of its mirror image, and by the design's own symmetries."""
+REFINED_POINTS, COMPARED_POINTS = 2000, 12_000
+CLEAR_LEAD = 4.0
+"""A pose that fits so many times as badly on few points isn't compared on all."""
+STRAIGHT = np.ones(3)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The best pose and what else was tried.
+
+    Attributes
+    ----------
+    best : Fit
+    rivals : tuple of Rival
+        The closest first.
+    mirror_lead : float
+        How many times as badly the pose fits as the best of the mirror image, see `contest`.
+    """
+
+    best: Fit
+    rivals: tuple[Rival, ...]
+    mirror_lead: float
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """A fit to the scan, or (`axes` reversed) to its mirror image."""
+
+    fit: Fit
+    axes: FloatArray
+
+    @property
+    def mirrored(self) -> bool:
+        return bool(self.axes.prod() < 0)
+
+
+@dataclass(frozen=True)
+class Contestants:
+    """Scanned points by which poses are found, refined and compared.
+
+    Attributes
+    ----------
+    search : Search
+    points : (n, 3) float64, mm
+    freedom : function of a Fit
+        What a fit that lies so may change.
+    """
+
+    search: Search
+    points: FloatArray
+    freedom: Callable[[Fit], Freedom]
+
+    def choose(self) -> Choice:
+        """Return the pose that stands against all others."""
+        few = thinned(self.points, self.search.options.coarse_points)
+        poses = self._refined(self.search.poses(few, CANDIDATES), STRAIGHT)
+        best = self._winner(poses)
+        own = self._refined(own_symmetries(self.search, few, best.fit, OWN), STRAIGHT)
+        poses = self._distinct([best, *poses, *own])
+        best = self._winner(poses)
+        others = [pose for pose in poses if pose is not best]
+        others += self._refined(self.search.poses(few * MIRROR, MIRRORED), MIRROR)
+        return self._compared(best, others)
+
+    def _refined(self, fits: list[Fit], axes: FloatArray) -> list[_Pose]:
+        some = thinned(self.points, REFINED_POINTS) * axes
+        surface = self.search.surface
+        return [
+            _Pose(refine(surface, some, fit, self.freedom(fit), steps=15, settled_mm=1e-3), axes)
+            for fit in fits
+        ]
+
+    def _under(self, pose: _Pose, count: int) -> FloatArray:
+        return residuals(self.search.surface, thinned(self.points, count) * pose.axes, pose.fit)
+
+    def _winner(self, poses: list[_Pose]) -> _Pose:
+        under = [self._under(pose, COMPARED_POINTS) for pose in poses]
+        best = 0
+        for k in range(1, len(poses)):
+            if contest(under[best], under[k]) < 1.0:
+                best = k
+        return poses[best]
+
+    def _compared(self, best: _Pose, others: list[_Pose]) -> Choice:
+        """Compare on few points with all, and on all with those that come close."""
+        most = self.search.options.contest_points
+        mine, wide = self._under(best, COMPARED_POINTS), self._under(best, most)
+        seen = best.fit.apply(thinned(self.points, COMPARED_POINTS))
+        rivals, mirror_lead = [], 0.0
+        for other in others:
+            lead = contest(mine, self._under(other, COMPARED_POINTS))
+            if lead < CLEAR_LEAD:
+                under = self._under(other, most)
+                lead = contest(wide, under)
+                mirror_lead = max(mirror_lead, contest(under, wide) * other.mirrored)
+            surface = self.search.surface
+            rivals.append(describe(surface, seen, best.fit, other.fit, lead, other.mirrored))
+        return Choice(best.fit, tuple(sorted(rivals, key=lambda r: r.lead)), mirror_lead)
+
+    def _distinct(self, poses: list[_Pose]) -> list[_Pose]:
+        """The poses that differ from those before them."""
+        corners = np.array(list(product(*self.search.surface.bounds.T)))
+        kept: list[_Pose] = []
+        for pose in poses:
+            there = pose.fit.invert(corners)
+            away = [np.linalg.norm(k.fit.apply(there) - corners, axis=1).max() for k in kept]
+            if all(a > self.search.options.distinct_mm for a in away):
+                kept.append(pose)
+        return kept
+
+
+def thinned(points: FloatArray, most: int) -> FloatArray:
+    """At most `most` of the points, spread evenly, the same every time."""
+    if len(points) <= most:
+        return points
+    chosen = np.random.default_rng(0).choice(len(points), most, replace=False)
+    return np.asarray(points[np.sort(chosen)])

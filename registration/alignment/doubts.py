@@ -1,0 +1,55 @@
+"""Reasons for which a pose isn't sure, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from registration.alignment.freedoms import UNKNOWN_MM, LooseFreedom
+from registration.alignment.landing import OFF_MM, Misfit
+from registration.alignment.rivals import Rival
+
+
+def pose_doubts(
+    rivals: Iterable[Rival],
+    loose: Iterable[LooseFreedom],
+    off: Iterable[Misfit],
+    limit: float,
+) -> tuple[str, ...]:
+    """Return a sentence for each reason to doubt a pose; `limit` is of the rivals' lead."""
+    out = [
+        rival_words(rival, limit)
+        for rival in rivals
+        if rival.lead < limit and not (rival.mirrored and rival.same)
+    ]
+    out += [
+        f"The scan doesn't fix {one.words}: known to ± {one.half_mm:.2f} mm (95 %, limit "
+        f"{UNKNOWN_MM:g} mm); scan more of the part."
+        for one in loose
+    ]
+    out += [
+        f"After the fit the {one.words} are off the design by {1e3 * one.off_mm:+.0f} µm (limit "
+        f"{1e3 * OFF_MM:.0f} µm), so the pose isn't known better than that; check the refractive "
+        "index and how deep light reaches, or the print."
+        for one in off
+    ]
+    return tuple(out)
+
+
+def rival_words(rival: Rival, limit: float) -> str:
+    """Say where else the part may lie and what would tell."""
+    if rival.same:
+        return (
+            f"The design is the same after {rival.motion}: no scan tells which way it lies; give "
+            "the design a mark, such as a dimple in one corner."
+        )
+    x, y, z = rival.place_mm
+    where = f"most (by {rival.apart_um:.0f} µm) at x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
+    how = (
+        "which was seen but doesn't decide; scan it more sharply"
+        if rival.seen
+        else "which wasn't seen; scan it too"
+    )
+    return (
+        f"The part may lie otherwise, by {rival.motion}: that pose deviates only {rival.lead:.2f} "
+        f"times as much where the two differ (limit {limit:g}). They differ {where}, {how}."
+    )

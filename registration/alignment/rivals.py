@@ -1,0 +1,129 @@
+"""Other poses that a scan may belong to, and what tells them from the one found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from registration.alignment.fit import Fit
+from registration.alignment.motion import motion_words
+from registration.alignment.search import Search
+from registration.distance import ModelSurface
+
+FloatArray = NDArray[np.float64]
+
+DESIGN_POINTS = 12_000
+"""On the design's surface, to find where two poses differ."""
+SAME_MM = 0.05
+"""Surfaces that differ by less everywhere are the same."""
+BESIDE_MM = 0.25
+"""A place is seen where a scanned point lies as near."""
+CLOSE_MM = 0.25
+"""Scanned points farther from the design don't belong to it."""
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Of the scan's axes, to try its mirror image."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another pose that was tried.
+
+    Attributes
+    ----------
+    motion : str
+        Of the part from the pose found to this one, in words.
+    mirrored : bool
+        Whether it is one of the scan's mirror image.
+    lead : float
+        How many times as badly it fits where the two differ, see `contest`.
+    apart_um : float, µm
+        By how much the design differs from itself so moved, at most.
+    place_mm : (3,) float64, mm
+        Where that is, in the part's frame.
+    seen : bool
+        Whether the scan shows that place.
+    """
+
+    motion: str
+    mirrored: bool
+    lead: float
+    apart_um: float
+    place_mm: FloatArray
+    seen: bool
+
+    @property
+    def same(self) -> bool:
+        """Whether the design itself is the same under this motion."""
+        return self.apart_um < 1e3 * SAME_MM
+
+
+def own_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> list[Fit]:
+    """Return poses of the scan under which the design as seen comes to lie on the design.
+
+    They don't depend on how well the scan fits them: `points` (n, 3) of the scan are laid onto the
+    design by `best`, and the design's nearest points are searched for on the design.
+    """
+    near = search.surface.query(best.apply(points))
+    feet = near.foot[np.abs(near.distance - best.offset_mm) < CLOSE_MM]
+    if len(feet) < 100:
+        return []
+    return [
+        replace(
+            best,
+            rotation=own.rotation @ best.rotation,
+            shift=own.rotation @ best.shift + own.shift,
+            stretch=np.ones(3),
+        )
+        for own in search.poses(feet, most)
+    ]
+
+
+def describe(
+    surface: ModelSurface, seen: FloatArray, best: Fit, other: Fit, lead: float, mirrored: bool
+) -> Rival:
+    """Describe another pose.
+
+    Parameters
+    ----------
+    seen : (n, 3) float64, mm
+        The scanned surface laid onto the design by `best`.
+    other : Fit
+        Of the scan, or of the scan times `MIRROR`.
+    """
+    turned = np.diag([*MIRROR, 1.0]) if mirrored else np.eye(4)
+    motion = _rigid(other) @ turned @ np.linalg.inv(_rigid(best))
+    points = _spread(surface, DESIGN_POINTS)
+    apart = np.abs(surface.query(points @ motion[:3, :3].T + motion[:3, 3]).distance)
+    worst = int(apart.argmax())
+    near = (np.linalg.norm(points - points[worst], axis=1) < 1.0) & (apart > 0.8 * apart[worst])
+    place = np.median(points[near], axis=0)
+    place = points[near][np.linalg.norm(points[near] - place, axis=1).argmin()]
+    away = float(cKDTree(seen).query(place)[0])
+    return Rival(
+        motion=motion_words(motion, surface.bounds.mean(axis=0)),
+        mirrored=mirrored,
+        lead=lead,
+        apart_um=1e3 * float(apart[worst]),
+        place_mm=place,
+        seen=away < BESIDE_MM,
+    )
+
+
+def _rigid(fit: Fit) -> FloatArray:
+    """The map without its stretch about the part's middle."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = fit.rotation, fit.shift
+    return out
+
+
+def _spread(surface: ModelSurface, count: int) -> FloatArray:
+    """Points (count, 3) spread evenly over the surface, the same every time."""
+    rng = np.random.default_rng(0)
+    a, b, c = (surface.triangles[:, k] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = rng.choice(len(area), count, p=area / area.sum())
+    u, v = np.sort(rng.uniform(size=(2, count)), axis=0)[:, :, None]
+    return np.asarray(u * a[chosen] + (v - u) * b[chosen] + (1 - v) * c[chosen])

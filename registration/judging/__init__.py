@@ -1,0 +1,39 @@
+"""Judge each section, vessel and print of a registration against its tolerances.
+
+Names are loaded when first asked for: a recipe needs the tolerances alone.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.judging.guard import Decision, worst
+    from registration.judging.judged import judge, judge_plain
+    from registration.judging.tolerance import (
+        Limit,
+        Override,
+        ToleranceError,
+        Tolerances,
+        VesselLimits,
+    )
+    from registration.judging.wording import reason
+
+__all__ = [
+    "Decision",
+    "Limit",
+    "Override",
+    "ToleranceError",
+    "Tolerances",
+    "VesselLimits",
+    "judge",
+    "judge_plain",
+    "reason",
+    "worst",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,258 @@
+"""Judged features of a vessel and of a print."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.judging.guard import ORDER, Decision, decide, single_width
+from registration.judging.series import COVERAGE, Series
+from registration.judging.tolerance import Limit, VesselLimits
+
+FloatArray = NDArray[np.float64]
+Record = Mapping[str, Any]
+
+FeatureName = Literal[
+    "section", "narrowest", "mean", "offset", "open", "seen", "measured", "leak", "rms"
+]
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One quantity held against its limits.
+
+    Attributes
+    ----------
+    name : str
+        ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``offset``:
+        of the axis; ``open``, ``seen``, ``measured``: without a value; ``leak``: the width of a
+        leak or bridge; ``rms``: of the scaled fit.
+    decision : str
+    vessel : int or None
+        None: of the whole print.
+    at_mm : float or None, mm
+        Place along the vessel, where it has one.
+    value_um, u_um, lower_um, upper_um : float or None, µm
+        Diameters: deviation from the design, half width of its 95 % interval, allowed deviation.
+        Offset, leak, RMS: the value, upper limit alone.
+    designed_um : float or None, µm
+        Of diameters.
+    limit : str
+        In the user's words, like "±10 %".
+    unseen_mm : list of (from, to)
+        Of ``seen`` and ``measured``: what wasn't.
+    """
+
+    name: FeatureName
+    decision: Decision
+    vessel: int | None = None
+    at_mm: float | None = None
+    value_um: float | None = None
+    u_um: float | None = None
+    lower_um: float | None = None
+    upper_um: float | None = None
+    designed_um: float | None = None
+    limit: str = ""
+    unseen_mm: Sequence[Sequence[float]] = ()
+
+
+@dataclass(frozen=True)
+class Band:
+    """A vessel's sections with what is allowed there; (n,) each.
+
+    Attributes
+    ----------
+    series : Series
+    below_um, above_um : float64, µm
+        Allowed deviation, >= 0.
+    u_fail_um : float64, µm
+        Half width with which a section may be called a fail.
+    code : int64
+        Decision of each section, an index into `ORDER`.
+    """
+
+    series: Series
+    below_um: FloatArray
+    above_um: FloatArray
+    u_fail_um: FloatArray
+    code: NDArray[np.int64]
+
+    @property
+    def excess(self) -> FloatArray:
+        """How far |error| + U reaches, over the limit on that side; inf where not known."""
+        error = self.series.error_um
+        room = np.where(error >= 0, self.above_um, self.below_um)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = (np.abs(error) + self.series.u_um) / room
+        return np.where(np.isfinite(ratio), ratio, np.inf)
+
+
+def worst_section(band: Band, limit: Limit, chosen: NDArray[np.bool_] | None = None) -> int | None:
+    """Index of the worst section: by decision, then by how far it reaches; None without any."""
+    there = np.ones(len(band.code), dtype=np.bool_) if chosen is None else chosen
+    if not there.any():
+        return None
+    rank = np.where(there, band.code, -1)
+    candidates = np.flatnonzero(rank == rank.max())
+    return int(candidates[np.argmax(band.excess[candidates])])
+
+
+def section_feature(band: Band, limits: VesselLimits) -> list[Feature]:
+    """Judge the sections of a vessel by the worst of them."""
+    k = worst_section(band, limits.diameter)
+    if k is None:
+        return []
+    decision = ORDER[int(band.code[k])]
+    return [_diameter("section", band, k, decision, limits.diameter)]
+
+
+def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:
+    """Judge the narrowest section by a limit of its own."""
+    if limits.narrowest is None or not len(band.code):
+        return []
+    series = band.series
+    k = int(np.argmin(series.error_um))
+    below, _ = limits.narrowest.around(series.designed_um[k : k + 1])
+    one = slice(k, k + 1)
+    wide = np.full(1, math.inf)
+    code = decide(series.error_um[one], series.u_um[one], band.u_fail_um[one], below, wide)
+    return [
+        Feature(
+            name="narrowest",
+            decision=ORDER[int(code[0])],
+            vessel=series.vessel,
+            at_mm=float(series.along_mm[k]),
+            value_um=float(series.error_um[k]),
+            u_um=float(series.u_um[k]),
+            lower_um=-float(below[0]),
+            designed_um=float(series.designed_um[k]),
+            limit=str(limits.narrowest),
+        )
+    ]
+
+
+def _diameter(name: FeatureName, band: Band, k: int, decision: Decision, limit: Limit) -> Feature:
+    series = band.series
+    return Feature(
+        name=name,
+        decision=decision,
+        vessel=series.vessel,
+        at_mm=float(series.along_mm[k]),
+        value_um=float(series.error_um[k]),
+        u_um=float(series.u_um[k]),
+        lower_um=-float(band.below_um[k]),
+        upper_um=float(band.above_um[k]),
+        designed_um=float(series.designed_um[k]),
+        limit=str(limit),
+    )
+
+
+def mean_feature(row: Record, band: Band, limits: VesselLimits) -> list[Feature]:
+    """Judge the mean diameter over a vessel's open sections."""
+    if row.get("measured_um") is None or not row["measured_um"]:
+        return []
+    limit = limits.diameter if limits.mean is None else limits.mean
+    designed = float(row["designed_um"])
+    error = float(row["measured_um"]) - designed
+    u = row.get("measured_interval_95_um")
+    half = _mean_half(band.series) if u is None else float(u)
+    below, above = limit.around(np.array([designed]))
+    wide = np.array([single_width(half)])
+    code = decide(np.array([error]), np.array([half]), wide, below, above)
+    return [
+        Feature(
+            name="mean",
+            decision=ORDER[int(code[0])],
+            vessel=int(row["vessel"]),
+            value_um=error,
+            u_um=half,
+            lower_um=-float(below[0]),
+            upper_um=float(above[0]),
+            designed_um=designed,
+            limit=str(limit),
+        )
+    ]
+
+
+def _mean_half(series: Series) -> float:
+    """Half width of a mean's 95 % interval: what is shared stays, noise averages out."""
+    free = series.measured_um > 0
+    if not free.any():
+        return math.nan
+    random = float(np.sqrt(np.mean(np.nan_to_num(series.random_um[free]) ** 2) / free.sum()))
+    return COVERAGE * math.hypot(float(np.sqrt(np.mean(series.common_um[free] ** 2))), random)
+
+
+def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
+    """Judge the lumen's mean distance from the designed axis, where a limit is given."""
+    if math.isinf(limits.offset_um):
+        return []
+    value, half = row.get("offset_um"), row.get("offset_interval_95_um")
+    # Without a stated interval nothing is proven of an offset.
+    u = math.nan if half is None else float(np.max(half))
+    return [
+        Feature(
+            name="offset",
+            decision="undecided" if value is None else _upper(value, u, limits.offset_um),
+            vessel=int(row["vessel"]),
+            value_um=value,
+            u_um=u,
+            upper_um=limits.offset_um,
+            limit=_upto(limits.offset_um),
+        )
+    ]
+
+
+def _upper(value: float, u: float, limit: float) -> Decision:
+    """Decide on a value with an upper limit alone."""
+    code = decide(
+        np.array([value]), np.array([u]), np.array([single_width(u)]),
+        np.array([math.inf]), np.array([limit]),
+    )  # fmt: skip
+    return ORDER[int(code[0])]
+
+
+def _upto(limit: float) -> str:
+    return f"at most {limit:g} µm"
+
+
+def open_features(row: Record, limits: VesselLimits) -> list[Feature]:
+    """Judge whether a vessel is open, was seen, and was measured wherever it can be."""
+    vessel = int(row["vessel"])
+    unseen, gaps = row.get("unseen_mm") or (), row.get("unmeasured_mm") or ()
+    out = []
+    if limits.open:
+        state: Decision = {True: "pass", False: "fail", None: "undecided"}[row["open"]]  # type: ignore[assignment]
+        out.append(Feature("open", state, vessel))
+    if unseen:
+        out.append(Feature("seen", "undecided", vessel, unseen_mm=unseen))
+    if gaps:
+        out.append(Feature("measured", "undecided", vessel, unseen_mm=gaps))
+    return out
+
+
+def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
+    """Judge a leak's or a bridge's width; any fails unless a width is allowed."""
+    width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
+    decision: Decision = "fail" if limits.leak_um <= 0 else _upper(width, half, limits.leak_um)
+    return Feature(
+        name="leak",
+        decision=decision,
+        vessel=int(defect["vessel"]),
+        at_mm=float(defect["at_mm"]),
+        value_um=width,
+        u_um=half,
+        upper_um=limits.leak_um,
+        limit="none allowed" if limits.leak_um <= 0 else _upto(limits.leak_um),
+    )
+
+
+def rms_feature(rms_um: float | None, limit_um: float) -> Feature:
+    """Judge the RMS deviation of the scaled fit; it states no interval, so the value decides."""
+    good: Decision = "undecided" if rms_um is None else "pass" if rms_um <= limit_um else "fail"
+    return Feature("rms", good, value_um=rms_um, upper_um=limit_um, limit=_upto(limit_um))

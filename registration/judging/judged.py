@@ -1,0 +1,192 @@
+"""Judge a registration: decisions on its sections, vessels and features, and the list of findings.
+
+One source for all that is shown: plot, tables, files, verdict and page read what `judge` writes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from registration.judging.features import (
+    Band,
+    Feature,
+    leak_feature,
+    mean_feature,
+    narrowest_feature,
+    offset_feature,
+    open_features,
+    rms_feature,
+    section_feature,
+)
+from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst
+from registration.judging.runs import findings
+from registration.judging.series import Series, series_of
+from registration.judging.tolerance import Limit, Tolerances, VesselLimits
+from registration.result import json_ready
+
+Record = Mapping[str, Any]
+
+RULE = (
+    "ISO 14253-1: a pass is proven where value and 95 % interval lie within the limits, a fail "
+    "where they lie beyond; else undecided. A vessel within its limits fails with a probability "
+    "of at most 1 %."
+)
+_WAYS = ("leak", "bridge")
+
+
+def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
+    """Return a registration's numbers with every decision.
+
+    Parameters
+    ----------
+    numbers : mapping
+        Of `registration.report_dict`, or of a registration.json, judged before or not.
+    tolerances : Tolerances
+
+    Returns
+    -------
+    dict
+        As given; ``defects`` with ``decision`` and all runs of sections that aren't a pass; each
+        vessel with ``decision``, and along it ``decision_along``, ``interval_95_um``,
+        ``lower_um`` and ``upper_um`` (limits of the diameter); ``judging`` with the features.
+
+    Raises
+    ------
+    ToleranceError
+        When the tolerances are of vessels that the network doesn't have.
+    KeyError
+        When the numbers are an older version's, without designed diameters of the sections.
+    """
+    rows = numbers["vessels"]
+    tolerances.check({int(row["vessel"]): str(row["kind"]) for row in rows})
+    before = [d for d in numbers["defects"] if d.get("local", True)]
+    judged = [
+        _Vessel(row, series, tolerances.of(int(row["vessel"]), str(row["kind"])), before)
+        for row, series in zip(rows, series_of(rows), strict=True)
+    ]
+    ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
+            if d["kind"] in _WAYS]  # fmt: skip
+    features = [f for vessel in judged for f in vessel.features]
+    features += [f for _, f in ways]
+    features.append(rms_feature(numbers["scaled"]["rms_um"], tolerances.rms_um))
+    listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
+    return json_ready(
+        dict(numbers)
+        | {
+            "vessels": [vessel.row for vessel in judged],
+            "defects": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
+            "judging": {
+                "rule": RULE,
+                "false_fail_risk": RISK,
+                "tolerances": plain_tolerances(tolerances),
+                "decision": worst(f.decision for f in features),
+                "features": [_plain(f) for f in features],
+            },
+        }
+    )
+
+
+def judge_plain(
+    numbers: Record, tolerance_um: float, diameter_tolerance_percent: float
+) -> dict[str, Any]:
+    """Judge by one RMS limit and one symmetric limit of every diameter."""
+    p = diameter_tolerance_percent
+    limits = VesselLimits(Limit(minus_percent=p, plus_percent=p))
+    return judge(numbers, Tolerances(limits, tolerance_um))
+
+
+class _Vessel:
+    """One vessel's features, findings and row."""
+
+    def __init__(
+        self, row: Record, series: Series, limits: VesselLimits, found: Sequence[Record]
+    ) -> None:
+        own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
+        band = band_of(series, limits.diameter)
+        self.features: list[Feature] = [
+            *section_feature(band, limits),
+            *narrowest_feature(band, limits),
+            *mean_feature(row, band, limits),
+            *offset_feature(row, limits),
+            *open_features(row, limits),
+        ]
+        closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
+        self.findings = [*closures, *findings(row, band, limits.diameter, own)]
+        self.row = {
+            **row,
+            "decision": worst(f.decision for f in self.features),
+            "interval_95_um": np.round(series.u_um, 2).tolist(),
+            "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
+            "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),
+            "decision_along": [ORDER[int(code)] for code in band.code],
+        }
+
+
+def band_of(series: Series, limit: Limit) -> Band:
+    """Decide on each section of a vessel."""
+    below, above = limit.around(series.designed_um)
+    n = int(np.isfinite(series.u_um).sum())
+    u_fail = np.fmax(fail_width(series.common_um, series.random_um, n), series.u_um)
+    # A closed section has no noise: it is beyond any lower limit.
+    closed = series.measured_um == 0
+    u = np.where(closed, 0.0, series.u_um)
+    u_fail = np.where(closed, 0.0, u_fail)
+    code = decide(series.error_um, u, u_fail, below, above)
+    return Band(series, below, above, u_fail, code)
+
+
+def _closure(defect: Record, limits: VesselLimits) -> dict[str, Any]:
+    decision: Decision = "fail" if limits.open else "pass"
+    return {**defect, "local": True, **_BARE, "decision": decision}
+
+
+def _way(defect: Record, limits: VesselLimits) -> tuple[dict[str, Any], Feature]:
+    feature = leak_feature(defect, limits)
+    judged = {"decision": feature.decision, "u_um": feature.u_um, "limit": feature.limit}
+    return {**defect, "local": True, **_BARE, **judged}, feature
+
+
+_BARE: dict[str, Any] = {
+    "decision": None, "deviation_um": None, "deviation_percent": None, "u_um": None,
+    "tolerance_um": None, "limit": None,
+}  # fmt: skip
+
+
+def _kind(rows: Sequence[Record], defect: Record) -> str:
+    return next(str(row["kind"]) for row in rows if row["vessel"] == defect["vessel"])
+
+
+def _plain(feature: Feature) -> dict[str, Any]:
+    return {key: value for key, value in asdict(feature).items() if value not in (None, "", ())}
+
+
+def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
+    """Return tolerances as JSON; what isn't limited is left out."""
+    return {
+        "rms_um": tolerances.rms_um,
+        **_limits(tolerances.limits),
+        "vessels": [
+            {
+                "vessels": sorted(one.vessels),
+                "kinds": sorted(one.kinds),
+                **{key: _value(value) for key, value in one.changes.items()},
+            }
+            for one in tolerances.overrides
+        ],
+    }
+
+
+def _limits(limits: VesselLimits) -> dict[str, Any]:
+    found = {f.name: _value(getattr(limits, f.name)) for f in fields(limits)}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, Limit):
+        return {key: v for key, v in asdict(value).items() if math.isfinite(v)}
+    return None if isinstance(value, float) and math.isinf(value) else value

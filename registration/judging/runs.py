@@ -1,0 +1,162 @@
+"""Runs of sections that aren't a pass, and changes, as findings in one list."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.judging.features import Band, worst_section
+from registration.judging.guard import ORDER
+from registration.judging.tolerance import Limit
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+Record = Mapping[str, Any]
+
+_SIGN = {"bulge": 1, "stenosis": -1}
+_CLOSED = ("occlusion", "missing")
+
+
+def findings(
+    row: Record, band: Band, limit: Limit, found: Sequence[Record]
+) -> list[dict[str, Any]]:
+    """List what isn't a pass on a vessel, and what stands out from it.
+
+    Parameters
+    ----------
+    row : mapping
+        The vessel, as in registration.json.
+    band : Band
+        Its sections.
+    limit : Limit
+        Of their diameters.
+    found : sequence of mapping
+        Its bulges, stenoses and closures that were found without a tolerance. A run of sections
+        that mostly lies in a change of its sign is part of it; a longer run stands beside it.
+    """
+    changes = [judged_change(row, band, limit, one) for one in found if one["kind"] in _SIGN]
+    runs = []
+    for run in _runs(row, band, _closed(band, found)):
+        finding = _finding(row, band, limit, run)
+        host = next((c for c in changes if _belongs(finding, c)), None)
+        if host is None:
+            runs.append(finding)
+        else:
+            host["from_mm"] = min(host["from_mm"], finding["from_mm"])
+            host["to_mm"] = max(host["to_mm"], finding["to_mm"])
+            host |= _judged(band, limit, _inside(band, host))
+    return [*changes, *runs]
+
+
+def _closed(band: Band, found: Sequence[Record]) -> BoolArray:
+    """Closed sections that a closure accounts for."""
+    series, half = band.series, band.series.spacing_mm / 2
+    out = np.zeros(len(series.along_mm), dtype=np.bool_)
+    for one in found:
+        if one["kind"] in _CLOSED:
+            out |= (series.along_mm >= one["from_mm"] - half) & (
+                series.along_mm <= one["to_mm"] + half
+            )
+    return out & (series.measured_um == 0)
+
+
+def _runs(row: Record, band: Band, explained: BoolArray) -> list[IntArray]:
+    """Sections of each run: not a pass, off to one side, gaps up to a diameter closed."""
+    open_ = (band.code > 0) & ~explained
+    side = _sides(band)
+    gap = max(1.5 * band.series.spacing_mm, float(row["designed_um"]) * 1e-3)
+    runs: list[list[int]] = []
+    sign = 0
+    for k in np.flatnonzero(open_).tolist():
+        near = runs and band.series.along_mm[k] - band.series.along_mm[runs[-1][-1]] <= gap + 1e-9
+        if near and sign * side[k] >= 0:
+            runs[-1].append(k)
+            sign = sign or int(side[k])
+        else:
+            runs.append([k])
+            sign = int(side[k])
+    return [np.array(run) for run in runs]
+
+
+def _sides(band: Band) -> IntArray:
+    """1 where only the upper limit is in question, -1 the lower, 0 where both are."""
+    error, u = band.series.error_um, np.nan_to_num(band.series.u_um, nan=np.inf)
+    high, low = error + u > band.above_um, error - u < -band.below_um
+    return high.astype(np.int64) - low.astype(np.int64)
+
+
+def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, Any]:
+    series, half = band.series, band.series.spacing_mm / 2
+    inside = np.zeros(len(band.code), dtype=np.bool_)
+    inside[run] = True
+    k = worst_section(band, limit, inside)
+    assert k is not None  # a run has sections
+    size, u = float(series.error_um[k]), float(series.u_um[k])
+    length = float(row["length_mm"])
+    extent = (
+        max(0.0, float(series.along_mm[run[0]]) - half),
+        min(length, float(series.along_mm[run[-1]]) + half),
+    )
+    return {
+        "kind": "bulge" if size > 0 else "stenosis",
+        "vessel": series.vessel,
+        "other": None,
+        "from_mm": extent[0],
+        "to_mm": extent[1],
+        "at_mm": float(series.along_mm[k]),
+        "point_mm": series.place_mm[k].tolist(),
+        "size_um": size,
+        "error_um": u,
+        "percent": 100 * size / float(series.designed_um[k]),
+        "wall_um": None,
+        "significance": 1.96 * abs(size) / u if u > 0 else None,
+        "seen": not any(
+            first < extent[1] + 2 * half and last > extent[0] - 2 * half
+            for first, last in row.get("unseen_mm") or ()
+        ),
+        "local": False,
+        **_judged(band, limit, inside),
+    }
+
+
+def judged_change(row: Record, band: Band, limit: Limit, change: Record) -> dict[str, Any]:
+    """Return a change of a vessel with the decision on its sections."""
+    own = {**change, "local": True}
+    inside = _inside(band, own)
+    if inside.any():
+        return own | _judged(band, limit, inside)
+    # Between sections that count nothing is proven.
+    return own | {
+        "decision": "undecided", "deviation_um": None, "deviation_percent": None, "u_um": None,
+        "tolerance_um": None, "limit": str(limit),
+    }  # fmt: skip
+
+
+def _inside(band: Band, extent: Record) -> BoolArray:
+    along, edge = band.series.along_mm, 1e-6
+    return np.asarray((along >= extent["from_mm"] - edge) & (along <= extent["to_mm"] + edge))
+
+
+def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, Any]:
+    """Decision on some sections, and the numbers of the worst."""
+    k = worst_section(band, limit, inside)
+    assert k is not None  # asked only where there are sections
+    series = band.series
+    return {
+        "decision": ORDER[int(band.code[k])],
+        "deviation_um": float(series.error_um[k]),
+        "deviation_percent": 100 * float(series.error_um[k] / series.designed_um[k]),
+        "u_um": float(series.u_um[k]),
+        "tolerance_um": [-float(band.below_um[k]), float(band.above_um[k])],
+        "limit": str(limit),
+    }
+
+
+def _belongs(run: Record, change: Record) -> bool:
+    """Whether half of a run or more lies in a change to the same side."""
+    shared = min(run["to_mm"], change["to_mm"]) - max(run["from_mm"], change["from_mm"])
+    same = _SIGN[run["kind"]] == _SIGN[change["kind"]]
+    return same and shared >= 0.5 * (run["to_mm"] - run["from_mm"])

@@ -1,0 +1,96 @@
+"""One vessel's sections as they are judged, read from registration.json's row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.judging.noise import COMMON_UM, random_um
+
+FloatArray = NDArray[np.float64]
+Record = Mapping[str, Any]
+
+COVERAGE = 1.96
+"""Of a 95 % interval, normal."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The measured sections of one vessel; (n,) float64 each.
+
+    Attributes
+    ----------
+    vessel : int
+    along_mm : mm
+        From the first node.
+    place_mm : (n, 3), mm
+        On the designed axis, part frame.
+    designed_um, measured_um : µm
+        Diameter; measured 0 where closed.
+    u_um : µm
+        Half width of the measured diameter's 95 % interval; NaN where withdrawn.
+    common_um, random_um : µm
+        Standard uncertainty that the sections share, and each section's own.
+    """
+
+    vessel: int
+    along_mm: FloatArray
+    place_mm: FloatArray
+    designed_um: FloatArray
+    measured_um: FloatArray
+    u_um: FloatArray
+    common_um: FloatArray
+    random_um: FloatArray
+
+    @property
+    def error_um(self) -> FloatArray:
+        """Measured less designed diameter."""
+        return self.measured_um - self.designed_um
+
+    @property
+    def spacing_mm(self) -> float:
+        """Usual distance of neighbouring sections; 0 of a single one."""
+        return float(np.median(np.diff(self.along_mm))) if len(self.along_mm) > 1 else 0.0
+
+
+def series_of(rows: Sequence[Record]) -> list[Series]:
+    """Read the sections of all vessels, with their uncertainties.
+
+    Where a row states its intervals (``interval_95_um``) they hold; else they are made of the
+    sections' noise and `COMMON_UM`.
+    """
+    noise = random_um([_errors(row) for row in rows], [numbers(row, "noise_um") for row in rows])
+    return [_series(row, own) for row, own in zip(rows, noise, strict=True)]
+
+
+def _errors(row: Record) -> FloatArray:
+    measured = numbers(row, "diameter_um")
+    return np.where(measured > 0, measured - numbers(row, "designed_along_um"), np.nan)
+
+
+def _series(row: Record, random: FloatArray) -> Series:
+    if row.get("interval_95_um") is not None:
+        half = numbers(row, "interval_95_um")
+        common = np.sqrt(np.maximum((half / COVERAGE) ** 2 - random**2, 0.0))
+    else:
+        common = np.full(len(random), COMMON_UM)
+        half = COVERAGE * np.hypot(common, random)
+    return Series(
+        vessel=int(row["vessel"]),
+        along_mm=numbers(row, "along_mm"),
+        place_mm=np.array(row["place_mm"], dtype=np.float64).reshape(-1, 3),
+        designed_um=numbers(row, "designed_along_um"),
+        measured_um=numbers(row, "diameter_um"),
+        u_um=half,
+        common_um=common,
+        random_um=random,
+    )
+
+
+def numbers(row: Record, name: str) -> FloatArray:
+    """Return a list of a row as an array; what isn't known is NaN."""
+    return np.array([np.nan if v is None else v for v in row[name]], dtype=np.float64)

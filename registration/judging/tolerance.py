@@ -1,0 +1,157 @@
+"""Tolerances of a design, its vessels and their features."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.errors import RegistrationError
+
+FloatArray = NDArray[np.float64]
+
+
+class ToleranceError(RegistrationError):
+    """A tolerance that can't be used; the message says which, its value and the remedy."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """By how much a diameter may be smaller (minus) or larger (plus) than designed, all >= 0.
+
+    Where a percentage and a length are both given the tighter one holds; inf: not limited.
+
+    Attributes
+    ----------
+    minus_percent, plus_percent : float, %
+        Of the designed diameter.
+    minus_um, plus_um : float, µm
+    """
+
+    minus_percent: float = math.inf
+    plus_percent: float = math.inf
+    minus_um: float = math.inf
+    plus_um: float = math.inf
+
+    def around(self, designed_um: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Allowed deviation below and above designed diameters (n,), µm, both >= 0."""
+        below = np.minimum(designed_um * (self.minus_percent / 100), self.minus_um)
+        above = np.minimum(designed_um * (self.plus_percent / 100), self.plus_um)
+        return below, above
+
+    def __str__(self) -> str:
+        parts = [(self.minus_percent, self.plus_percent, "%"), (self.minus_um, self.plus_um, "µm")]
+        said = [_pair(m, p, unit) for m, p, unit in parts if math.isfinite(min(m, p))]
+        return " and ".join(said) or "no limit"
+
+
+def symmetric(percent: float) -> Limit:
+    """Return ± `percent` of the designed diameter."""
+    return Limit(minus_percent=percent, plus_percent=percent)
+
+
+@dataclass(frozen=True)
+class VesselLimits:
+    """What a vessel is held against.
+
+    Attributes
+    ----------
+    diameter : Limit
+        Of every section.
+    mean : Limit or None
+        Of the mean diameter; None: as `diameter`.
+    narrowest : Limit or None
+        Of the narrowest section alone (its lower side); None: as every section.
+    offset_um : float, µm
+        Of the lumen's mean distance from the designed axis; inf: not judged.
+    leak_um : float, µm
+        Widest leak or bridge that is allowed.
+    open : bool
+        Whether the vessel must be open from end to end.
+    """
+
+    diameter: Limit = field(default_factory=lambda: symmetric(10.0))
+    mean: Limit | None = None
+    narrowest: Limit | None = None
+    offset_um: float = math.inf
+    leak_um: float = 0.0
+    open: bool = True
+
+
+@dataclass(frozen=True)
+class Override:
+    """Limits that differ for some vessels.
+
+    Attributes
+    ----------
+    vessels : frozenset of int
+        By number, in the network.
+    kinds : frozenset of str
+        By kind ("artery", "vein", ...).
+    changes : mapping
+        Fields of `VesselLimits` to the values that differ.
+    """
+
+    vessels: frozenset[int]
+    kinds: frozenset[str]
+    changes: Mapping[str, Any]
+
+    def holds(self, vessel: int, kind: str) -> bool:
+        """Whether it is for this vessel."""
+        return vessel in self.vessels or kind in self.kinds
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What a print is held against.
+
+    Attributes
+    ----------
+    limits : VesselLimits
+        Of every vessel.
+    rms_um : float, µm
+        Of the RMS deviation of the scaled fit.
+    overrides : tuple of Override
+        A later one counts where two hold for one vessel.
+    """
+
+    limits: VesselLimits = field(default_factory=VesselLimits)
+    rms_um: float = 100.0
+    overrides: tuple[Override, ...] = ()
+
+    def of(self, vessel: int, kind: str) -> VesselLimits:
+        """Limits of one vessel."""
+        found = self.limits
+        for override in self.overrides:
+            if override.holds(vessel, kind):
+                found = replace(found, **override.changes)
+        return found
+
+    def check(self, kinds: Mapping[int, str]) -> None:
+        """Refuse overrides of vessels that the network, number to kind, doesn't have.
+
+        Raises
+        ------
+        ToleranceError
+        """
+        for override in self.overrides:
+            for vessel in sorted(override.vessels - set(kinds)):
+                raise ToleranceError(
+                    f"tolerances: vessel {vessel} isn't in the network (it has vessels 0 to "
+                    f"{max(kinds, default=-1)}); name one of those"
+                )
+            for kind in sorted(override.kinds - set(kinds.values())):
+                raise ToleranceError(
+                    f"tolerances: no vessel of the network is of kind {kind!r} (it has "
+                    f"{', '.join(sorted(set(kinds.values())))}); name one of those"
+                )
+
+
+def _pair(minus: float, plus: float, unit: str) -> str:
+    if minus == plus:
+        return f"±{plus:g} {unit}"
+    return f"+{plus:g}/\N{MINUS SIGN}{minus:g} {unit}"

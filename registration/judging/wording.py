@@ -1,0 +1,80 @@
+"""Sentences about judged features: vessel, place, value, U, limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+Record = Mapping[str, Any]
+
+_NAMES = {"section": "diameter", "narrowest": "narrowest diameter", "mean": "mean diameter"}
+
+
+def reason(feature: Record) -> str:
+    """Say of a feature of ``judging.features`` what was measured, its limit, and the decision."""
+    name = feature["name"]
+    if name in _NAMES:
+        return _diameter(feature)
+    if name == "offset":
+        return f"{_place(feature)}: axis off by {_measured(feature)} of {feature['limit']}" + _end(
+            feature
+        )
+    if name == "rms":
+        value = feature.get("value_um")
+        said = "not known" if value is None else f"{value:.1f} µm"
+        return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
+    if name == "leak":
+        return f"{_place(feature)}: a way {_measured(feature)} wide leads out, {feature['limit']}"
+    return _sight(feature)
+
+
+def _diameter(feature: Record) -> str:
+    designed = feature["designed_um"]
+    percent = signed(100 * feature["value_um"] / designed)
+    u = feature.get("u_um")
+    half = "unknown" if u is None else f"{100 * u / designed:.1f}"
+    um = f"{signed(feature['value_um'], 0)} ± {'unknown' if u is None else f'{u:.0f}'} µm"
+    return (
+        f"{_place(feature)}: {_NAMES[feature['name']]} measured {percent} ± {half} % ({um}), "
+        f"limit {feature['limit']}{_end(feature)}"
+    )
+
+
+def _end(feature: Record) -> str:
+    if feature["decision"] == "undecided":
+        return ": neither proven"
+    return ""
+
+
+def _sight(feature: Record) -> str:
+    vessel, stretches = f"Vessel {feature['vessel']}", feature.get("unseen_mm", ())
+    where = ", ".join(f"{first:.1f} to {last:.1f} mm" for first, last in stretches)
+    if feature["name"] == "seen":
+        return f"{vessel}: not seen at {where}, so neither good nor bad there"
+    if feature["name"] == "measured":
+        return f"{vessel}: no wall found all round at {where}, so no diameter is known there"
+    if feature["decision"] == "fail":
+        return f"{vessel}: closed"
+    if feature["decision"] == "undecided":
+        return f"{vessel}: not seen from end to end, so neither open nor closed"
+    return f"{vessel}: open"
+
+
+def _place(feature: Record) -> str:
+    at = feature.get("at_mm")
+    return f"Vessel {feature['vessel']}" + ("" if at is None else f", {at:.1f} mm along")
+
+
+def _measured(feature: Record) -> str:
+    value, u = feature.get("value_um"), feature.get("u_um")
+    if value is None:
+        return "an unknown amount"
+    return f"{value:.0f} ± {'unknown' if u is None else f'{u:.0f}'} µm"
+
+
+def signed(value: float, decimals: int = 1) -> str:
+    """A number with its sign, a true minus, and no negative zero."""
+    text = f"{value:+.{decimals}f}"
+    if not text.strip("+-0."):
+        text = "+" + text[1:]
+    return text.replace("-", "\N{MINUS SIGN}")

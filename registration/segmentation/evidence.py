@@ -1,0 +1,209 @@
+"""Evidence for gel at each voxel: the signal over what gel sends back from the same place.
+
+What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
+
+- its mean at each depth (attenuation, roll-off, focus);
+- what liquid above saves of the light: a factor exp(b L) with L the length of liquid above and b
+  the regression of the signal on L (Beer-Lambert);
+- the local mean ratio of signal to that prediction, and of what is left when bright voxels are
+  capped (`BRIGHTEST`).
+
+Unlike the light left over on its way (`light`), the estimate never rests on one A-scan alone:
+errors of single A-scans look like ways through the gel. Speckle stays as it is, so that its
+statistics hold: of fully developed speckle a voxel's value is exponential in gel, and
+sums over n independent voxels have the standard deviation 1/√n (Goodman 2007, Speckle Phenomena in
+Optics, section 4.2), less the cap's share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from registration.segmentation.filters import gaussian_weights, smooth
+from registration.segmentation.volume import GelField, Strength, Volume, sample
+from registration.segmentation.working import probe
+
+FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+SURE_GEL = 0.7
+"""Share of gel in the field above which a voxel tells what gel is like."""
+AROUND_MM = (0.12, 0.25, 0.25)
+"""Neighbourhood of the local mean (standard deviations), z, y, x."""
+FEWEST = 0.02
+"""A depth with gel in less than this share of its voxels has no mean of its own."""
+BRIGHTEST = 1.0
+"""A voxel counts at most so many times the gel's mean: what is brighter (speckle, particles,
+reflections at walls) says nothing for liquid. Of an exponential variable the cap leaves a standard
+deviation of 0.57 of the mean, √(2 - 4/e - (1 - 1/e)²) / (1 - 1/e), where all of it has 1."""
+SIGMA_MM = 0.055
+"""Standard deviation of the averages: matched to a way 0.15 mm wide, of which it keeps 0.6."""
+DECISIVE = 4.0
+"""Gel and liquid are told apart where they lie this many standard deviations from each other."""
+
+
+@dataclass(frozen=True)
+class GelEvidence:
+    """How much each place looks like gel: 1 on average in gel, less in liquid.
+
+    Attributes
+    ----------
+    fine : Volume
+        Grey values of which ``offset + slope * value`` is the share of gel, noise and all.
+    smooth : Volume
+        The same averaged over `SIGMA_MM`.
+    slope, offset : float
+    scatter : (nz,) float64
+        Standard deviation of the averaged share in gel at each depth; NaN where gel is too little
+        to know it.
+    voxel_mm, origin_mm : (3,) float64, mm
+        As of the segmented field, x, y, z.
+    """
+
+    fine: Volume
+    smooth: Volume
+    slope: float
+    offset: float
+    scatter: FloatArray
+    voxel_mm: FloatArray
+    origin_mm: FloatArray
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Return the averaged share at (..., 3) scan positions, mm; NaN outside the field."""
+        return self._sampled(self.smooth, points)
+
+    def fine_at(self, points: FloatArray) -> FloatArray:
+        """Return the share at (..., 3) scan positions, mm; NaN outside the field."""
+        return self._sampled(self.fine, points)
+
+    def scatter_at(self, points: FloatArray) -> FloatArray:
+        """Return the scatter in gel at the depth of (..., 3) scan positions, mm."""
+        row = (np.asarray(points)[..., 2] - self.origin_mm[2]) / self.voxel_mm[2]
+        return self.scatter[np.clip(np.round(row), 0, len(self.scatter) - 1).astype(np.int64)]
+
+    def _sampled(self, values: Volume, points: FloatArray) -> FloatArray:
+        where = (np.asarray(points, dtype=np.float64) - self.origin_mm) / self.voxel_mm
+        flat = np.ascontiguousarray(where.reshape(-1, 3))
+        found = sample(values, flat).reshape(where.shape[:-1])
+        return np.asarray(self.offset + self.slope * found)
+
+
+def told_apart(
+    gel: FloatArray | float, liquid: FloatArray | float, scatter: FloatArray | float
+) -> NDArray[np.bool_]:
+    """Return whether two levels lie far enough from each other, in standard deviations.
+
+    `DECISIVE` 4 leaves each of them two from the middle: either is rejected with a probability of
+    0.02 where it is true, and one place alone isn't yet called a defect by that.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.subtract(gel, liquid) >= DECISIVE * np.asarray(scatter))
+
+
+def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
+    """Return the evidence for gel of a segmented scan.
+
+    Parameters
+    ----------
+    field : GelField
+        The segmented scan.
+    strength : Strength or None
+        OCT: the signal; None takes the field's own grey values, linear between the two levels.
+    """
+    if strength is None:
+        return _of_grey_values(field)
+    values = np.asarray(field.values, dtype=np.float32)
+    gel = values > SURE_GEL
+    share = strength.signal / _predicted(strength.signal, values, gel, field.voxel_mm[::-1])
+    np.clip(share, -BRIGHTEST, BRIGHTEST, out=share)
+    share /= _local_mean(share, gel, field.voxel_mm[::-1])
+    averaged = np.empty_like(share)
+    z, y, x = (gaussian_weights(SIGMA_MM / size) for size in field.voxel_mm[::-1])
+    smooth(share, averaged, (z, y, x), 0.0)
+    scatter = _scatter(averaged, gel)
+    return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm)
+
+
+def _of_grey_values(field: GelField) -> GelEvidence:
+    """Evidence linear in the field's own, already smoothed values, between its two levels."""
+    above = field.sign * probe(field.values)
+    above = above[above > field.level]
+    gel = float(np.median(above)) if len(above) else field.level + 1.0
+    half = max(gel - field.level, 1e-9)
+    spread = 1.4826 * float(np.median(np.abs(above - gel))) if len(above) else np.inf
+    scatter = np.full(len(field.values), spread / (2 * half))
+    slope, offset = field.sign / (2 * half), 0.5 - field.level / (2 * half)
+    return GelEvidence(
+        field.values, field.values, slope, offset, scatter, field.voxel_mm, field.origin_mm
+    )
+
+
+def _predicted(
+    signal: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray
+) -> FloatVolume:
+    """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
+    liquid = _liquid_above(values, gel, float(voxel[0]))
+    count = np.maximum(gel.sum(axis=(1, 2)), 1)
+    mean = np.where(gel, signal, 0).sum(axis=(1, 2), dtype=np.float64) / count
+    usual = np.where(gel, liquid, 0).sum(axis=(1, 2), dtype=np.float64) / count
+    known = (count > FEWEST * gel[0].size) & (mean > 0)
+    if not known.any():
+        return np.full(signal.shape, np.inf, dtype=np.float32)
+    rows = np.arange(len(mean))
+    mean = np.exp(np.interp(rows, rows[known], np.log(mean[known])))
+    usual = np.interp(rows, rows[known], usual[known])
+    liquid -= usual.astype(np.float32)[:, None, None]
+    base = np.exp(np.float32(_saved(signal, mean, liquid, gel)) * liquid)
+    base *= mean.astype(np.float32)[:, None, None]
+    del liquid
+    sigma = np.array(AROUND_MM) / voxel
+    sent = gaussian_filter(np.where(gel, signal, np.float32(0)), sigma)
+    expected = gaussian_filter(np.where(gel, base, np.float32(0)), sigma)
+    few = np.float32(1e-3) * mean.astype(np.float32)[:, None, None]
+    base *= np.maximum(sent + few, np.float32(0.1) * few) / (expected + few)
+    return np.asarray(base)
+
+
+def _local_mean(share: FloatVolume, gel: Mask, voxel: FloatArray) -> FloatVolume:
+    """Mean over sure gel around each voxel; far from any, that of all gel."""
+    sigma = np.array(AROUND_MM) / voxel
+    usual = np.float32(share[gel].mean()) if gel.any() else np.float32(1)
+    total = gaussian_filter(np.where(gel, share, np.float32(0)), sigma)
+    weight = gaussian_filter(gel.astype(np.float32), sigma)
+    few = np.float32(1e-3)
+    return np.asarray(np.maximum((total + few * usual) / (weight + few), np.float32(0.1) * usual))
+
+
+def _liquid_above(values: FloatVolume, gel: Mask, step: float) -> FloatVolume:
+    """Length of liquid above each voxel, mm, from the first gel of its A-scan on."""
+    below_surface = np.maximum.accumulate(gel, axis=0)
+    free = np.where(below_surface, np.clip(1 - values, 0, 1), np.float32(0))
+    return np.cumsum(free, axis=0, dtype=np.float32) * np.float32(step)
+
+
+def _saved(signal: FloatVolume, mean: FloatArray, liquid: FloatVolume, gel: Mask) -> float:
+    """Regression of the signal's logarithm on the length of liquid above, 1/mm, at least 0.
+
+    The slope of the ratio signal/mean on L - mean L, whose first order is b.
+    """
+    every = max(1, gel.size // 2_000_000)
+    chosen = np.flatnonzero(gel.ravel()[::every]) * every
+    length = liquid.ravel()[chosen].astype(np.float64)
+    ratio = signal.ravel()[chosen] / mean[chosen // gel[0].size]
+    square = float((length**2).sum())
+    return max(float((length * (ratio - 1)).sum()) / square, 0.0) if square > 0 else 0.0
+
+
+def _scatter(mean: FloatVolume, gel: Mask) -> FloatArray:
+    """Robust standard deviation over sure gel at each depth."""
+    out = np.full(len(mean), np.nan)
+    for z in range(len(mean)):
+        chosen = mean[z][gel[z]]
+        if len(chosen) >= FEWEST * gel[z].size:
+            out[z] = 1.4826 * float(np.median(np.abs(chosen - np.median(chosen))))
+    return out

@@ -1,0 +1,16 @@
+"""Closing of what tests of the link open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.printctl.link.journals import close_all
+
+
+@pytest.fixture(autouse=True)
+def closed_journals() -> Iterator[None]:
+    """Close each journal that the test has opened."""
+    yield
+    close_all()

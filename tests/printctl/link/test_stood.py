@@ -1,0 +1,108 @@
+"""Where in a job a stopped printer stood, and the rest that `recover` makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from printctl.link.errors import LinkError
+from printctl.link.journal import History, read_journal
+from printctl.link.modal import Modal
+from printctl.link.recovering import plan_recovery
+from printctl.link.stood import Stood, find_stood
+from sim.dryrun import dry_run
+from sim.executed import ExecutedMotion
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.test_stop_in_waits import (
+    HEADER,
+    MARLIN,
+    RETREAT,
+    Moment,
+    stopped,
+)
+
+LINES = [b"G1 X10 Y0 Z1 E1", b"G1 X10 Y10 E2", b"G1 X0 Y10 E3", b"G1 X0 Y0 E4", b"G1 X10 Y0 E5"]
+PLACED = [b"G92 X0 Y0 Z1 E0", *LINES]
+JOB = HEADER + "".join(
+    f"G1 X{50 + 20 * (k % 2)} Y{50 + k / 4:.2f} E{k / 10:.1f} F1200\n" for k in range(1, 61)
+)
+
+
+def test_the_middle_of_a_move():
+    found = find_stood(PLACED, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
+    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+
+
+def test_a_corner_belongs_to_the_next_line():
+    found = find_stood(PLACED, 1, 6, Modal(10.0, 10.0, 1.0, 2.0))
+    assert (found.line, found.certain) == (3, True)
+
+
+def test_the_end_of_all_lines():
+    assert find_stood(PLACED, 1, 3, Modal(10.0, 10.0, 1.0, 2.0)).line == 3
+
+
+def test_a_place_that_is_passed_twice_is_told_by_the_plunger():
+    found = find_stood(PLACED, 1, 6, Modal(5.0, 0.0, 1.0, 4.5))
+    assert (found.line, found.certain) == (5, True)
+
+
+def test_of_two_lines_that_fit_the_earlier_one_is_taken():
+    """Without a plunger nothing tells the way there from the way back."""
+    lines = [b"G92 X0 Y0 Z1", b"G1 X10 Y0 Z1", b"G1 X10 Y5", b"G1 X10 Y0", b"G1 X0 Y0"]
+    found = find_stood(lines, 1, 5, Modal(4.0, 0.0, 1.0))
+    assert (found.line, found.certain) == (1, False)
+
+
+@pytest.mark.parametrize("place", [Modal(5.0, 5.0, 1.0, 2.5), Modal(10.0, 4.0, 1.0, 3.0)])
+def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
+    assert find_stood(PLACED, 1, 6, place) == Stood(1, None, False)
+
+
+def test_arcs_and_counts_set_anew_offer_the_first_that_may_be_open():
+    arc = [*PLACED[:3], b"G2 X20 Y10 I5 J0 E3"]
+    assert find_stood(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+    anew = [*PLACED[:3], b"G92 E0", b"G1 X0 E1"]
+    assert find_stood(anew, 1, 5, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+
+
+def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
+    """Length and plunger travel of what is written sideways, all in all."""
+    sideways = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
+    pushed = (motion.plunger_end - motion.plunger_start)[sideways]
+    length = np.linalg.norm(motion.end - motion.start, axis=1)[sideways]
+    return length[pushed > 0].sum(), pushed[pushed > 0].sum()
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 5.0, 5.62])
+@pytest.mark.parametrize("count", [8, 20])
+def test_what_was_made_and_the_rest_are_the_job(tmp_path, after_s, count):
+    status, wire = stopped(Moment(b"G1 X", after_s, count), tmp_path, job=JOB)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert history.stood["certain"], history.stood
+    job = parse_job(JOB.encode(), "test.gcode")
+    plan = plan_recovery(job, JOB.encode(), history, MARLIN, RETREAT)
+    first = wire.printer.executed()
+    rest = dry_run(plan.gcode, MARLIN, (50.0, 50.0, 10.0), cold_extrusion=True).executed
+    whole = written(dry_run(JOB.encode(), MARLIN, (50.0, 50.0, 10.0)).executed)
+    made = np.add(written(first), written(rest))
+    assert made[0] == pytest.approx(whole[0], abs=0.05)
+    assert made[1] == pytest.approx(whole[1], abs=0.003)
+    told = " ".join(plan.steps)
+    assert "nothing is left out or written twice" in told, status
+
+
+def test_a_stop_in_a_pause_goes_on_with_the_next_line(tmp_path):
+    stopped(Moment(b"G1 Z", 0.2, count=3), tmp_path, job=JOB)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert (history.stood["line"], history.stood["certain"]) == (history.done, True)
+
+
+def test_nothing_is_left_of_a_job_whose_lines_were_all_made():
+    job = parse_job(JOB.encode(), "a")
+    stood = {"line": len(job), "begin_at": None, "certain": True, "dropped": False}
+    history = History(done=len(job), stood=stood)
+    with pytest.raises(LinkError, match="every line"):
+        plan_recovery(job, JOB.encode(), history, MARLIN, RETREAT)
