@@ -153,13 +153,14 @@ def fit_errors(
     block = _numbers(np.column_stack([facing, cell]))
     pulls = step.jacobian * step.weight[:, None]
     along = step.direction @ (fit.rotation @ errors.beam)
+    level = np.where(np.abs(step.bends) > 0, errors.level_mm, errors.outer_mm)
     light = _numbers(np.column_stack([facing, along > 0]))
     noise = _summed(pulls * step.residual[:, None], patch)
     spread, dof = _block_spread(step, patch, block)
     return FitErrors(
         patches=np.sqrt(len(noise) / max(len(noise) - 1, 1)) * noise @ bread,
         blocks=spread * _summed(pulls, block) @ bread,
-        level=errors.level_mm * _summed(pulls, facing) @ bread,
+        level=_summed(pulls * level[:, None], facing) @ bread,
         reflections=errors.facing_mm * _summed(pulls * along[:, None] ** 2, light) @ bread,
         block_dof=dof,
     )

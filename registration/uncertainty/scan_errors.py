@@ -24,6 +24,9 @@ WALL_DOF = 12.0
 LEVEL_PART = 0.015
 """Standard uncertainty of the surface's level, of the step from liquid to gel without haze: local
 levels are known to this by their spread (calibrated on the spectral generator's upright walls)."""
+OUTER_PART = 0.043
+"""The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`);
+a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
 ROOT_TWO_PI = 2.5066
@@ -38,6 +41,8 @@ class ScanErrors:
     ----------
     level_mm : float, mm
         Of the place of a wall by the level taken for halfway, the same all round.
+    outer_mm : float, mm
+        The same of outer faces.
     facing_mm : float, mm
         Of the place of walls that face the light or away from it, by reflections.
     wall_dof : float
@@ -51,6 +56,7 @@ class ScanErrors:
     """
 
     level_mm: float
+    outer_mm: float
     facing_mm: float
     wall_dof: float
     depth: float
@@ -61,8 +67,11 @@ class ScanErrors:
     @staticmethod
     def of_blur(blur_mm: float) -> ScanErrors:
         """Errors of walls found under a blur between two known levels, all else exact."""
-        level = LEVEL_PART * ROOT_TWO_PI * blur_mm
-        return ScanErrors(level, 0.0, WALL_DOF, 0.0, 0.0, blur_mm, np.array([0.0, 0.0, 1.0]))
+        rise = ROOT_TWO_PI * blur_mm
+        beam = np.array([0.0, 0.0, 1.0])
+        return ScanErrors(
+            LEVEL_PART * rise, LEVEL_PART * rise, 0.0, WALL_DOF, 0.0, 0.0, blur_mm, beam
+        )
 
 
 def scan_errors(
@@ -78,12 +87,14 @@ def scan_errors(
     known = scan.depth_standard or scan.modality != "oct"
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
-    level = LEVEL_PART * ROOT_TWO_PI * field.blur_mm / max(step, 0.05)
+    rise = ROOT_TWO_PI * field.blur_mm / max(step, 0.05)
+    level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
     facing = rectangular(field.facing_mm)
     if walls is not None:
         level, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0
     return ScanErrors(
         level_mm=level,
+        outer_mm=outer,
         facing_mm=facing,
         wall_dof=WALL_DOF,
         depth=rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH),

@@ -87,9 +87,9 @@ def test_intervals_cover_what_whole_blocks_share() -> None:
 def test_levels_reflections_and_index_widen_them() -> None:
     points, _ = faces(np.random.default_rng(1), 3000)
     sharp = sure_of(points, START, SURE)
-    level = ScanErrors(0.002, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
-    lines = ScanErrors(0.0, 0.002, np.inf, 0.0, 0.0, 0.0, BEAM)
-    tilted = ScanErrors(0.0, 0.0, np.inf, 0.01, 0.0, 0.0, np.array([0.6, 0.0, 0.8]))
+    level = ScanErrors(0.002, 0.002, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
+    lines = ScanErrors(0.0, 0.0, 0.002, np.inf, 0.0, 0.0, 0.0, BEAM)
+    tilted = ScanErrors(0.0, 0.0, 0.0, np.inf, 0.01, 0.0, 0.0, np.array([0.6, 0.0, 0.8]))
     assert sharp.shift_mm.max() < 1e-6
     # Two opposite faces, each off by its own.
     own = 1.96 * 0.002 / np.sqrt(2)
