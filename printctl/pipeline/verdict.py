@@ -95,7 +95,8 @@ def _flow(registration: Record) -> list[Finding]:
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
     text = (
         f"Every vessel is fed; the print needs {pressure_words(known)} times the designed "
-        f"pressure, and no vessel's share of the flow is off by more than {100 * shift:.1f} % of the whole"
+        "pressure, and no vessel's share of the flow is off by more than "
+        f"{100 * shift:.1f} % of the whole"
     )
     return [("pass", text)]
 

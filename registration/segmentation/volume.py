@@ -67,11 +67,14 @@ class Strength:
         The floor that was taken off.
     dark : float
         Brightness of liquid over that of gel.
+    lines_mm3 : float, mm³
+        Gel that walls' reflections would have been taken for.
     """
 
     signal: NDArray[np.float32]
     noise: float
     dark: float = 0.0
+    lines_mm3: float = 0.0
 
 
 @jit

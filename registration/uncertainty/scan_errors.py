@@ -27,6 +27,9 @@ levels are known to this by their spread (calibrated on the spectral generator's
 OUTER_PART = 0.043
 """The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`);
 a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
+LINES_LEFT = 0.1
+"""Standard uncertainty of a wall, of the thickness of gel that reflections would have been taken
+for: rough and slanting walls keep some of them (calibrated on the spectral generator)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
 ROOT_TWO_PI = 2.5066
@@ -74,6 +77,16 @@ class ScanErrors:
         )
 
 
+def line_thickness(segmentation: Segmentation) -> float:
+    """Return gel that reflections would have been taken for, over the area facing light, mm."""
+    if segmentation.strength is None:
+        return 0.0
+    corner = segmentation.vertices[segmentation.faces]
+    twice = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * float(np.abs(twice[:, 2]).sum())
+    return segmentation.strength.lines_mm3 / max(area, 1e-9)
+
+
 def scan_errors(
     scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
 ) -> ScanErrors:
@@ -82,13 +95,15 @@ def scan_errors(
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
     bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
     from none to one just not seen (`GelField.facing_mm` is the middle of that, GUM 4.3.7). A
-    calibration of walls replaces both.
+    calibration of walls replaces both. Of reflections taken out, a part may be left.
     """
     known = scan.depth_standard or scan.modality != "oct"
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / max(step, 0.05)
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
+    left = LINES_LEFT * line_thickness(segmentation)
+    level, outer = float(np.hypot(level, left)), float(np.hypot(outer, left))
     facing = rectangular(field.facing_mm)
     if walls is not None:
         level, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0
