@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment import Uncertainty
+from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.topology import Overlap, Topology
 from registration.uncertainty import quantity, terms
@@ -44,7 +44,15 @@ class RegistrationReport:
         Deviation of the best wrong pose over that of the best, where the two can be told apart;
         inf when there was none.
     ambiguous : bool
-        Margin too small to be sure of the pose.
+        Whether anything speaks against calling the pose sure.
+    doubts : tuple of str
+        What does, in sentences.
+    lay : str
+        Which way the part lay under the light.
+    depth_axis : int
+        The part's axis that lies most along the light.
+    rivals : tuple of Rival
+        Other poses that were tried, the closest first.
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
     cross_check_um : float or None, µm
@@ -96,6 +104,10 @@ class RegistrationReport:
     offset_um: float
     margin: float
     ambiguous: bool
+    doubts: tuple[str, ...]
+    lay: str
+    depth_axis: int
+    rivals: tuple[Rival, ...]
     uncertainty: Uncertainty
     cross_check_um: float | None
     rigid: Deviation
@@ -152,7 +164,13 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         },
         "budget": _budget(report),
         "cross_check_um": report.cross_check_um,
-        "ambiguity": {"margin": report.margin, "flag": report.ambiguous},
+        "ambiguity": {
+            "margin": report.margin,
+            "flag": report.ambiguous,
+            "doubts": list(report.doubts),
+            "rivals": [_rival_dict(rival) for rival in report.rivals],
+        },
+        "lay": {"words": report.lay, "depth_axis": AXES[report.depth_axis]},
         "histogram": {
             "edges_um": report.histogram_edges_um.tolist(),
             "counts": report.histogram_counts.tolist(),
@@ -231,6 +249,17 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     for name, decimals in _DECIMALS.items():
         plain[name] = _rounded(plain[name], decimals)
     return plain
+
+
+def _rival_dict(rival: Rival) -> dict[str, Any]:
+    return {
+        "motion": rival.motion,
+        "mirrored": rival.mirrored,
+        "lead": rival.lead,
+        "differs_um": rival.apart_um,
+        "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
+        "seen_there": rival.seen,
+    }
 
 
 def _deviation_dict(deviation: Deviation) -> dict[str, Any]:

@@ -307,7 +307,7 @@ class LinkProtocol(Protocol):
         -------
         bool
             Whether they were written; not with nothing in flight, nor where the family can't tell
-            their oks from others.
+            their oks from others, nor behind a line that they would spoil.
         """
         ...
 

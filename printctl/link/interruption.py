@@ -30,6 +30,9 @@ WAITS: Final = (
 )
 
 
+FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
+
+
 class StopAsked(Exception):  # noqa: N818
     """A stop was asked for and nothing is in flight: go no further, end the print."""
 
@@ -97,6 +100,8 @@ class Interruption:
         heats = HEATS in wiring.protocol.report  # else its place in the queue is wanted
         commands = (*shut(wiring.printer), link.ends_waits if heats else b"", link.quickstop)
         if not wiring.protocol.cut_in([text for text in commands if text], again, now):
+            if not wiring.protocol.idle:
+                self._tell(FIRST)
             return
         wiring.transport.write(wiring.protocol.take_output())
         self._cuts, self._again_s = self._cuts + 1, now + AGAIN_S

@@ -19,13 +19,15 @@ reload     a change of syringe begins after ``done`` lines; the plunger's count 
            of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
+left       the job's ``place`` that the needle leaves for a pause: after the host's death it tells
+           what the job's own lines haven't
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `Stood`; ``done`` lines taken;
            ``dropped``: whether moves of theirs weren't made; ``place`` that the printer told
 end        state, message, done, error, position_known: last; where the printer refused a line of
            the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, reload, syringe, stood and end records also have ``at``, the
+job, state, alarm, checkpoint, left, reload, syringe, stood and end records also have ``at``, the
 wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
@@ -54,7 +56,7 @@ from printctl.link.states import LinkState
 
 Record = dict[str, Any]
 _DATED: Final = frozenset(
-    {"job", "state", "alarm", "checkpoint", "reload", "syringe", "stood", "end"}
+    {"job", "state", "alarm", "checkpoint", "left", "reload", "syringe", "stood", "end"}
 )
 
 
@@ -174,6 +176,8 @@ class History:
         The last one.
     checkpoints : list of dict
         Those at marks that agreed with the job, in order.
+    left : dict of str to float
+        The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
     reload, syringe : dict or None
         Records of a change of syringe after which the print hasn't gone on.
     reloaded : int
@@ -207,6 +211,7 @@ class History:
     alarms: list[str] = field(default_factory=list)
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
+    left: dict[str, float] = field(default_factory=dict)
     reload: Record | None = None
     syringe: Record | None = None
     reloaded: int = -1
@@ -290,6 +295,8 @@ def _apply(history: History, record: Record | None) -> None:
         history.checkpoint = record
         if record["agrees"] and record.get("mark"):
             history.checkpoints.append(record)
+    elif sort == "left":
+        history.left = dict(record["place"])
     elif sort == "settings":
         history.settings = history.settings or dict(record["told"])
     elif sort == "reload":

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from printctl.link.heads import head_chosen
@@ -34,6 +34,15 @@ class Modal:
     z: float | None = None
     e: float | None = None
     f: float | None = None
+
+    def place(self) -> dict[str, float]:
+        """Return what is known of x, y, z and e, mm, by name."""
+        found = ((axis, getattr(self, axis)) for axis in AXES.lower())
+        return {axis: value for axis, value in found if value is not None}
+
+    def filled(self, place: Mapping[str, float]) -> Modal:
+        """Return it with what isn't known taken from a ``place``."""
+        return replace(self, **{**place, **self.place()})
 
 
 def modal_state(lines: Sequence[bytes], done: int) -> Modal:

@@ -110,6 +110,7 @@ class Pauses:
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
         self.position.verify(at)
+        logbook.record("left", place=at.place())
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
         self.excursion.begin(at, relieved, self._top(at, changing))
         channel.commands(retreat.leave(at, channel.wiring.printer, relieved))

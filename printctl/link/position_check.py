@@ -8,6 +8,7 @@ motors themselves matter, M400 comes first and waits for them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -68,9 +69,13 @@ class PositionCheck:
         self._channel, self._valve = channel, valve
         self._logbook, self._progress = channel.logbook, channel.logbook.progress
 
-    def expected(self) -> Modal:
-        """Return where the job's text says the printer is; ask for what it doesn't say."""
-        at = self._progress.modal()
+    def expected(self, left: Mapping[str, float] | None = None) -> Modal:
+        """Return where the job's text says the printer is.
+
+        What it doesn't say is taken from the place that the needle left for a pause, where there
+        is one, else the printer is asked.
+        """
+        at = self._progress.modal().filled(left or {})
         asks_e = at.e is None and not self._channel.wiring.printer.pneumatic
         if at.z is None or asks_e:
             position = parse_position(self._channel.command(b"M114"))

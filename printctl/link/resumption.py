@@ -65,7 +65,7 @@ class Resumption:
         channel.command(b"M400")
         self.firmware.restore_settings(history.settings)
         self.firmware.agree_settings(journalled=True)
-        at = self.position.expected()
+        at = self.position.expected(history.left)
         if history.reload_at is not None:
             self.watch.plan(history.reload_at, history.reload_heads)
         if history.reloaded == done:

@@ -115,12 +115,14 @@ def align(
     freedom = free(choice.best)
     scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
-    scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm)
+    scaled = refine(surface, many, scaled, freedom, blur_mm=blur_mm, even=True)
     _refuse_misfit(surface, many, scaled)
     # Least squares over what belongs to the part: a robust fit of a shrunken part would hold on to
     # one end and call the other an outlier.
     kept = np.abs(surface.query(scaled.apply(many)).distance) < CLOSE_MM
-    rigid = refine(surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm)
+    rigid = refine(
+        surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
+    )
     shared = errors or ScanErrors.of_blur(blur_mm)
     sure = fit_errors(surface, many[kept], scaled, freedom, shared)
     loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)

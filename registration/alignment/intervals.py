@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.fit import Fit, Freedom, Linearised, linearised
+from registration.alignment.fit import Fit, Freedom, Linearised, facing, linearised
 from registration.distance import ModelSurface
 from registration.uncertainty import Budget, ScanErrors, Term
 
@@ -75,6 +75,7 @@ class FitErrors:
     def covariance(self) -> FloatArray:
         """Covariance (k, k) of the parameters, index and voxel size left out."""
         pulls = np.vstack([self.patches, self.blocks, self.level, self.reflections])
+        pulls = np.nan_to_num(pulls)  # a cause that isn't known has no part in what moves freely
         return np.asarray(pulls.T @ pulls)
 
     def budget(self, parameter: int, errors: ScanErrors, depth: float = -1.0) -> Budget:
@@ -143,24 +144,24 @@ def fit_errors(
     surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, errors: ScanErrors
 ) -> FitErrors:
     """Return the errors of a converged fit to scanned points (n, 3) by cause."""
-    step = linearised(surface, points, fit, freedom, blur_mm=errors.blur_mm)
+    step = linearised(surface, points, fit, freedom, blur_mm=errors.blur_mm, even=True)
     bread = np.asarray(np.linalg.inv(step.normal), dtype=np.float64)
     # A face may lie on a cell's border, where noise alone would share its points out.
     places = fit.apply(points) - INSET_MM * step.direction
     patch = _numbers(np.floor(places / PATCH_MM).astype(np.int64))
-    facing = _facing(step.direction, step.bends)
+    walls = facing(step.direction, step.bends)
     cell = np.floor(places / BLOCK_MM).astype(np.int64)
-    block = _numbers(np.column_stack([facing, cell]))
+    block = _numbers(np.column_stack([walls, cell]))
     pulls = step.jacobian * step.weight[:, None]
     along = step.direction @ (fit.rotation @ errors.beam)
     level = np.where(np.abs(step.bends) > 0, errors.level_mm, errors.outer_mm)
-    light = _numbers(np.column_stack([facing, along > 0]))
+    light = _numbers(np.column_stack([walls, along > 0]))
     noise = _summed(pulls * step.residual[:, None], patch)
     spread, dof = _block_spread(step, patch, block)
     return FitErrors(
         patches=np.sqrt(len(noise) / max(len(noise) - 1, 1)) * noise @ bread,
         blocks=spread * _summed(pulls, block) @ bread,
-        level=_summed(pulls * level[:, None], facing) @ bread,
+        level=_summed(pulls * level[:, None], walls) @ bread,
         reflections=errors.facing_mm * _summed(pulls * along[:, None] ** 2, light) @ bread,
         block_dof=dof,
     )
@@ -198,13 +199,6 @@ def _block_spread(step: Linearised, patch: IntArray, block: IntArray) -> tuple[f
 
 LEAST_PATCHES = 3
 """A block of fewer says nothing of its own spread."""
-
-
-def _facing(direction: FloatArray, bends: FloatArray) -> IntArray:
-    """Which of six ways each wall faces, lumens and outer faces apart."""
-    axis = np.abs(direction).argmax(axis=1)
-    side = direction[np.arange(len(axis)), axis] > 0
-    return _numbers(np.column_stack([axis, side, np.abs(bends) > 0]).astype(np.int64))
 
 
 def _numbers(keys: IntArray) -> IntArray:

@@ -34,6 +34,8 @@ class GaugedScan:
         When the print began, s since 1970; None where nobody wrote it down.
     passed : bool or None
         Its verdict; None where none was given.
+    undecided : bool
+        Neither pass nor fail is proven.
     reasons : tuple of str
         Of the verdict.
     designed_um, measured_um, length_mm : (v,) float64
@@ -58,6 +60,7 @@ class GaugedScan:
     print_id: str
     started: float | None
     passed: bool | None
+    undecided: bool
     reasons: tuple[str, ...]
     designed_um: FloatArray
     measured_um: FloatArray
@@ -88,6 +91,7 @@ class Origin:
     print_id: str
     started: float | None = None
     passed: bool | None = None
+    undecided: bool = False
     reasons: tuple[str, ...] = ()
 
 

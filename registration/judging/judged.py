@@ -108,14 +108,14 @@ class _Vessel:
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
         band = band_of(series, limits.diameter)
+        closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
         self.features: list[Feature] = [
             *section_feature(band, limits),
             *narrowest_feature(band, limits),
             *mean_feature(row, band, limits),
             *offset_feature(row, limits),
-            *open_features(row, limits),
+            *open_features(row, limits, bool(closures)),
         ]
-        closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
         self.findings = [*closures, *findings(row, band, limits.diameter, own)]
         self.row = {
             **row,

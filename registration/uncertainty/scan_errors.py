@@ -27,6 +27,8 @@ levels are known to this by their spread (calibrated on the spectral generator's
 OUTER_PART = 0.043
 """The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`);
 a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
+LEAST_STEP = 0.25
+"""Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
 LINES_LEFT = 0.1
 """Standard uncertainty of a wall, of the thickness of gel that reflections would have been taken
 for: rough and slanting walls keep some of them (calibrated on the spectral generator)."""
@@ -100,7 +102,7 @@ def scan_errors(
     known = scan.depth_standard or scan.modality != "oct"
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
-    rise = ROOT_TWO_PI * field.blur_mm / max(step, 0.05)
+    rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
     left = LINES_LEFT * line_thickness(segmentation)
     level, outer = float(np.hypot(level, left)), float(np.hypot(outer, left))

@@ -29,6 +29,7 @@ it reports one, and would run the rest of a half-received line unverified.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import reduce
 from operator import xor
@@ -45,6 +46,7 @@ from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState, Wording
 
 _REST_LIMIT: Final = 4096
+_ARC: Final = re.compile(rb"G0*[23](?!\d)")
 
 
 class MarlinProtocol:
@@ -168,10 +170,15 @@ class MarlinProtocol:
         """Write commands past the line in flight; no ok is believed until a token came back.
 
         In a doubt they may be lost: an error empties the receive buffer of a firmware without
-        emergency parser. Whoever wrote them writes them again.
+        emergency parser. Whoever wrote them writes them again. Not while an arc is in flight:
+        Marlin makes its pieces in a loop that M410 doesn't end, so that a second later the needle
+        would cut across to a further point of it (seen on the real one).
         """
         state = self.state
         if state.phase in (Phase.READY, Phase.OVER):
+            return False
+        if any(line and _ARC.match(line) for line in (state.flight, state.second)):
+            state.held, state.fast = True, False
             return False
         state.out.append(b"\n%b\n" % b"\n".join(commands))
         state.tokens.expect(len(commands))
