@@ -29,7 +29,7 @@ OUTER_PART = 0.043
 a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
 LEAST_STEP = 0.25
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
-LINES_LEFT = 0.1
+LINES_LEFT = 0.06
 """Standard uncertainty of a wall, of the thickness of gel that reflections would have been taken
 for: rough and slanting walls keep some of them (calibrated on the spectral generator)."""
 BLUR_PART = 0.1
