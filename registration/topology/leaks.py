@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_SURE = 10.0
+"""Significance from which a way counts though its width is ill known."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -101,7 +103,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
     ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [found for found in ways if found[1] > LEAST_MM / 3]
+    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
         tuple(_defect(*found, traces) for found in ways),
