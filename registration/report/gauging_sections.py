@@ -151,10 +151,21 @@ def printed_facts(registration: Mapping[str, Any]) -> list[Fact]:
         ):
             if is_number(flow.get(key)):
                 result.append(Fact(label, number(flow[key], 3), "Pa"))
+        if is_number(flow.get("pressure_ratio")):
+            result.append(Fact("Pressure needed, of the designed", pressure_words(flow), "times"))
     seen = registration.get("model_seen_fraction")
     if is_number(seen):
         result.append(Fact("Design's surface seen", number(100 * seen, 3), "%"))
     return result
+
+
+def pressure_words(flow: Mapping[str, Any]) -> str:
+    """Return the pressure ratio with its 95 % interval: "1.06 [0.98, 1.15]"."""
+    ends = list(flow.get("pressure_ratio_interval_95") or [])
+    said = f"{flow['pressure_ratio']:.2f}"
+    if len(ends) == 2 and all(map(is_number, ends)):
+        return f"{said} [{ends[0]:.2f}, {ends[1]:.2f}]"
+    return f"{said} (interval not known)"
 
 
 def _betti(found: Mapping[str, Any]) -> str:

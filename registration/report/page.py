@@ -19,6 +19,7 @@ from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
 from registration.report.added import AddedSection
+from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.gauging_figures import (
     curve_figure,
@@ -130,6 +131,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
+        "budget_table": budget_table(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
         "printed_facts": printed_facts(registration),

@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 NOISE = 0.004
 
 
-ERRORS = ScanErrors(0.005, 50.0, 0.0, 0.0, 0.04, np.array([0.0, 0.0, 1.0]))
+ERRORS = ScanErrors(0.005, 0.005, 0.0, 50.0, 0.0, 0.0, 0.04, np.array([0.0, 0.0, 1.0]))
 SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
 
 
