@@ -112,6 +112,8 @@ class GateFacts:
         Sent before a start because the firmware doesn't tell what is set.
     speed_per_s : float
         What M203 is told per: 1 for mm/s, 60 for mm/min.
+    awaits_cooling : frozenset of str
+        Codes that wait until it has cooled to S, too, not only until it is as warm.
     """
 
     console: Mapping[str, Rule] = field(default_factory=dict)
@@ -119,3 +121,4 @@ class GateFacts:
     questions: tuple[str, ...] = ()
     resets: tuple[str, ...] = ()
     speed_per_s: float = 1.0
+    awaits_cooling: frozenset[str] = frozenset()

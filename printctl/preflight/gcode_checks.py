@@ -11,6 +11,7 @@ from printctl.preflight.gate_checks import gate_checks, motor_checks
 from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
+from printctl.preflight.wait_checks import wait_checks
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.dryrun_finding import Finding
@@ -49,6 +50,7 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         _probing(run),
         *gate_checks(run, printer),
         *motor_checks(run, printer),
+        *wait_checks(run, printer),
         *firmware_checks(run, printer),
         *valve_checks(run, printer),
         *profile_checks(printer),

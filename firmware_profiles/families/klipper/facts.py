@@ -8,6 +8,7 @@ Sources: ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics
 - G92 X Y Z moves the origin and homes nothing; SET_KINEMATIC_POSITION (section ``force_move``) says
   where the tip is. SET_GCODE_OFFSET adds to every place until it is set to 0. M200 isn't known.
 - ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
+- M109 and M190 wait until a heater under PID control has settled (``heaters.py``): cooling, too.
 - What M220 and M221 have set it doesn't tell, so it is reset.
 - SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their present
   values; its steps, limits and min_extrude_temp it doesn't tell on its terminal.
@@ -93,6 +94,7 @@ FAMILY: Final = Family(
             "TEMPERATURE_WAIT": _AWAIT,
         },
         resets=_CLEAN,
+        awaits_cooling=frozenset({"M109", "M190"}),
     ),
     probe=ProbeFacts(
         (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),
