@@ -14,11 +14,6 @@ class Ask:
 
 
 @dataclass(frozen=True)
-class Pass:
-    """Let a command pass with any words."""
-
-
-@dataclass(frozen=True)
 class OnlyWith:
     """Let a setting pass that takes another back: these words with these values alone.
 
@@ -95,7 +90,28 @@ class Timeout:
     key: str
 
 
-Rule = Ask | Pass | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout
+@dataclass(frozen=True)
+class Keys:
+    """Let a command with a name pass that has some of these keys, and no other.
+
+    Attributes
+    ----------
+    spans : mapping
+        Key to the least and greatest number it may have; None for a text.
+    needs : tuple of str
+        Keys that must be there.
+    """
+
+    spans: Mapping[str, tuple[float, float] | None]
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChooseHead:
+    """Let a head pass that the printer has, named as `HeadFacts.select` says."""
+
+
+Rule = Ask | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout | Keys | ChooseHead
 
 
 @dataclass(frozen=True)

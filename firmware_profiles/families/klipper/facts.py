@@ -24,10 +24,11 @@ from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import (
     Advance,
     Ask,
+    ChooseHead,
     GateFacts,
     HeatNamed,
+    Keys,
     OnlyWith,
-    Pass,
     Rule,
     Timeout,
 )
@@ -85,11 +86,11 @@ FAMILY: Final = Family(
         console=_ASKED,
         job={
             **_ASKED,
-            "ACTIVATE_EXTRUDER": Pass(),
-            "SET_FAN_SPEED": Pass(),
+            "ACTIVATE_EXTRUDER": ChooseHead(),
+            "SET_FAN_SPEED": Keys({"FAN": None, "SPEED": (0, 1)}, ("FAN", "SPEED")),
             "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
             "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
-            "SET_KINEMATIC_POSITION": Pass(),
+            "SET_KINEMATIC_POSITION": Keys(dict.fromkeys("XYZ", (-1e6, 1e6))),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,
         },
