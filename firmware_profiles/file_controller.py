@@ -35,12 +35,19 @@ def refuse_family_sections(keys: Mapping[str, object]) -> None:
     ValueError
         With the key that takes its place.
     """
-    for name in family_names():
-        if keys.get(name) is not None:
+    names = family_names()
+    for name, section in keys.items():
+        if section is None or str(name).lower() not in names:
+            continue
+        if keys.get("file_controller") is not None:
             raise ValueError(
-                f"{name} is no key here; the section is file_controller: write file_controller in "
-                f"place of {name}, in starting_values too"
+                f"{name} is no key here, and file_controller is there already: take {name} out, of "
+                "starting_values too"
             )
+        raise ValueError(
+            f"{name} is no key here; the section is file_controller: write file_controller in "
+            f"place of {name}, in starting_values too"
+        )
 
 
 def check_file_controller(

@@ -14,11 +14,6 @@ class Ask:
 
 
 @dataclass(frozen=True)
-class Pass:
-    """Let a command pass with any words."""
-
-
-@dataclass(frozen=True)
 class OnlyWith:
     """Let a setting pass that takes another back: these words with these values alone.
 
@@ -95,7 +90,28 @@ class Timeout:
     key: str
 
 
-Rule = Ask | Pass | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout
+@dataclass(frozen=True)
+class Keys:
+    """Let a command with a name pass that has some of these keys, and no other.
+
+    Attributes
+    ----------
+    spans : mapping
+        Key to the least and greatest number it may have; None for a text.
+    needs : tuple of str
+        Keys that must be there.
+    """
+
+    spans: Mapping[str, tuple[float, float] | None]
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ChooseHead:
+    """Let a head pass that the printer has, named as `HeadFacts.select` says."""
+
+
+Rule = Ask | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout | Keys | ChooseHead
 
 
 @dataclass(frozen=True)
@@ -112,6 +128,8 @@ class GateFacts:
         Sent before a start because the firmware doesn't tell what is set.
     speed_per_s : float
         What M203 is told per: 1 for mm/s, 60 for mm/min.
+    awaits_cooling : frozenset of str
+        Codes that wait until it has cooled to S, too, not only until it is as warm.
     """
 
     console: Mapping[str, Rule] = field(default_factory=dict)
@@ -119,3 +137,4 @@ class GateFacts:
     questions: tuple[str, ...] = ()
     resets: tuple[str, ...] = ()
     speed_per_s: float = 1.0
+    awaits_cooling: frozenset[str] = frozenset()

@@ -32,7 +32,7 @@ def told(truth: PrintTruth, run: str) -> list[str]:
     status = truth.status
     lines = [
         f"{status.state.value}: {status.message}",
-        f"{100 * truth.share:.1f} % made; {status.lines_done} of {status.lines_total} lines taken, "
+        f"{truth.words['made']}; {status.lines_done} of {status.lines_total} lines taken, "
         f"line {status.file_line} of the file",
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
         *watched(status),

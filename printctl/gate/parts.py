@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from firmware_profiles.families import family_of
 from printctl.gate.known import Known
 from printctl.gate.reasons import REASONS
 from printctl.gate.verdict import Allowed, NotAllowed
@@ -118,6 +119,43 @@ def timeout(key: str) -> Judge:
         return Allowed(line.text.decode("ascii"))
 
     return judge
+
+
+def keyed(spans: Mapping[str, tuple[float, float] | None], needs: tuple[str, ...]) -> Judge:
+    """Let a command with a name pass: these keys, with numbers in these spans (None: a text)."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        told = line.parameters
+        beyond = sorted(set(told) - set(spans))
+        missing = [key for key in needs if key not in told]
+        if beyond or missing or not told:
+            said = ", ".join(beyond) or "too little"
+            raise NotAllowed(f"it says {said}; only {', '.join(spans)} are looked at here")
+        for key, text in told.items():
+            span, value = spans[key], as_number(text)
+            if span is not None and (value is None or not span[0] <= value <= span[1]):
+                raise NotAllowed(f"{key}={text} is outside {span[0]:g} to {span[1]:g}")
+        return Allowed(line.text.decode("ascii"))
+
+    return judge
+
+
+def choose_head(line: GcodeLine, known: Known) -> Allowed:
+    """Let a head pass that the printer has.
+
+    Raises
+    ------
+    NotAllowed
+    """
+    printer = known.printer
+    own = family_of(printer).heads
+    found = own.select.fullmatch(line.text.decode("ascii")) if own else None
+    if own is None or found is None:
+        example = own.example if own else "no head"
+        raise NotAllowed(f"it names no head in a way that checks follow; write {example}")
+    if int(found[1] or 0) >= printer.head_count:
+        raise NotAllowed(f"{printer.name} has {printer.head_count} heads, counted from 0 (heads)")
+    return Allowed(line.text.decode("ascii"))
 
 
 def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judge:

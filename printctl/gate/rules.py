@@ -19,6 +19,8 @@ from printctl.gate.parts import (
     as_number,
     as_planned,
     asks,
+    choose_head,
+    keyed,
     only_with,
     passes,
     timeout,
@@ -179,8 +181,6 @@ def _judge(own: gate_facts.Rule) -> Judge:
     match own:
         case gate_facts.Ask():
             return asks(own.letters)
-        case gate_facts.Pass():
-            return passes()
         case gate_facts.OnlyWith():
             return only_with(own.values, "", own.remedy)
         case gate_facts.TakeOffsetBack():
@@ -189,6 +189,10 @@ def _judge(own: gate_facts.Rule) -> Judge:
             return _advance(own.key)
         case gate_facts.Timeout():
             return timeout(own.key)
+        case gate_facts.Keys():
+            return keyed(own.spans, own.needs)
+        case gate_facts.ChooseHead():
+            return choose_head
         case gate_facts.HeatNamed():
             return NamedTarget(own)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from firmware_profiles.families import meanings
-from firmware_profiles.families.grammar import Meaning
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
-from sim.reading import code_of, is_motion, read_sent
+from printctl.link.modal import places_told
+from sim.reading import code_of, is_motion
 
 
 def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
@@ -54,13 +53,3 @@ def told_start(job: Job) -> tuple[float, float, float] | None:
         "the tip stands, and not all of X, Y and Z are told before the first move: tell all three "
         "there, or take it out"
     )
-
-
-def places_told(line: bytes) -> dict[str, float]:
-    """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
-    code = code_of(line)
-    if code != b"G92" and meanings().get(code.decode("ascii")) is not Meaning.PLACES:
-        return {}
-    read = read_sent(line)
-    named = {axis: float(read.parameters[axis]) for axis in "XYZ" if axis in read.parameters}
-    return named or {a: value for a in "XYZ" if (value := read.number(a)) is not None}

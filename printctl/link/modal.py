@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from firmware_profiles.families import meanings
+from firmware_profiles.families.grammar import Meaning
 from printctl.link.heads import head_chosen
 from sim.reading import code_of, is_motion, read_sent
 
@@ -100,6 +102,8 @@ def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str,
                     found.setdefault(letter.lower(), value)
             if len(found) == 5:
                 break
+        else:
+            found = {axis.lower(): mm for axis, mm in places_told(line).items()} | found
     return found, False
 
 
@@ -128,7 +132,7 @@ def named(lines: Sequence[bytes]) -> str:
     """
     axes: set[str] = set()
     for line in lines:
-        if code_of(line) == b"G92":
+        if code_of(line) == b"G92" or places_told(line):
             break
         if is_motion(line):
             axes |= read_sent(line).words.keys() & set(AXES)
@@ -165,3 +169,13 @@ def relieved_mm(lines: Sequence[bytes], done: int) -> float:
 def last_of(lines: Sequence[bytes], done: int, codes: tuple[bytes, ...]) -> bytes | None:
     """The last line before ``done`` that has one of ``codes``; None without one."""
     return next((line for line in reversed(lines[:done]) if code_of(line) in codes), None)
+
+
+def places_told(line: bytes) -> dict[str, float]:
+    """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
+    code = code_of(line)
+    if code != b"G92" and meanings().get(code.decode("ascii")) is not Meaning.PLACES:
+        return {}
+    read = read_sent(line)
+    named = {axis: float(read.parameters[axis]) for axis in "XYZ" if axis in read.parameters}
+    return named or {a: value for a in "XYZ" if (value := read.number(a)) is not None}

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.made import Made
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.stood import Stood, find_stood
 from printctl.link.wiring import Wiring
+from sim.reading import is_motion, read_sent
+
+_MOST_AHEAD: Final = 64
+"""Lines looked back for feed rates: more than a planner holds."""
 
 
 class JobProgress:
@@ -80,9 +86,18 @@ class JobProgress:
 
     @property
     def speed_mm_s(self) -> float:
-        """How fast the needle may be, mm/s: by the job's last feed rate, else by the profile."""
-        feed = self.modal().f
-        return self._printer.max_speed_mm_s.x if feed is None else feed / 60.0
+        """How fast the needle may be, mm/s: by the feed rates of moves that may be under way.
+
+        Those in flight are among them: an arc is answered when all but its end was made. Without
+        any, by the profile.
+        """
+        lines, done, most = self.job.lines, self.done, self._printer.max_speed_mm_s.x
+        first = max(self.executed(done), done - _MOST_AHEAD)
+        under_way = lines[first : done + self._printer.lines_in_flight]
+        feeds = [modal_state(lines, first + 1).f]
+        feeds += [read_sent(line).number("F") for line in under_way if is_motion(line)]
+        told = [feed / 60.0 for feed in feeds if feed is not None]
+        return min(max(told, default=most), most)
 
     @property
     def head(self) -> int | None:

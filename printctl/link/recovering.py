@@ -16,11 +16,11 @@ from printctl.link.errors import LinkError
 from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
-from printctl.link.job_start import declared_start, places_told
+from printctl.link.job_start import declared_start
 from printctl.link.journal import History, Record
 from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
-from printctl.link.modal import Modal, modal_state, relieved_mm
+from printctl.link.modal import Modal, modal_state, places_told, relieved_mm
 from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from printctl.link.modal import Modal, modal_state
+from printctl.link.modal import Modal, modal_state, places_told
 from sim.reading import code_of, is_motion
 
 NEAR_MM: Final = 0.02
@@ -82,7 +82,7 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
 
 def _tells_place(line: bytes) -> bool:
     """Whether a line calls a place another: M114 may have been answered in either count."""
-    return code_of(line) in (b"G92", b"G28")
+    return code_of(line) in (b"G92", b"G28") or bool(places_told(line))
 
 
 def _passes(lines: Sequence[bytes], index: int, place: Modal) -> _On | None:

@@ -9,8 +9,10 @@ from firmware_profiles.families import family_of
 from printctl.preflight.firmware_checks import firmware_checks
 from printctl.preflight.gate_checks import gate_checks, motor_checks
 from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
+from printctl.preflight.place_checks import place_checks
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
+from printctl.preflight.wait_checks import wait_checks
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
 from sim.dryrun_finding import Finding
@@ -49,6 +51,8 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         _probing(run),
         *gate_checks(run, printer),
         *motor_checks(run, printer),
+        *wait_checks(run, printer),
+        *place_checks(run, printer),
         *firmware_checks(run, printer),
         *valve_checks(run, printer),
         *profile_checks(printer),

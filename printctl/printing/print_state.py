@@ -17,7 +17,7 @@ from printctl.link.states import LinkState, Status
 from printctl.printing.job_table import JobTable
 from printctl.printing.journalled import Journalled, journalled
 from printctl.printing.print_actions import Possible, PrintAction, possible_actions
-from printctl.printing.print_words import print_words, state_words
+from printctl.printing.print_words import made_words, print_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining
 
@@ -64,10 +64,10 @@ class PrintTruth:
 
     @property
     def words(self) -> dict[str, str]:
-        """State with its share, time, layer, vessel and ink as a person is told them."""
-        share = f" · {100 * self.share:.1f} %"
-        state = f"{state_words(self.status.state).capitalize()}{share}"
-        return {"state": state, **print_words(self.status, self.progress)}
+        """State, what is made, time, layer, vessel and ink as a person is told them."""
+        made = made_words(self.status, self.progress)
+        state = f"{state_words(self.status.state).capitalize()} · {made.removesuffix(' made')}"
+        return {"state": state, "made": made, **print_words(self.status, self.progress)}
 
     def may(self, action: PrintAction) -> Possible:
         """Whether an action can be done now."""

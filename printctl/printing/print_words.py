@@ -13,6 +13,16 @@ def state_words(state: LinkState | str) -> str:
     return str(state).replace("_", " ")
 
 
+def made_words(status: Status, done: Progress | None) -> str:
+    """Return how much is made: a share of the time where that is known, else lines at least.
+
+    Lines are no share: a header's cost nothing, and what the printer holds isn't made yet.
+    """
+    if done is None:
+        return f"at least {status.lines_executed} of {status.lines_total} lines made"
+    return f"{100 * done.share:.1f} % made"
+
+
 def print_words(status: Status, done: Progress | None) -> dict[str, str]:
     """Return what is known of time, layer, vessel and ink; empty texts for what isn't."""
     if done is None:

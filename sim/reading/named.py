@@ -12,6 +12,7 @@ from sim.reading.line import GcodeLine
 
 _NAME: Final = re.compile(rb"([A-Za-z][A-Za-z_][A-Za-z0-9_]*)(?:[ \t]+|$)")
 _PARAMETER: Final = re.compile(rb"([A-Za-z_][A-Za-z0-9_]*)=(\"[^\"]*\"|[^ \t\"'#=*]+)(?:[ \t]+|$)")
+_PLAIN: Final = re.compile(rb"\"([^ \t\"'#=*]+)\"")
 _NUMBER: Final = re.compile(rb"-?\d{1,6}(?:\.\d{1,9})?")
 _PLACING: Final = (Meaning.PLACES, Meaning.SHIFTS)
 _PLACES: Final = ("X", "Y", "Z", "X_ADJUST", "Y_ADJUST", "Z_ADJUST")
@@ -46,7 +47,14 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
                 "bad_number", text, f"{key}={word[2].decode()!r} isn't a decimal number of at most "
                 "6 and 9 digits; write one"
             )  # fmt: skip
-        parameters[key] = word[2].decode()
-        parts.append(key.encode() + b"=" + word[2])
+        value = _unquoted(word[2])
+        parameters[key] = value.strip(b'"').decode()
+        parts.append(key.encode() + b"=" + value)
         at = word.end()
     return GcodeLine(name.decode(), {}, b" ".join(parts), parameters)
+
+
+def _unquoted(value: bytes) -> bytes:
+    """Take the quotes off that mean nothing."""
+    found = _PLAIN.fullmatch(value)
+    return found[1] if found else value

@@ -8,6 +8,7 @@ Sources: ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics
 - G92 X Y Z moves the origin and homes nothing; SET_KINEMATIC_POSITION (section ``force_move``) says
   where the tip is. SET_GCODE_OFFSET adds to every place until it is set to 0. M200 isn't known.
 - ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
+- M109 and M190 wait until a heater under PID control has settled (``heaters.py``): cooling, too.
 - What M220 and M221 have set it doesn't tell, so it is reset.
 - SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their present
   values; its steps, limits and min_extrude_temp it doesn't tell on its terminal.
@@ -23,10 +24,11 @@ from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import (
     Advance,
     Ask,
+    ChooseHead,
     GateFacts,
     HeatNamed,
+    Keys,
     OnlyWith,
-    Pass,
     Rule,
     Timeout,
 )
@@ -84,15 +86,16 @@ FAMILY: Final = Family(
         console=_ASKED,
         job={
             **_ASKED,
-            "ACTIVATE_EXTRUDER": Pass(),
-            "SET_FAN_SPEED": Pass(),
+            "ACTIVATE_EXTRUDER": ChooseHead(),
+            "SET_FAN_SPEED": Keys({"FAN": None, "SPEED": (0, 1)}, ("FAN", "SPEED")),
             "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
             "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
-            "SET_KINEMATIC_POSITION": Pass(),
+            "SET_KINEMATIC_POSITION": Keys(dict.fromkeys("XYZ", (-1e6, 1e6))),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,
         },
         resets=_CLEAN,
+        awaits_cooling=frozenset({"M109", "M190"}),
     ),
     probe=ProbeFacts(
         (b"M115", b"SET_VELOCITY_LIMIT", b"SET_IDLE_TIMEOUT", b"SET_PRESSURE_ADVANCE"),

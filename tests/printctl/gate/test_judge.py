@@ -194,6 +194,28 @@ def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():
     assert allowed("M85 S7200", Known.of_job(slow), Door.JOB)
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["ACTIVATE_EXTRUDER", "ACTIVATE_EXTRUDER EXTRUDER=extruder9", "ACTIVATE_EXTRUDER EXTRUDER=a"]
+    + ['ACTIVATE_EXTRUDER EXTRUDER="extruder1"', "SET_KINEMATIC_POSITION CLEAR=XYZ"]
+    + ["SET_KINEMATIC_POSITION CLEAR_HOMED=XYZ", "SET_KINEMATIC_POSITION X=1 SET_HOMED=X"]
+    + ["SET_KINEMATIC_POSITION", "SET_FAN_SPEED FAN=heater SPEED=99", "SET_FAN_SPEED FAN=fan"]
+    + ["SET_FAN_SPEED SPEED=1", "SET_FAN_SPEED FAN=fan SPEED=-1", "SET_FAN_SPEED FAN=fan SPEED=a"],
+)  # fmt: skip
+def test_what_a_command_with_a_name_says_is_looked_at(line):
+    assert refusal(line, Known.of_job(KLIPPER), Door.JOB)
+
+
+def test_quotes_round_a_plain_value_are_not_sent():
+    known = Known.of_job(KLIPPER)
+    for line, sent in (
+        ('ACTIVATE_EXTRUDER EXTRUDER="extruder"', "ACTIVATE_EXTRUDER EXTRUDER=extruder"),
+        ('SET_FAN_SPEED FAN="fan" SPEED="0.5"', "SET_FAN_SPEED FAN=fan SPEED=0.5"),
+        ("SET_KINEMATIC_POSITION X=1 Y=2 Z=3", "SET_KINEMATIC_POSITION X=1 Y=2 Z=3"),
+    ):
+        assert allowed(line, known, Door.JOB).text == sent
+
+
 def test_a_macro_is_kept_with_moves_that_are_judged_later():
     assert isinstance(foreseen("G1 X50", MARLIN), Allowed)
     assert isinstance(foreseen("M104 S200", MARLIN), Allowed)

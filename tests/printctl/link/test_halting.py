@@ -11,7 +11,9 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.link.clock import VirtualClock
 from printctl.link.halting import halting_of
+from printctl.link.job import Job
 from printctl.link.kill import Kill
+from printctl.link.progress import JobProgress
 
 
 @pytest.mark.parametrize(
@@ -66,3 +68,20 @@ def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motor
     assert [data for data, _ in halting.first] == [b"\nM410\n"] * (1 + in_flight)
     waits = [wait_s for _, wait_s in halting.first]
     assert sum(waits[:-1]) < in_flight < sum(waits)  # a line a second; M112 behind the last
+
+
+@pytest.mark.parametrize(
+    ("lines", "done", "mm_s"),
+    [
+        ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 1, 10.0),
+        ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 2, 10.0),
+        ([b"G1 X10 F600", b"G1 X20 F60", b"G1 X30"], 3, 10.0),
+        ([b"G92 X0 Y0 Z1", b"M105"], 1, 300.0),
+    ],
+)
+def test_speed_of_a_kill_is_that_of_the_moves_under_way(lines, done, mm_s):
+    """An arc is in flight until it was made: its own feed counts, not the profile's greatest."""
+    printer = load(Printer, "marlin_avr")
+    wiring = SimpleNamespace(printer=printer, protocol=SimpleNamespace(lines_done=done))
+    progress = JobProgress(wiring, Job(lines, list(range(1, len(lines) + 1)), "", "a"))
+    assert progress.speed_mm_s == pytest.approx(min(mm_s, printer.max_speed_mm_s.x))

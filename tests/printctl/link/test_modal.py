@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_profiles.families.position_reply import parse_position
-from printctl.link.modal import ModalTrail, last_of, modal_state, relieved_mm
+from printctl.link.modal import Modal, ModalTrail, last_of, modal_state, relieved_mm
 
 
 @pytest.mark.parametrize(
@@ -59,3 +59,11 @@ def test_trail_is_the_modal_state_at_every_line_forwards_and_back(lines, asked):
     trail = ModalTrail(job)
     for done in asked:
         assert trail.at(min(done, len(job))) == modal_state(job, min(done, len(job)))
+
+
+def test_a_place_told_by_a_command_with_a_name_counts():
+    lines = [b"SET_KINEMATIC_POSITION X=100 Y=90 Z=20", b"G92 E0", b"G1 X101 E1 F600"]
+    assert modal_state(lines, 2) == Modal(100, 90, 20, 0)
+    assert modal_state(lines, 3) == Modal(101, 90, 20, 1, 600)
+    lines += [b"SET_KINEMATIC_POSITION Z=5"]
+    assert ModalTrail(lines).at(4) == Modal(101, 90, 5, 1, 600)

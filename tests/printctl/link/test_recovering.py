@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firmware_profiles import Printer, load
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
@@ -172,3 +173,15 @@ def test_job_that_moves_its_frame_is_not_placed_by_a_machine():
 def test_line_outside_the_job_is_refused(line):
     with pytest.raises(LinkError, match="isn't between"):
         plan_recovery(JOB, DATA, History(), PRINTER, RETREAT, from_line=line)
+
+
+def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():
+    lines = ["G21", "G90", "M82", "SET_KINEMATIC_POSITION X=100 Y=100 Z=20", "G92 E0"]
+    lines += [f"G1 X{100 + k} Y100 E{0.1 * k:.1f} F600" for k in range(1, 9)]
+    data = "\n".join([*lines, "M400", ""]).encode()
+    klipper = load(Printer, "klipper_bioprinter")
+    job = parse_job(data, "a", klipper)
+    for line in (7, 10):
+        plan = plan_recovery(job, data, History(), klipper, RETREAT, from_line=line)
+        assert plan.start == (100, 100, 20)
+        assert b"Z20" in plan.gcode

@@ -1,0 +1,23 @@
+"""How much of a print is made, in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from printctl.cli.status import told
+from printctl.link.states import LinkState, Status
+from printctl.printing.print_state import PrintTruth
+
+
+def truth() -> PrintTruth:
+    status = Status(
+        state=LinkState.FAILED, lines_done=9, lines_total=47, lines_executed=7, file_line=9
+    )
+    return PrintTruth(Path(), status)
+
+
+def test_lines_are_told_as_lines_where_the_time_is_not_known():
+    """Seven lines of 47, six of them a header, were told as 14.9 % made."""
+    lines = told(truth(), "run")
+    assert lines[1].startswith("at least 7 of 47 lines made; 9 of 47 lines taken")
+    assert truth().words["state"] == "Failed · at least 7 of 47 lines"
