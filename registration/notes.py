@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from registration.alignment import Alignment
-from registration.gauging import VesselGauge
+from registration.alignment import AXES, Alignment
+from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.walls_file import WallCalibration
 
+LEAST_EXAMINED = 0.98
+"""Of the gel; less is said."""
 CROSS_UM = 20.0
 """Of two programs' poses; more is said."""
 
@@ -20,10 +22,16 @@ def pose_notes(scan: Scan, alignment: Alignment, cross_um: float | None) -> list
         Between our pose and another program's.
     """
     notes = []
-    if alignment.ambiguous:
+    notes += [f"Pose not sure: {doubt}" for doubt in alignment.doubts]
+    if not alignment.lay.startswith("upright"):
         notes.append(
-            f"Pose ambiguous: the best wrong pose deviates only {alignment.margin:.2f} times as "
-            "much as the best."
+            f"The part lay {alignment.lay}. Depth is its {AXES[alignment.depth_axis]} axis."
+        )
+    if scan.handedness == "unknown" and any(r.mirrored and r.same for r in alignment.rivals):
+        notes.append(
+            "The design is its own mirror image and the file doesn't say how its axes lie in "
+            "space: were the scan mirrored, vessels would have changed sides and nothing would "
+            "show it. Check one vessel's side, or give --mirrored or --not-mirrored."
         )
     if not alignment.depth_fitted:
         notes.append(
@@ -67,6 +75,23 @@ def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
         )
     if bare:
         notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
+    return notes
+
+
+def contrast_notes(contrast: ContrastGauge) -> list[str]:
+    """Where gel and liquid can't be told apart, what that leaves open and what would help."""
+    notes, level = [], f"(evidence in liquid {contrast.liquid:.2f} of the gel's)"
+    if contrast.untold > 0:
+        notes.append(
+            f"In {100 * contrast.untold:.0f} % of the sections in view gel can't be told from "
+            f"liquid {level}: they are called neither open nor closed. A liquid that scatters "
+            "less, or the mean of several scans, tells more."
+        )
+    if contrast.examined < LEAST_EXAMINED:
+        notes.append(
+            f"Leaks and bridges were looked for in {100 * contrast.examined:.0f} % of the gel "
+            f"{level}; in the rest of it none could be told from chance."
+        )
     return notes
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment import Uncertainty
+from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.topology import Overlap, Topology
-from registration.uncertainty import Budget
+from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +44,15 @@ class RegistrationReport:
         Deviation of the best wrong pose over that of the best, where the two can be told apart;
         inf when there was none.
     ambiguous : bool
-        Margin too small to be sure of the pose.
+        Whether anything speaks against calling the pose sure.
+    doubts : tuple of str
+        What does, in sentences.
+    lay : str
+        Which way the part lay under the light.
+    depth_axis : int
+        The part's axis that lies most along the light.
+    rivals : tuple of Rival
+        Other poses that were tried, the closest first.
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
     cross_check_um : float or None, µm
@@ -96,6 +104,10 @@ class RegistrationReport:
     offset_um: float
     margin: float
     ambiguous: bool
+    doubts: tuple[str, ...]
+    lay: str
+    depth_axis: int
+    rivals: tuple[Rival, ...]
     uncertainty: Uncertainty
     cross_check_um: float | None
     rigid: Deviation
@@ -150,8 +162,15 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "scale": report.uncertainty.scale.tolist(),
             "offset_um": 1e3 * report.uncertainty.offset_mm,
         },
+        "budget": _budget(report),
         "cross_check_um": report.cross_check_um,
-        "ambiguity": {"margin": report.margin, "flag": report.ambiguous},
+        "ambiguity": {
+            "margin": report.margin,
+            "flag": report.ambiguous,
+            "doubts": list(report.doubts),
+            "rivals": [_rival_dict(rival) for rival in report.rivals],
+        },
+        "lay": {"words": report.lay, "depth_axis": AXES[report.depth_axis]},
         "histogram": {
             "edges_um": report.histogram_edges_um.tolist(),
             "counts": report.histogram_counts.tolist(),
@@ -206,20 +225,17 @@ _INTERVALS = {
 """Names of a vessel's 95 % intervals in JSON: half widths, but for the last, which has ends."""
 
 
-def budget_dict(budget: Budget, scale: float) -> list[dict[str, Any]]:
-    """Return a budget as rows, its standard uncertainties times `scale`, the largest first."""
-    rows = sorted(budget.terms, key=lambda term: -term.standard)
-    return [
-        {
-            "term": term.name,
-            "type": term.kind,
-            "standard": float(f"{scale * term.standard:.4g}"),
-            "dof": float(f"{term.dof:.4g}"),
-            "share": float(f"{budget.share(term):.4g}"),
-            "note": term.note,
-        }
-        for term in rows
+def _budget(report: RegistrationReport) -> list[dict[str, Any]]:
+    """Budgets of the pose's scales and offset, and of the vessel whose interval is the median."""
+    known = [vessel for vessel in report.vessels if math.isfinite(vessel.measured_u_um)]
+    rows = [
+        quantity(name, "um", budget, 1e3) if name == "offset" else quantity(name, "%", budget, 1e2)
+        for name, budget in report.uncertainty.budgets.items()
     ]
+    if known:
+        middle = sorted(known, key=lambda vessel: vessel.measured_u_um)[len(known) // 2]
+        rows.append(quantity(f"diameter of vessel {middle.vessel}", "um", middle.budget, 1e3))
+    return rows
 
 
 def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
@@ -229,10 +245,21 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     for name, told in _INTERVALS.items():
         plain[told] = plain.pop(name)
     plain["resistance_ratio_interval_95"] = list(plain["resistance_ratio_interval_95"])
-    plain["budget"] = budget_dict(vessel.budget, 1e3)
+    plain["budget"] = terms(vessel.budget, 1e3)
     for name, decimals in _DECIMALS.items():
         plain[name] = _rounded(plain[name], decimals)
     return plain
+
+
+def _rival_dict(rival: Rival) -> dict[str, Any]:
+    return {
+        "motion": rival.motion,
+        "mirrored": rival.mirrored,
+        "lead": rival.lead,
+        "differs_um": rival.apart_um,
+        "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
+        "seen_there": rival.seen,
+    }
 
 
 def _deviation_dict(deviation: Deviation) -> dict[str, Any]:

@@ -74,6 +74,23 @@ def three_numbers(text: str, option: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def two_numbers(text: str, option: str) -> tuple[float, float]:
+    """Read ``LOW,HIGH``.
+
+    Raises
+    ------
+    UsageError
+        When the text isn't two finite numbers, the lower one first.
+    """
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError as exc:
+        raise UsageError(f"{option} {text!r} isn't LOW,HIGH; write it like -40,20") from exc
+    if not -math.inf < low < high < math.inf:
+        raise UsageError(f"{option} {text!r} must be two finite numbers, the lower one first")
+    return low, high
+
+
 def read_gcode_file(path: Path) -> bytes:
     """Read a G-code file that the user named.
 

@@ -12,6 +12,10 @@ from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
+    CountRange,
+    CountsPerDb,
+    DbAtZero,
+    DbRange,
     DepthDown,
     Filled,
     Mirrored,
@@ -23,6 +27,7 @@ from printctl.cli.scan_options import (
     ScanFile,
     VoxelUm,
     WallsFile,
+    said_of_counts,
     said_of_scan,
 )
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
@@ -66,6 +71,10 @@ def overlay(
     axes: Axes = None,
     depth_down: DepthDown = None,
     mirrored: Mirrored = None,
+    db_range: DbRange = None,
+    count_range: CountRange = None,
+    counts_per_db: CountsPerDb = None,
+    db_at_zero: DbAtZero = None,
     oct_calibration: OctCalibrationFile = None,
     air_above: AirAbove = False,
     walls: WallsFile = None,
@@ -82,8 +91,17 @@ def overlay(
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
+    counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
     said = said_of_scan(
-        voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
+        voxel_um,
+        refractive_index,
+        optical_depth,
+        modality,
+        scale,
+        axes,
+        depth_down,
+        mirrored,
+        counts,
     )
     bars = StageBars(messages())
     with bars.all():

@@ -17,6 +17,10 @@ from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
+    CountRange,
+    CountsPerDb,
+    DbAtZero,
+    DbRange,
     DepthDown,
     Filled,
     Mirrored,
@@ -28,6 +32,7 @@ from printctl.cli.scan_options import (
     ScanFile,
     VoxelUm,
     WallsFile,
+    said_of_counts,
     said_of_scan,
 )
 from printctl.cli.tolerance_options import tolerances_of
@@ -65,6 +70,10 @@ def register(
     axes: Axes = None,
     depth_down: DepthDown = None,
     mirrored: Mirrored = None,
+    db_range: DbRange = None,
+    count_range: CountRange = None,
+    counts_per_db: CountsPerDb = None,
+    db_at_zero: DbAtZero = None,
     oct_calibration: OctCalibrationFile = None,
     air_above: AirAbove = False,
     walls: WallsFile = None,
@@ -116,8 +125,17 @@ def register(
             lumens="bright" if filled else "dark",
             walls=None if walls is None else read_walls(walls),
         )
+        counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
         said = said_of_scan(
-            voxel_um, refractive_index, optical_depth, modality, scale, axes, depth_down, mirrored
+            voxel_um,
+            refractive_index,
+            optical_depth,
+            modality,
+            scale,
+            axes,
+            depth_down,
+            mirrored,
+            counts,
         )
         import_ahead(REGISTERING)
         measured = corrected_scan(scan, said, oct_calibration, air_above)

@@ -6,11 +6,11 @@ The names stand in the commands, each with one of these types; typer makes optio
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from printctl.cli.options import three_numbers
+from printctl.cli.options import three_numbers, two_numbers
 from registration.readers import ScanOverrides
 
 ScanFile = Annotated[
@@ -46,6 +46,22 @@ Mirrored = Annotated[
     bool | None,
     typer.Option("--mirrored/--not-mirrored", help="The file's x, y, z are left-handed."),
 ]
+DbRange = Annotated[
+    str | None,
+    typer.Option("--db-range", metavar="LOW,HIGH", help="dB of the lowest and highest count."),
+]
+CountRange = Annotated[
+    str | None,
+    typer.Option(
+        "--count-range", metavar="LOW,HIGH", help="Counts that mean --db-range; else the type's."
+    ),
+]
+CountsPerDb = Annotated[
+    float | None, typer.Option("--counts-per-db", help="In place of --db-range.")
+]
+DbAtZero = Annotated[
+    float | None, typer.Option("--db-at-zero", help="dB of count 0, with --counts-per-db.")
+]
 OctCalibrationFile = Annotated[
     Path | None, typer.Option("--oct-calibration", help="File of `printctl calibrate oct`.")
 ]
@@ -70,6 +86,21 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
+def said_of_counts(
+    db_range: str | None,
+    count_range: str | None,
+    counts_per_db: float | None,
+    db_at_zero: float | None,
+) -> dict[str, Any]:
+    """What the command line says of counts, by the names of `ScanOverrides`."""
+    return {
+        "db_range": None if db_range is None else two_numbers(db_range, "--db-range"),
+        "count_range": None if count_range is None else two_numbers(count_range, "--count-range"),
+        "counts_per_db": counts_per_db,
+        "db_at_zero": db_at_zero,
+    }
+
+
 def said_of_scan(
     voxel_um: str | None,
     refractive_index: float | None,
@@ -79,6 +110,7 @@ def said_of_scan(
     axes: str | None,
     depth_down: bool | None,
     mirrored: bool | None,
+    counts: dict[str, Any],
 ) -> ScanOverrides:
     """What the command line says of a scan."""
     return ScanOverrides(
@@ -90,4 +122,5 @@ def said_of_scan(
         depth_down=depth_down,
         axes=axes,
         mirrored=mirrored,
+        **counts,
     )

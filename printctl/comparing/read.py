@@ -88,6 +88,7 @@ def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None)
         print_id=print_id or made.get("id") or str(folder.resolve()),
         started=made.get("started"),
         passed=told.get("passed"),
+        undecided=told.get("undecided") is True,
         reasons=tuple(told.get("reasons", ())),
     )
     return gauged_scan(numbers, origin)

@@ -231,10 +231,19 @@ def _check(folder: Path, found: dict[str, Any]) -> None:
             "needs; run the recipe (or register) again"
         )
     if found["ambiguity"]["flag"]:
+        margin = found["ambiguity"]["margin"]
+        said = f" (margin {margin:.2f})" if margin is not None else ""
         raise PrintctlError(
-            f"{folder}: the pose is ambiguous (margin {found['ambiguity']['margin']:.2f}), so "
+            f"{folder}: the pose is ambiguous{said}, so "
             "corrections could land on the wrong vessels; give the part marks (solid.fiducials), "
             "or leave this print out"
+        )
+    lay = found.get("lay")
+    if lay and lay["depth_axis"] != "z" and not found["measured_by"]["depth_standard"]:
+        raise PrintctlError(
+            f"{folder}: the part lay {lay['words']}, so its {lay['depth_axis']} axis is the scan's "
+            "depth, whose scale rests on the refractive index; scan it upright, or calibrate depth "
+            "(printctl calibrate oct), or leave this print out"
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from registration.judging import Decision, reason, worst
+from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
@@ -39,7 +40,7 @@ def verdict(registration: Record) -> dict[str, Any]:
     """
     features = registration["judging"]["features"]
     found: list[Finding] = [
-        *((f["decision"], reason(f)) for f in features if f["decision"] != "pass"),
+        *((f["decision"], reason(f)) for f in _told(features)),
         *_flow(registration),
         *_pose(registration),
         *_proven(registration, features),
@@ -50,6 +51,21 @@ def verdict(registration: Record) -> dict[str, Any]:
         "undecided": whole == "undecided",
         "reasons": [text for decision in _ORDER for text in _some(found, decision)],
     }
+
+
+def _told(features: Sequence[Record]) -> list[Record]:
+    """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
+    by_section = {f["vessel"]: f["decision"] for f in features if f["name"] == "section"}
+    return [
+        f
+        for f in features
+        if f["decision"] != "pass"
+        and not (
+            f["name"] in ("mean", "narrowest")
+            and worst([f["decision"], by_section.get(f["vessel"], "pass")])
+            == by_section.get(f["vessel"])
+        )
+    ]
 
 
 def _some(found: Sequence[Finding], decision: Decision) -> list[str]:
@@ -91,14 +107,17 @@ def _flow(registration: Record) -> list[Finding]:
     if not drop or not designed:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
+    known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
     text = (
-        f"Every vessel is fed; the print needs {drop / designed:.2f} times the designed pressure, "
-        f"and no vessel's share of the flow is off by more than {100 * shift:.1f} % of the whole"
+        f"Every vessel is fed; the print needs {pressure_words(known)} times the designed "
+        "pressure, and no vessel's share of the flow is off by more than "
+        f"{100 * shift:.1f} % of the whole"
     )
     return [("pass", text)]
 
 
 def _pose(registration: Record) -> list[Finding]:
     if registration["ambiguity"]["flag"]:
-        return [("fail", "The pose is ambiguous: another one fits nearly as well")]
+        doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
+        return [("fail", f"The pose is ambiguous: {doubts[0]}")]
     return [("pass", "The pose is unambiguous")]

@@ -231,6 +231,16 @@ class FileScan(Part):
     )
     modality: Literal["oct", "microct", "confocal"] | None = None
     scale: Literal["linear", "db"] | None = Field(default=None, description="Of the intensity.")
+    db_range: tuple[float, float] | None = Field(
+        default=None, description="dB of the lowest and the highest count of an integer scan."
+    )
+    count_range: tuple[float, float] | None = Field(
+        default=None, description="Counts that mean db_range; else the range of their type."
+    )
+    counts_per_db: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="In place of db_range."
+    )
+    db_at_zero: float | None = Field(default=None, description="dB of count 0, with counts_per_db.")
     axes: str | None = Field(
         default=None, description="Order of the file's axes, slowest first, like zyx."
     )

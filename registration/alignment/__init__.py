@@ -4,7 +4,17 @@ from registration.alignment.align import Alignment, align
 from registration.alignment.cross_check import cross_check
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
+from registration.alignment.motion import AXES
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rivals import Rival
 
-__all__ = ["Alignment", "AlignmentOptions", "Fit", "Rival", "Uncertainty", "align", "cross_check"]
+__all__ = [
+    "AXES",
+    "Alignment",
+    "AlignmentOptions",
+    "Fit",
+    "Rival",
+    "Uncertainty",
+    "align",
+    "cross_check",
+]

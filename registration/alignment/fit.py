@@ -98,6 +98,7 @@ def refine(
     kernel_mm: float | None = None,
     blur_mm: float = 0.0,
     settled_mm: float = 1e-5,
+    even: bool = False,
 ) -> Fit:
     """Improve `start` until nothing moves by more than `settled_mm`.
 
@@ -105,11 +106,12 @@ def refine(
     three times their own spread, less what a blur of the volume by `blur_mm` has moved the surface
     (`ModelSurface.blurred`). Weak priors (stretch within 5 %, offset within 0.1 mm) keep a
     model without depth or without lumens solvable; against thousands of points they weigh nothing.
+    `even`: sides of the part that are ragged weigh less, see `evenness`; near the answer only.
     """
     fit = start
     reach = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2
     for _ in range(steps):
-        step = linearised(surface, points, fit, freedom, kernel_mm, blur_mm).step
+        step = linearised(surface, points, fit, freedom, kernel_mm, blur_mm, even).step
         fit = _advance(fit, step, freedom)
         largest = max(np.abs(step[:3]).max() * reach, np.abs(step[3:6]).max(), 0.0)
         if max(largest, np.abs(step[6:]).max(initial=0.0) * reach) < settled_mm:
@@ -153,6 +155,7 @@ def linearised(
     freedom: Freedom,
     kernel_mm: float | None = None,
     blur_mm: float = 0.0,
+    even: bool = False,
 ) -> Linearised:
     """One Gauss-Newton step of `refine`, and what it was made of."""
     rigid = points @ fit.rotation.T + fit.shift
@@ -160,14 +163,40 @@ def linearised(
     residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
     spread = 1.4826 * float(np.median(np.abs(residual)))
     scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
+    bends = surface.curvature[near.face]
     weight = (scale**2 / (scale**2 + residual**2)) ** 2
+    if even:
+        weight *= evenness(residual, facing(near.direction, bends))
     jacobian = _jacobian(near.direction, rigid, fit, freedom)
     prior, pull = _priors(fit, freedom, scale)
     weighted = jacobian * weight[:, None]
     normal = weighted.T @ jacobian + np.diag(prior + 1e-9)
     step = np.asarray(np.linalg.solve(normal, pull - weighted.T @ residual), dtype=np.float64)
-    bends = surface.curvature[near.face]
     return Linearised(jacobian, residual, weight, normal, step, near.direction, bends)
+
+
+def facing(direction: FloatArray, bends: FloatArray) -> NDArray[np.int64]:
+    """Number of each wall's side (n,): which of six ways it faces, flat and bent walls apart."""
+    axis = np.abs(direction).argmax(axis=1)
+    high = direction[np.arange(len(axis)), axis] > 0
+    return np.asarray(4 * axis + 2 * high + (bends != 0), dtype=np.int64)
+
+
+def evenness(residual: FloatArray, side: NDArray[np.int64]) -> FloatArray:
+    """Weight of each point by how evenly its side lies about its own median, (n,), at most 1.
+
+    A face that light reached badly is ragged: its points scatter, and not about the face. Sides
+    count by the inverse of their variance, as in least squares of unequal groups, against the
+    median side's.
+    """
+    sides = np.unique(side)
+    spread = np.empty(len(sides))
+    for k, number in enumerate(sides):
+        own = residual[side == number]
+        spread[k] = 1.4826 * np.median(np.abs(own - np.median(own)))
+    usual = max(float(np.median(spread)), FINEST_SCALE_MM)
+    factor = np.minimum(1.0, (usual / np.maximum(spread, 1e-9)) ** 2)
+    return np.asarray(factor[np.searchsorted(sides, side)])
 
 
 def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: Freedom) -> FloatArray:
@@ -204,12 +233,3 @@ def _advance(fit: Fit, step: FloatArray, freedom: Freedom) -> Fit:
         stretch=stretch,
         offset_mm=fit.offset_mm + (float(step[-1]) if freedom.offset else 0.0),
     )
-
-
-def residuals_blurred(
-    surface: ModelSurface, points: FloatArray, fit: Fit, blur_mm: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Signed distances less what blur and offset explain, their directions, and what is curved."""
-    near = surface.query(fit.apply(points))
-    residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
-    return residual, near.direction, np.abs(surface.curvature[near.face]) > 0

@@ -34,6 +34,8 @@ class GaugedScan:
         When the print began, s since 1970; None where nobody wrote it down.
     passed : bool or None
         Its verdict; None where none was given.
+    undecided : bool
+        Neither pass nor fail is proven.
     reasons : tuple of str
         Of the verdict.
     designed_um, measured_um, length_mm : (v,) float64
@@ -58,6 +60,7 @@ class GaugedScan:
     print_id: str
     started: float | None
     passed: bool | None
+    undecided: bool
     reasons: tuple[str, ...]
     designed_um: FloatArray
     measured_um: FloatArray
@@ -88,6 +91,7 @@ class Origin:
     print_id: str
     started: float | None = None
     passed: bool | None = None
+    undecided: bool = False
     reasons: tuple[str, ...] = ()
 
 
@@ -139,13 +143,8 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
         offset_half_um=float(_numbers([interval["offset_um"]])[0]),
         rms_um=float(numbers["scaled"]["rms_um"]),
         rigid_rms_um=float(numbers["rigid"]["rms_um"]),
-        defects=tuple(row for row in numbers["defects"] if _counts(row)),
+        defects=tuple(numbers["defects"]),
     )
-
-
-def _counts(row: Record) -> bool:
-    """Whether a finding is one: it stands out from its vessel, or is beyond its limits."""
-    return bool(row.get("local", True) or row.get("decision") == "fail")
 
 
 def _is_defect(row: Record, vessels: int) -> bool:

@@ -1,14 +1,15 @@
 """Where a lumen is wider or narrower than the rest of its vessel, beyond the sections' own noise.
 
 A print as a whole may be off (shrinkage, spread beads, the segmentation's bias): that is the
-vessel's mean error, not a defect. Here each section is held against its own vessel's median, and
-the whole vessel against the others.
+vessel's mean error, which `registration.judging` holds against its tolerance. Here each section is
+held against the rest of its own vessel, and the whole vessel against the others.
 
 The noise of a section is the scatter of its rays about a smooth outline. What that misses (grain
-of the print, drift of the light) is measured too: the scatter of a vessel's sections about their
-median, in units of that noise. The threshold follows from both, from how many sections the
-scatter is known by (Student's t), and from how many places are looked at, so that a clean scan
-raises a false alarm with a given small probability.
+of the print, drift of the light) is measured too, from what a change can't touch: differences of
+sections three apart, in units of that noise; never the spread about the vessel's own median, which
+a change over a quarter of the sections widens until it hides. The threshold follows from both,
+from how many sections the scatter is known by (Student's t), and from how many places are looked
+at, so that a clean scan raises a false alarm with a given small probability.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from registration.gauging.defect import Defect
+from registration.gauging.scatter import scatter
 from registration.gauging.sections import RAYS
 from registration.gauging.trace import VesselTrace
 
@@ -29,7 +31,7 @@ BoolArray = NDArray[np.bool_]
 FALSE_ALARM = 1e-3
 """Probability that a scan without defects shows one."""
 
-_POOLED_WEIGHT = 10
+_POOLED_WEIGHT = 20
 """A vessel's own scatter counts as much as that of all vessels when it has so many sections."""
 _SECTOR = 5
 """Rays averaged where one side of the wall is looked at: 37 degrees."""
@@ -39,6 +41,10 @@ _MAD = 1.4826
 """Standard deviation over median absolute deviation, of normal noise ..."""
 _MAD_WORTH = 0.37
 """... and how many sections' worth of a standard deviation each section is in it."""
+_LAG = 3
+"""Sections between differences: averages of three share none, and a blur reaches less far."""
+_QUARTER = 0.6745
+"""Quartile of normal noise, standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,7 @@ class _Series:
     change, noise : (n,) float64, mm
         Of the diameter, and its standard error.
     base : float, mm
-        Median over the vessel of measured less designed diameter.
+        Measured less designed diameter of the vessel where it isn't changed.
     wall : (n, `RAYS`) float64, mm
         Displacement of the wall about the vessel's axis, averaged over a sector.
     score, side : (n,), (n, `RAYS`) float64
@@ -102,7 +108,7 @@ def _series(traces: tuple[VesselTrace, ...], scale: float, false_alarm: float) -
     chance = false_alarm / (2 * count.sum() * (1 + RAYS / _SECTOR))
     worth = _MAD_WORTH * (count + _POOLED_WEIGHT)
     threshold = -stdtrit(worth, chance)
-    bases = _bases([offset[np.isfinite(offset)] for _, offset in usable])
+    bases = _bases([offset for _, offset in usable])
     changes = [offset - base for (_, offset), base in zip(usable, bases, strict=True)]
     walls = [_walls(trace, np.isfinite(offset), scale) for trace, offset in usable]
     ratios = [
@@ -130,32 +136,52 @@ def _offset(trace: VesselTrace, scale: float) -> FloatArray:
 
 
 def _bases(offsets: list[FloatArray]) -> list[float]:
-    """What each vessel's sections are held against: its own median, or that of all vessels.
+    """What each vessel's sections are held against: its own usual offset, or that of all vessels.
 
     A vessel whose median lies far out among the others' is changed over most of its length; its
     own median would hide that. The others' spread decides what is far; it takes four vessels.
+    Of a vessel that is two ways, changed over half of its length, the side that is more like the
+    other vessels counts.
     """
-    medians = np.array([np.median(offset) for offset in offsets])
+    medians = np.array([np.nanmedian(offset) for offset in offsets])
+    common = float(np.median(medians))
+    fine = np.array([scatter(offset) for offset in offsets])
+    grain = float(np.nanmedian(fine)) if np.isfinite(fine).any() else 0.0
+    own = [
+        _side(offset, common, float(sd))
+        for offset, sd in zip(offsets, np.fmax(fine, grain), strict=True)
+    ]
     if len(medians) < 4:
-        return medians.tolist()
-    common = np.median(medians)
+        return own
     spread = _MAD * float(np.median(np.abs(medians - common)))
-    grain = np.median([_MAD * np.median(np.abs(o - np.median(o))) for o in offsets])
     threshold = -stdtrit(len(medians) - 1, FALSE_ALARM / (2 * len(medians)))
     # So few vessels tell the spread badly: never less than one section's scatter.
-    far = np.abs(medians - common) > threshold * max(spread, float(grain) / 2)
-    return np.where(far, common, medians).tolist()
+    far = np.abs(medians - common) > threshold * max(spread, grain / 2)
+    return np.where(far, common, own).tolist()
+
+
+def _side(offset: FloatArray, common: float, sd: float) -> float:
+    """Median of a vessel's offsets; of one that is two ways the side nearer to `common`.
+
+    Between the quartiles, each moved in by what noise moves it out, there is nothing but the
+    median of a vessel that is one way.
+    """
+    low, middle, high = np.nanquantile(offset, [0.25, 0.5, 0.75]).tolist()
+    low, high = low + _QUARTER * sd, high - _QUARTER * sd
+    if high - low < 2 * sd:
+        return float(middle)
+    return float(np.clip(common, low, high))
 
 
 def _scatter(values: list[FloatArray], count: NDArray[np.int64]) -> FloatArray:
-    """Standard deviation of each vessel's values about 0, by their medians; shared where few.
+    """Noise of each vessel's values by differences of neighbours; shared where few.
 
     Shared with the median vessel, not the median section: one long changed vessel mustn't deafen
     the rest.
     """
-    own = np.array([_MAD * np.nanmedian(np.abs(value)) for value in values])
-    pooled = float(np.median(own))
-    own = np.minimum(own, 4 * pooled)
+    own = np.array([scatter(value) for value in values])
+    pooled = float(np.nanmedian(own)) if np.isfinite(own).any() else 1.0
+    own = np.minimum(np.where(np.isfinite(own), own, pooled), 4 * pooled)
     mixed = (count * own**2 + _POOLED_WEIGHT * pooled**2) / (count + _POOLED_WEIGHT)
     return np.asarray(np.sqrt(mixed))
 
@@ -163,11 +189,19 @@ def _scatter(values: list[FloatArray], count: NDArray[np.int64]) -> FloatArray:
 def _scores(values: list[FloatArray], count: NDArray[np.int64]) -> list[FloatArray]:
     """Values averaged over three stations, over the scatter of such averages.
 
-    A defect is longer than a station; noise isn't, and an average has fewer outliers.
+    A defect is longer than a station; noise isn't, and an average has fewer outliers. By how much
+    averages scatter less than single values follows from how neighbours err alike; the median
+    vessel tells that, by averages that share no station.
     """
     means = [_over_three(value) for value in values]
-    scatter = np.maximum(_scatter(means, count), 1e-9)
-    return [mean / k for mean, k in zip(means, scatter, strict=True)]
+    less = [
+        scatter(mean, _LAG) / max(scatter(value), 1e-9)
+        for mean, value in zip(means, values, strict=True)
+    ]
+    known = [ratio for ratio in less if np.isfinite(ratio)]
+    ratio = max(float(np.median(known)), 3**-0.5) if known else 1.0
+    noise = np.maximum(ratio * _scatter(values, count), 1e-9)
+    return [mean / k for mean, k in zip(means, noise, strict=True)]
 
 
 def _over_three(values: FloatArray) -> FloatArray:

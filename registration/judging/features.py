@@ -221,13 +221,17 @@ def _upto(limit: float) -> str:
     return f"at most {limit:g} µm"
 
 
-def open_features(row: Record, limits: VesselLimits) -> list[Feature]:
-    """Judge whether a vessel is open, was seen, and was measured wherever it can be."""
+def open_features(row: Record, limits: VesselLimits, closed: bool) -> list[Feature]:
+    """Judge whether a vessel is open, was seen, and was measured wherever it can be.
+
+    A vessel with a closure in the list of findings is `closed`.
+    """
     vessel = int(row["vessel"])
     unseen, gaps = row.get("unseen_mm") or (), row.get("unmeasured_mm") or ()
     out = []
     if limits.open:
-        state: Decision = {True: "pass", False: "fail", None: "undecided"}[row["open"]]  # type: ignore[assignment]
+        states: dict[bool | None, Decision] = {True: "pass", False: "fail", None: "undecided"}
+        state = states[False if closed else row["open"]]
         out.append(Feature("open", state, vessel))
     if unseen:
         out.append(Feature("seen", "undecided", vessel, unseen_mm=unseen))

@@ -41,13 +41,17 @@ def findings(
     runs = []
     for run in _runs(row, band, _closed(band, found)):
         finding = _finding(row, band, limit, run)
-        host = next((c for c in changes if _belongs(finding, c)), None)
-        if host is None:
-            runs.append(finding)
-        else:
+        parts = [c for c in changes if _shared(finding, c) > 0]
+        if len(parts) > 1:  # one change that was found in pieces
+            changes = [c for c in changes if c not in parts or not _within(c, finding)]
+            runs.append(finding | {"local": True})
+        elif parts and _shared(finding, parts[0]) >= 0.5 * _length(finding):
+            host = parts[0]
             host["from_mm"] = min(host["from_mm"], finding["from_mm"])
             host["to_mm"] = max(host["to_mm"], finding["to_mm"])
             host |= _judged(band, limit, _inside(band, host))
+        else:
+            runs.append(finding)
     return [*changes, *runs]
 
 
@@ -64,7 +68,10 @@ def _closed(band: Band, found: Sequence[Record]) -> BoolArray:
 
 
 def _runs(row: Record, band: Band, explained: BoolArray) -> list[IntArray]:
-    """Sections of each run: not a pass, off to one side, gaps up to a diameter closed."""
+    """Sections of each run: not a pass, off to one side, gaps up to a diameter closed.
+
+    An undecided stretch within a diameter of a fail is part of it; what goes on is its own run.
+    """
     open_ = (band.code > 0) & ~explained
     side = _sides(band)
     gap = max(1.5 * band.series.spacing_mm, float(row["designed_um"]) * 1e-3)
@@ -78,7 +85,21 @@ def _runs(row: Record, band: Band, explained: BoolArray) -> list[IntArray]:
         else:
             runs.append([k])
             sign = int(side[k])
-    return [np.array(run) for run in runs]
+    return [part for run in runs for part in _parts(np.array(run), band, gap)]
+
+
+def _parts(run: IntArray, band: Band, gap: float) -> list[IntArray]:
+    """Split a run into its fails, each with its undecided brink, and longer undecided flanks."""
+    along = band.series.along_mm[run]
+    failed = along[band.code[run] == 2]
+    if not len(failed):
+        return [run]
+    near = np.abs(along[:, None] - failed).min(axis=1) <= gap
+    edges = np.flatnonzero(np.diff(near.astype(np.int64))) + 1
+    for flank in np.split(np.arange(len(run)), edges):
+        if np.ptp(along[flank]) <= gap:
+            near[flank] = True
+    return np.split(run, np.flatnonzero(np.diff(near.astype(np.int64))) + 1)
 
 
 def _sides(band: Band) -> IntArray:
@@ -155,8 +176,18 @@ def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, Any]:
     }
 
 
-def _belongs(run: Record, change: Record) -> bool:
-    """Whether half of a run or more lies in a change to the same side."""
+def _shared(run: Record, change: Record) -> float:
+    """Length that a run and a change to the same side share, mm; 0 to different sides."""
+    if _SIGN[run["kind"]] != _SIGN[change["kind"]]:
+        return 0.0
     shared = min(run["to_mm"], change["to_mm"]) - max(run["from_mm"], change["from_mm"])
-    same = _SIGN[run["kind"]] == _SIGN[change["kind"]]
-    return same and shared >= 0.5 * (run["to_mm"] - run["from_mm"])
+    return max(0.0, float(shared))
+
+
+def _within(change: Record, run: Record) -> bool:
+    """Whether half of a change or more lies in a run."""
+    return _shared(run, change) >= 0.5 * _length(change)
+
+
+def _length(one: Record) -> float:
+    return float(one["to_mm"]) - float(one["from_mm"])

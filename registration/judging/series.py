@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.judging.noise import COMMON_UM, random_um
+from registration.judging.noise import random_um
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -60,8 +60,10 @@ class Series:
 def series_of(rows: Sequence[Record]) -> list[Series]:
     """Read the sections of all vessels, with their uncertainties.
 
-    Where a row states its intervals (``interval_95_um``) they hold; else they are made of the
-    sections' noise and `COMMON_UM`.
+    Raises
+    ------
+    KeyError
+        When a row states no intervals or no designed diameters: an older version wrote it.
     """
     noise = random_um([_errors(row) for row in rows], [numbers(row, "noise_um") for row in rows])
     return [_series(row, own) for row, own in zip(rows, noise, strict=True)]
@@ -73,12 +75,7 @@ def _errors(row: Record) -> FloatArray:
 
 
 def _series(row: Record, random: FloatArray) -> Series:
-    if row.get("interval_95_um") is not None:
-        half = numbers(row, "interval_95_um")
-        common = np.sqrt(np.maximum((half / COVERAGE) ** 2 - random**2, 0.0))
-    else:
-        common = np.full(len(random), COMMON_UM)
-        half = COVERAGE * np.hypot(common, random)
+    half = numbers(row, "interval_95_um")
     return Series(
         vessel=int(row["vessel"]),
         along_mm=numbers(row, "along_mm"),
@@ -86,9 +83,19 @@ def _series(row: Record, random: FloatArray) -> Series:
         designed_um=numbers(row, "designed_along_um"),
         measured_um=numbers(row, "diameter_um"),
         u_um=half,
-        common_um=common,
+        common_um=_shared(row, half / COVERAGE),
         random_um=random,
     )
+
+
+def _shared(row: Record, standard: FloatArray) -> FloatArray:
+    """Standard uncertainty that a vessel's sections share, at most.
+
+    That of their mean, where it is stated, holds all of it. Else it may be all of each section's
+    own: to take the noise out of that would leave too little where the noise is overestimated.
+    """
+    mean = row.get("measured_interval_95_um")
+    return standard if mean is None else np.fmin(standard, float(mean) / COVERAGE)
 
 
 def numbers(row: Record, name: str) -> FloatArray:

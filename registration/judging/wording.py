@@ -41,9 +41,9 @@ def _diameter(feature: Record) -> str:
 
 
 def _end(feature: Record) -> str:
-    if feature["decision"] == "undecided":
-        return ": neither proven"
-    return ""
+    return {"undecided": ": neither proven", "fail": ": proven beyond it"}.get(
+        feature["decision"], ""
+    )
 
 
 def _sight(feature: Record) -> str:

@@ -132,8 +132,8 @@ def align_pose(
         raise AlignmentError(f"{exc}. {_UNFINISHED}") from exc
     if found.ambiguous:
         raise AlignmentError(
-            f"the pose is ambiguous: the best wrong one deviates only {found.margin:.2f} times as "
-            f"much as the best, and lines would be held against the wrong places. {_UNFINISHED}"
+            f"the pose isn't sure, and lines would be held against the wrong places: "
+            f"{' '.join(found.doubts)} {_UNFINISHED}"
         )
     matrix = (found.scaled if fit == "scaled" else found.rigid).matrix
     return Pose(matrix, f"This scan was aligned with the whole design, {fit} fit.", True)

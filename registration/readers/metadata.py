@@ -12,7 +12,9 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 
 from registration.errors import ScanFileError
+from registration.readers.decibels import COUNT_KEYS, in_decibels, layered, with_scale
 from registration.readers.found import Array, Found
+from registration.readers.light import light_notes
 from registration.readers.orient import is_axes, renamed, to_scan_axes, unmirrored
 from registration.readers.storage import native
 from registration.scan import Scan
@@ -48,6 +50,12 @@ class ScanOverrides:
         Order of the file's axes, slowest first, like "zyx" or "yxz".
     mirrored : bool or None
         Whether x, y, z as named make a left-handed frame; y is then reversed.
+    db_range : (low, high) or None, dB
+        What the lowest and the highest count mean; of integers those of their type.
+    count_range : (first, last) or None
+        The counts that mean the ends of `db_range`, where those aren't the type's own.
+    counts_per_db, db_at_zero : float or None
+        Instead of `db_range`: ``dB = db_at_zero + count / counts_per_db``.
     """
 
     voxel_mm: tuple[float, float, float] | None = None
@@ -58,11 +66,15 @@ class ScanOverrides:
     depth_down: bool | None = None
     axes: str | None = None
     mirrored: bool | None = None
+    db_range: tuple[float, float] | None = None
+    count_range: tuple[float, float] | None = None
+    counts_per_db: float | None = None
+    db_at_zero: float | None = None
 
 
 NAMES = tuple(item.name for item in fields(ScanOverrides))
 _FRAME = ("axes", "mirrored")
-_OF_SCAN = tuple(name for name in NAMES if name not in _FRAME)
+_OF_SCAN = tuple(name for name in NAMES if name not in (*_FRAME, *COUNT_KEYS))
 
 
 @dataclass(frozen=True)
@@ -85,6 +97,8 @@ def describe(scan: Scan) -> str:
 def metadata_of(scan: Scan) -> dict[str, Any]:
     """What a scan says of itself, but for the order of its axes in some file."""
     plain: dict[str, Any] = {name: getattr(scan, name) for name in _OF_SCAN}
+    if scan.scale == "db" and scan.volume.dtype.kind in "ui":
+        plain |= {"counts_per_db": 1.0, "db_at_zero": 0.0}
     if scan.handedness == "right":
         plain["mirrored"] = False
     return plain
@@ -135,7 +149,7 @@ def build_scan(
     """
     said = {name: value for name, value in asdict(overrides).items() if value is not None}
     in_file = _redivided(_renamed(found.known, {**beside, **said}), {**beside, **said}, path)
-    known = {**in_file, **beside, **said}
+    known = with_scale(layered(in_file, beside, said), path)
     origins = dict.fromkeys(in_file, "file") | dict.fromkeys(beside, "sidecar")
     origins |= dict.fromkeys(said, "option")
     known.setdefault("depth_down", known.get("modality") == "oct" or None)
@@ -150,8 +164,10 @@ def build_scan(
     _check_swapped(voxel, in_file.get("voxel_mm"), path)
     turned = _oriented(found, known, voxel, path)
     _check_finite(turned.volume, path)
+    light = light_notes(turned.volume, known, "scale" in said, path)
+    counted = known["scale"] == "db"
     return Scan(
-        volume=turned.volume,
+        volume=in_decibels(turned.volume, known, path) if counted else turned.volume,
         voxel_mm=voxel,
         refractive_index=_index(known["refractive_index"], path),
         optical_depth=known["optical_depth"],
@@ -162,7 +178,7 @@ def build_scan(
         handedness=turned.handedness,
         space=turned.space,
         origins={name: origins[name] for name in _OF_SCAN if name in origins},
-        notes=(*found.notes, *turned.notes),
+        notes=(*found.notes, *turned.notes, *light),
     )
 
 

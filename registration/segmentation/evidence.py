@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 SURE_GEL = 0.7
 """Share of gel in the field above which a voxel tells what gel is like."""
+MORE_GEL = 0.5
+"""Average above which the first answer calls a place gel."""
 AROUND_MM = (0.12, 0.25, 0.25)
 """Neighbourhood of the local mean (standard deviations), z, y, x."""
 FEWEST = 0.02
@@ -41,6 +43,8 @@ BRIGHTEST = 1.0
 """A voxel counts at most so many times the gel's mean: what is brighter (speckle, particles,
 reflections at walls) says nothing for liquid. Of an exponential variable the cap leaves a standard
 deviation of 0.57 of the mean, √(2 - 4/e - (1 - 1/e)²) / (1 - 1/e), where all of it has 1."""
+GLARE = 3.0
+"""Times the gel's mean: 5 % of speckle lies above, and all of a bright line."""
 SIGMA_MM = 0.055
 """Standard deviation of the averages: matched to a way 0.15 mm wide, of which it keeps 0.6."""
 DECISIVE = 4.0
@@ -72,6 +76,11 @@ class GelEvidence:
     scatter: FloatArray
     voxel_mm: FloatArray
     origin_mm: FloatArray
+
+    @property
+    def speckled(self) -> bool:
+        """Whether the fine values have noise of their own, so that only averages of them count."""
+        return self.fine is not self.smooth
 
     def at(self, points: FloatArray) -> FloatArray:
         """Return the averaged share at (..., 3) scan positions, mm; NaN outside the field."""
@@ -121,10 +130,13 @@ def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
     gel = values > SURE_GEL
     share = strength.signal / _predicted(strength.signal, values, gel, field.voxel_mm[::-1])
     np.clip(share, -BRIGHTEST, BRIGHTEST, out=share)
-    share /= _local_mean(share, gel, field.voxel_mm[::-1])
     averaged = np.empty_like(share)
     z, y, x = (gaussian_weights(SIGMA_MM / size) for size in field.voxel_mm[::-1])
-    smooth(share, averaged, (z, y, x), 0.0)
+    # Where the field lost the gel in the dark the evidence's own first answer finds it again.
+    for _ in range(2):
+        share /= _local_mean(share, gel, field.voxel_mm[::-1])
+        smooth(share, averaged, (z, y, x), 0.0)
+        gel = averaged > MORE_GEL
     scatter = _scatter(averaged, gel)
     return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm)
 
@@ -149,7 +161,7 @@ def _predicted(
     """Signal of gel at each voxel; sizes (3,) mm, as z, y, x."""
     liquid = _liquid_above(values, gel, float(voxel[0]))
     count = np.maximum(gel.sum(axis=(1, 2)), 1)
-    mean = np.where(gel, signal, 0).sum(axis=(1, 2), dtype=np.float64) / count
+    mean = _depth_means(signal, gel)
     usual = np.where(gel, liquid, 0).sum(axis=(1, 2), dtype=np.float64) / count
     known = (count > FEWEST * gel[0].size) & (mean > 0)
     if not known.any():
@@ -161,12 +173,22 @@ def _predicted(
     base = np.exp(np.float32(_saved(signal, mean, liquid, gel)) * liquid)
     base *= mean.astype(np.float32)[:, None, None]
     del liquid
-    sigma = np.array(AROUND_MM) / voxel
-    sent = gaussian_filter(np.where(gel, signal, np.float32(0)), sigma)
-    expected = gaussian_filter(np.where(gel, base, np.float32(0)), sigma)
-    few = np.float32(1e-3) * mean.astype(np.float32)[:, None, None]
-    base *= np.maximum(sent + few, np.float32(0.1) * few) / (expected + few)
-    return np.asarray(base)
+    # Of the bright lines at faces (many times the gel) little must get into the mean around them.
+    base *= _local_mean(np.minimum(signal / base, np.float32(GLARE)), gel, voxel)
+    return base
+
+
+def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
+    """Mean of gel at each depth, (nz,), without glare; 0 where there is no gel.
+
+    What counts as glare goes by the median, which of an exponential variable is ln 2 of the mean.
+    """
+    out = np.zeros(len(signal))
+    for z in range(len(signal)):
+        chosen = signal[z][gel[z]]
+        if len(chosen):
+            out[z] = np.minimum(chosen, GLARE * np.median(chosen) / np.log(2)).mean()
+    return out
 
 
 def _local_mean(share: FloatVolume, gel: Mask, voxel: FloatArray) -> FloatVolume:

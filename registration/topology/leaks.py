@@ -13,9 +13,12 @@ from registration.distance import ModelSurface
 from registration.gauging.changes import bordered
 from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
+from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
+from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
+    LEAST_MM,
     OUTSIDE,
     Scene,
     Way,
@@ -23,12 +26,13 @@ from registration.topology.ways import (
     designed_gel,
     find_ways,
 )
-from registration.topology.way_width import width
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_SURE = 10.0
+"""Significance from which a way counts though its width is ill known."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -68,6 +72,8 @@ class LeakSearch:
         How far walls usually deviate; gel thinner than four times this isn't examined.
     false_alarm : float
         Probability that a scan of sound gel shows one.
+    field : GelField
+        The scan's gel.
     evidence : GelEvidence
         Of the scan.
     liquid : float
@@ -81,6 +87,7 @@ class LeakSearch:
     model_is_lumen: bool
     wall_mm: float
     false_alarm: float
+    field: GelField
     evidence: GelEvidence
     liquid: float
     fit: Fit
@@ -92,23 +99,26 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     clear = 2 * search.wall_mm + SIGMA_MM
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
-    told = told_apart(1.0, search.liquid, scatter)
-    scene = Scene(grid, gel, mean, told, search.liquid)
-    ways = find_ways(scene, search.false_alarm)
-    between = [_voxels(way, scene) for way in ways if way.ends[1] != OUTSIDE]
+    told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
+    scene = Scene(grid, gel, mean, told, search.liquid, clear)
+    ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
+    # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
+    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
+    between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
-        tuple(_defect(way, scene, search, traces) for way in ways),
+        tuple(_defect(*found, traces) for found in ways),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
     )
 
 
-def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence) -> float:
-    """Return the evidence for gel on the vessels' axes: their median, most of which is liquid."""
-    axes = np.concatenate([trace.planes.centre[trace.seen] for trace in traces])
-    found = evidence.at(axes)
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) if len(found) else 1.0
+def _width(way: Way, scene: Scene, search: LeakSearch) -> tuple[float, float]:
+    if search.evidence.speckled:
+        return width(way.path, scene, search.evidence, search.fit)
+    outlined = outline_width(way.path, search.field, search.fit)
+    if np.isfinite(outlined[0]):
+        return outlined
+    return width(way.path, scene, search.evidence, search.fit)
 
 
 def _voxels(way: Way, scene: Scene) -> IntArray:
@@ -122,9 +132,8 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _defect(way: Way, scene: Scene, search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Defect:
+def _defect(way: Way, size: float, error: float, traces: tuple[VesselTrace, ...]) -> Defect:
     vessel, other = way.ends
-    size, error = width(way.path, scene, search.evidence, search.fit)
     trace = traces[vessel]
     nearest = int(np.linalg.norm(trace.centre - way.path[0], axis=1).argmin())
     at, half = float(trace.along[nearest]), max(size, trace.spacing) / 2

@@ -6,10 +6,15 @@ blur changes an integral, so that a way as narrow as the resolution is measured 
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
 from registration.alignment import Fit
+from registration.gauging.planes import to_scan
+from registration.gauging.sections import cut
+from registration.segmentation import GelField
 from registration.segmentation.evidence import GelEvidence
 from registration.topology.ways import Scene
 
@@ -19,12 +24,14 @@ _REACH_MM = (0.16, 0.5)
 """Discs are at least and at most so large in radius."""
 _BEYOND_MM = 0.1
 """And reach so far beyond the way: blur and a crooked path."""
+_RING_MM = 0.12
+"""Of the gel in a ring so wide around the disc a way must stand out."""
 _ROUNDS = 4
 _STEP_MM = 0.02
 
 
 def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tuple[float, float]:
-    """Return the diameter of a way and half its 95 % interval, mm.
+    """Return the diameter of a way and half its 95 % interval, mm; NaN where no cut is in gel.
 
     Parameters
     ----------
@@ -37,21 +44,35 @@ def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tu
         Scan to part.
     """
     centre, tangent = _cuts(path)
-    radius, area = 0.25, np.zeros(len(centre))
+    radius, area = 0.25, np.zeros(0)
     for _ in range(_ROUNDS):
         area = _areas(centre, tangent, radius, scene, evidence, fit)
-        half = (
-            float(np.sqrt(max(np.nanmean(area), 0.0) / np.pi)) if np.isfinite(area).any() else 0.0
-        )
+        area = area[np.isfinite(area)]
+        if not len(area):
+            return float("nan"), float("nan")
+        half = np.sqrt(max(float(np.median(area)), 0.0) / np.pi)
         radius = float(np.clip(half + _BEYOND_MM, *_REACH_MM))
-    area = area[np.isfinite(area)]
-    if not len(area):
-        return scene.grid.step_mm, scene.grid.step_mm
-    mean = max(float(area.mean()), np.pi * (scene.grid.step_mm / 2) ** 2)
-    spread = float(area.std(ddof=1)) if len(area) > 1 else mean
-    diameter = 2 * float(np.sqrt(mean / np.pi))
-    # d = 2 √(A/π), so that its relative error is half the area's.
-    return diameter, 1.96 * diameter * spread / np.sqrt(len(area)) / (2 * mean)
+    # The median: at its ends a way widens into what it joins.
+    middle = max(float(np.median(area)), np.pi * (scene.grid.step_mm / 2) ** 2)
+    spread = 1.4826 * float(np.median(np.abs(area - middle))) if len(area) > 2 else middle
+    diameter = 2 * float(np.sqrt(middle / np.pi))
+    # d = 2 √(A/π), so that its relative error is half the area's; of a median π/2 more variance.
+    error = np.sqrt(np.pi / 2) * spread / np.sqrt(len(area))
+    return diameter, 1.96 * diameter * error / (2 * middle)
+
+
+def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, float]:
+    """Return the same by outlines at the field's level, where voxels have no speckle; or NaN."""
+    centre, tangent = _cuts(path)
+    middle = slice(len(centre) // 7, len(centre) - len(centre) // 7)
+    reach = np.full(len(centre[middle]), 0.2)
+    sections = cut(field, to_scan(centre[middle], tangent[middle], reach, fit))
+    found = sections.diameter[sections.closed_outline & sections.open]
+    if len(found) < 3:
+        return float("nan"), float("nan")
+    scatter = 1.4826 * float(np.median(np.abs(found - np.median(found))))
+    noise = float(np.median(sections.noise[sections.closed_outline & sections.open]))
+    return float(np.median(found)), 1.96 * float(np.hypot(noise, scatter / np.sqrt(len(found))))
 
 
 def _cuts(path: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -76,10 +97,12 @@ def _areas(
     evidence: GelEvidence,
     fit: Fit,
 ) -> FloatArray:
-    """Area free of gel in discs across a way, (n,), mm²; NaN where less than half is gel by design."""
-    side = np.arange(-radius, radius + _STEP_MM / 2, _STEP_MM)
+    """Area free of gel in discs across a way, (n,), mm²; NaN where less than half is gel."""
+    reach = radius + _RING_MM
+    side = np.arange(-reach, reach + _STEP_MM / 2, _STEP_MM)
     flat = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    flat = flat[(flat**2).sum(axis=1) <= radius**2]
+    flat = flat[(flat**2).sum(axis=1) <= reach**2]
+    disc = (flat**2).sum(axis=1) <= radius**2
     helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(helper, tangent)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -90,7 +113,11 @@ def _areas(
     index = np.round((places - grid.origin_mm) / grid.step_mm).astype(np.int64)[..., ::-1]
     index = np.clip(index, 0, np.array(grid.free.shape) - 1)
     counts = scene.gel[tuple(np.moveaxis(index, -1, 0))] & np.isfinite(share)
-    lacking = np.where(counts, (1 - share) / (1 - scene.liquid), 0.0)
-    inside = counts.mean(axis=1)
-    area = lacking.sum(axis=1) * _STEP_MM**2
-    return np.where(inside >= 0.5, area, np.nan)
+    known = np.where(counts, share, np.nan)
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        gel = np.minimum(np.nanmean(known[:, ~disc], axis=1, keepdims=True), 1.0)
+    lacking = (gel - known[:, disc]) / np.maximum(gel - scene.liquid, 0.1)
+    inside = counts[:, disc].mean(axis=1)
+    area = np.nansum(lacking, axis=1) * _STEP_MM**2
+    return np.where((inside >= 0.5) & np.isfinite(gel[:, 0]), area, np.nan)

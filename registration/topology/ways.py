@@ -73,6 +73,8 @@ class Scene:
         Where gel and liquid can be told apart.
     liquid : float
         Evidence in the lumens.
+    clear_mm : float, mm
+        From walls to that gel.
     """
 
     grid: LumenGrid
@@ -80,6 +82,7 @@ class Scene:
     mean: NDArray[np.float32]
     told: BoolArray
     liquid: float
+    clear_mm: float
 
     @property
     def examined(self) -> float:
@@ -119,7 +122,7 @@ def _doubled(values: FloatArray, shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 def averaged(
     grid: LumenGrid, evidence: GelEvidence, fit: Fit
-) -> tuple[NDArray[np.float32], FloatArray]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return evidence and its scatter at each voxel of the grid, slab by slab."""
     shape = grid.wall_mm.shape
     mean, scatter = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -134,7 +137,9 @@ def averaged(
 def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
     """Return the ways that sound gel doesn't explain, the surest first."""
     grid = scene.grid
-    label = np.where(grid.wall_mm < grid.reach_mm, grid.owner, OUTSIDE).astype(np.int32)
+    # In a crotch voxels may be neither: they are the lumen's, not outside.
+    beside = scene.clear_mm + 2 * grid.step_mm
+    label = np.where(grid.wall_mm <= beside, grid.owner, OUTSIDE).astype(np.int32)
     label[scene.gel] = UNREACHED
     label[(scene.gel & ~scene.told) | ~np.isfinite(scene.mean)] = BARRIER
     mean = np.nan_to_num(scene.mean, nan=1.0)

@@ -227,6 +227,10 @@ def load_scan(context: RunContext) -> Scan:
         depth_down=part.depth_down,
         axes=part.axes,
         mirrored=part.mirrored,
+        db_range=part.db_range,
+        count_range=part.count_range,
+        counts_per_db=part.counts_per_db,
+        db_at_zero=part.db_at_zero,
     )
     folder = context.recipe_folder
     device = None if part.oct_calibration is None else folder / part.oct_calibration

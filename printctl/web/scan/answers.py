@@ -65,6 +65,14 @@ class ScanSaid(BaseModel):
     depth_down: bool | None = None
     axes: str | None = Field(default=None, pattern="^[xyz]{3}$")
     mirrored: bool | None = None
+    db_range: tuple[float, float] | None = Field(
+        default=None, description="dB of the lowest and the highest count."
+    )
+    count_range: tuple[float, float] | None = Field(
+        default=None, description="Counts that mean db_range."
+    )
+    counts_per_db: float | None = Field(default=None, gt=0)
+    db_at_zero: float | None = None
 
     def overrides(self) -> ScanOverrides:
         """In the readers' words."""

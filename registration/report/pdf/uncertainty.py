@@ -45,6 +45,9 @@ def sure_facts(registration: Mapping[str, Any]) -> list[Fact]:
         made.append(Fact("Pose ambiguous", plain(ambiguity.get("flag"))))
         if is_number(ambiguity.get("margin")):
             made.append(Fact("Margin to the best wrong pose", number(ambiguity["margin"], 3)))
+        made += [Fact("Doubt of the pose", plain(doubt)) for doubt in ambiguity.get("doubts") or ()]
+    if mapping(registration, "lay"):
+        made.append(Fact("The part lay", plain(registration["lay"]["words"])))
     if "cross_check_um" in registration:
         apart = registration["cross_check_um"]
         made.append(

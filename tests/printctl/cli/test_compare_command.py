@@ -33,7 +33,9 @@ def registration(errors_um: tuple[float, ...], design: str = DESIGN) -> dict[str
     vessels = [
         {"vessel": v, "kind": "channel", "designed_um": d, "measured_um": d + e,
          "error_percent": 100 * e / d, "length_mm": 5.0, "open": True, "along_mm": [1.0, 2.0, 3.0],
-         "diameter_um": [d + e] * 3, "unseen_mm": []}
+         "diameter_um": [d + e] * 3, "unseen_mm": [], "unmeasured_mm": [], "noise_um": [0.1] * 3,
+         "interval_95_um": [0.2] * 3, "designed_along_um": [d] * 3,
+         "place_mm": [[1.0, v, 0.0], [2.0, v, 0.0], [3.0, v, 0.0]]}
         for v, (d, e) in enumerate(zip(DESIGNED_UM, errors_um, strict=True))
     ]  # fmt: skip
     return {
@@ -135,6 +137,15 @@ def test_limits_given_judge_all_anew(shell: Shell) -> None:
         assert code == 0
         assert f"{passes} of 2 prints pass" in out
         assert f"diameters within ±{percent} %" in out
+
+
+def test_an_undecided_print_isnt_called_failed(shell: Shell) -> None:
+    run_folder("a", (-8.0, -10.0, -12.0))
+    run_folder("b", (-8.5, -10.0, -12.0))
+    told = {"passed": False, "undecided": True, "reasons": []}
+    Path("b/report.json").write_text(json.dumps({"verdict": told}))
+    _, out, _ = shell("a", "b", "--out", "o")
+    assert "1 of 2 prints pass; undecided: b" in out
 
 
 def wrong_folders() -> None:

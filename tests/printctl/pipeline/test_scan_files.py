@@ -37,6 +37,7 @@ def test_a_recipe_says_what_the_file_doesnt(tmp_path: Path) -> None:
         optical_depth=True,
         modality="oct",
         scale="db",
+        counts_per_db=1,
         depth_down=False,
         mirrored=False,
     )

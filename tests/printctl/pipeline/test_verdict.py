@@ -4,40 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
-from printctl.pipeline.verdict import verdict
+import numpy as np
+import pytest
+
+from printctl.pipeline.verdict import MOST_REASONS, verdict
+from registration.judging import judge_plain
+from tests.registration.judging.registered import change, registration, vessel
+
+FLOW = {
+    "pressure_drop_pa": 12.0,
+    "designed_pressure_drop_pa": 10.0,
+    "vessels": [{"vessel": v, "fed": True, "share": 0.52, "designed_share": 0.5} for v in (0, 1)],
+}
 
 
-def vessel(number: int, **more: Any) -> dict[str, Any]:
-    return {"vessel": number, "open": True, "error_percent": 1.0, **more}
+def good(number: int, error: float = 5.0, **more: Any) -> dict[str, Any]:
+    return vessel(number, np.full(20, error), u_um=8.0, **more)
 
 
-def found(**more: Any) -> dict[str, Any]:
-    return {
-        "vessels": [vessel(0), vessel(1)],
-        "scaled": {"rms_um": 10.0},
-        "rigid": {"rms_um": 40.0},
-        "ambiguity": {"flag": False},
-        "defects": [],
-        "perfusion": {
-            "pressure_drop_pa": 12.0,
-            "designed_pressure_drop_pa": 10.0,
-            "vessels": [
-                {"vessel": v, "fed": True, "share": 0.52, "designed_share": 0.5} for v in (0, 1)
-            ],
-        },
-        **more,
-    }
-
-
-def defect(kind: str, **more: Any) -> dict[str, Any]:
-    return {
-        "kind": kind, "vessel": 1, "other": None, "at_mm": 2.0, "size_um": 200.0, "percent": None,
-        **more,
-    }  # fmt: skip
-
-
-def judged(**more: Any) -> dict[str, Any]:
-    return verdict(found(**more), 100.0, 10.0)
+def judged(*vessels: dict[str, Any], **more: Any) -> dict[str, Any]:
+    numbers = registration(*(vessels or (good(0), good(1))), perfusion=FLOW) | more
+    return verdict(judge_plain(numbers, 100.0, 10.0))
 
 
 def test_good_print_passes_and_says_why() -> None:
@@ -45,53 +32,82 @@ def test_good_print_passes_and_says_why() -> None:
     assert result["passed"]
     assert not result["undecided"]
     assert any("1.20 times the designed pressure" in reason for reason in result["reasons"])
+    assert any("2 of 2 vessels pass" in reason for reason in result["reasons"])
 
 
 def test_closed_vessel_fails() -> None:
-    result = judged(vessels=[vessel(0), vessel(1, open=False)])
+    result = judged(good(0), good(1, open=False))
     assert not result["passed"]
     assert not result["undecided"]
-    assert "1 of 2 vessels not open: 1" in result["reasons"][0]
+    assert result["reasons"][0] == "Vessel 1: closed"
 
 
 def test_unseen_vessel_is_neither_passed_nor_called_closed() -> None:
-    result = judged(vessels=[vessel(0), vessel(1, open=None)])
+    result = judged(good(0), good(1, open=None, unseen_mm=[[0.5, 0.9]]))
     assert not result["passed"]
     assert result["undecided"]
-    assert "neither open nor closed: 1" in result["reasons"][0]
-    assert "not open" not in result["reasons"][0]
+    assert "neither open nor closed" in result["reasons"][0]
+    assert "not seen at 0.5 to 0.9 mm" in result["reasons"][1]
 
 
 def test_unseen_vessel_beside_a_failure_is_a_failure() -> None:
-    result = judged(vessels=[vessel(0, error_percent=-20.0), vessel(1, open=None)])
+    result = judged(good(0, -100.0), good(1, open=None))
     assert not result["passed"]
     assert not result["undecided"]
 
 
+def test_undecided_is_told_with_value_interval_and_limit() -> None:
+    result = judged(good(0), vessel(1, np.full(20, -40.0), u_um=20.0))
+    assert result["undecided"]
+    said = result["reasons"][0]
+    assert said.startswith("Vessel 1, ")
+    assert "measured −8.0 ± 4.0 %" in said
+    assert said.endswith("limit ±10 %: neither proven")
+
+
+def test_a_local_change_beyond_the_limit_fails_and_is_named() -> None:
+    errors = np.zeros(40)
+    errors[18:22] = -110.0
+    result = judged(good(0), vessel(1, errors, u_um=8.0))
+    assert not result["passed"]
+    assert "Vessel 1, 2." in result["reasons"][0]
+    assert "−22.0 ± 1.6 % (−110 ± 8 µm), limit ±10 %" in result["reasons"][0]
+
+
 def test_leak_fails_and_is_named() -> None:
-    result = judged(defects=[defect("leak"), defect("bridge", other=0, size_um=100.0)])
+    leak = change(1, 1.9, 2.1) | {"kind": "leak", "size_um": 200.0, "error_um": 12.0}
+    result = judged(defects=[leak])
     assert not result["passed"]
-    (reason,) = [r for r in result["reasons"] if "leak" in r]
-    assert "200 µm from vessel 1 (2.0 mm along) to the outside" in reason
+    (reason,) = [r for r in result["reasons"] if "leads out" in r]
+    assert "Vessel 1, 2.0 mm along: a way 200 ± 12 µm wide" in reason
 
 
-def test_local_change_fails_only_beyond_the_tolerance() -> None:
-    small = defect("bulge", percent=6.0)
-    assert judged(defects=[small])["passed"]
-    result = judged(defects=[small, defect("stenosis", percent=-50.0)])
-    assert not result["passed"]
-    assert any("1 beyond ±10 %" in reason for reason in result["reasons"])
+def test_local_change_within_the_tolerance_passes() -> None:
+    assert judged(defects=[change(1, 1.0, 1.5)])["passed"]
+
+
+def test_rms_beyond_its_limit_fails() -> None:
+    assert not judged(scaled={"rms_um": 130.0})["passed"]
+
+
+def test_ambiguous_pose_fails() -> None:
+    assert not judged(ambiguity={"flag": True})["passed"]
 
 
 def test_starved_vessel_fails() -> None:
-    flow = found()["perfusion"]
-    flow["vessels"][0]["fed"] = False
-    result = judged(perfusion=flow)
+    rows = [dict(FLOW["vessels"][0], fed=False), FLOW["vessels"][1]]  # type: ignore[index]
+    result = judged(perfusion=FLOW | {"vessels": rows})
     assert not result["passed"]
     assert any("carry no flow as printed: 0" in reason for reason in result["reasons"])
 
 
-def test_older_report_without_defects_or_flow_is_still_judged() -> None:
-    older = found()
-    del older["defects"], older["perfusion"]
-    assert verdict(older, 100.0, 10.0)["passed"]
+def test_many_reasons_are_counted() -> None:
+    result = judged(*(good(n, open=False) for n in range(30)))
+    closed = [reason for reason in result["reasons"] if reason.endswith("closed")]
+    assert len(closed) == MOST_REASONS
+    assert any(reason.startswith("18 more fail") for reason in result["reasons"])
+
+
+def test_a_registration_that_wasnt_judged_is_refused() -> None:
+    with pytest.raises(KeyError, match="judging"):
+        verdict(registration(good(0)))

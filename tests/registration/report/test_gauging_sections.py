@@ -21,6 +21,7 @@ from registration.report.gauging_sections import (
     printed_facts,
     two_way_rows,
 )
+from registration.report.svg import BAD
 
 
 def gauged() -> dict[str, Any]:
@@ -122,7 +123,7 @@ def test_the_page_shows_it_all(tmp_path: Path) -> None:
     write_report_html(tmp_path / "a.html", {"registration": gauged()}, [], None)
     page = html.fromstring((tmp_path / "a.html").read_text(encoding="utf-8"))
     text = " ".join(page.text_content().split())
-    for words in ("Defects", "Does it still perfuse?", "95 % Hausdorff", "any tolerance",
+    for words in ("Findings", "Does it still perfuse?", "95 % Hausdorff", "any tolerance",
                   "each written layer", "Diameter along the vessels"):  # fmt: skip
         assert words in text, words
     assert len(page.xpath('//table[@id="defects-table"]/tbody/tr')) == 2
@@ -134,6 +135,23 @@ def test_a_clean_print_says_that_nothing_stands_out(tmp_path: Path) -> None:
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert "None stands out" in text
     assert "not all of every vessel" not in text
+
+
+def test_each_section_is_drawn_by_its_decision() -> None:
+    n = 30
+    row = gauged()["vessels"][0] | {
+        "lower_um": [450.0] * n, "upper_um": [550.0] * n, "interval_95_um": [20.0] * n,
+        "decision_along": ["fail" if 10 < k < 14 else "pass" for k in range(n)],
+    }  # fmt: skip
+    found = gauged()["defects"][0] | {"decision": "fail"}
+    drawn = profile_figure([row], [found])
+    assert drawn is not None
+    text = drawn.decode()
+    assert "vessel 0: stenosis (fail)" in text
+    assert BAD in text
+    clean = profile_figure([row | {"decision_along": ["pass"] * n}], [])
+    assert clean is not None
+    assert BAD not in clean.decode()
 
 
 def test_profiles_show_the_ill_first() -> None:

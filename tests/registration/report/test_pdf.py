@@ -101,7 +101,7 @@ def test_little_is_enough_and_markup_is_text() -> None:
     found = pages({"recipe": "<b>a & b</b>", "verdict": {"passed": False, "undecided": True,
                    "reasons": ["<i>x</i> unseen"]}})  # fmt: skip
     assert "<b>a & b</b>" in found[0]
-    assert "Fail, for want of sight alone" in found[0]
+    assert "Undecided: neither pass nor fail is proven" in found[0]
     assert "<i>x</i> unseen" in found[0]
     assert "No verdict" in pages({})[0]
 

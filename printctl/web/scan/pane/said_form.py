@@ -35,8 +35,15 @@ class SaidForm:
                 self._index = ui.number("refractive index", min=1, max=2)
                 self._optical = _choice("depth voxel counts", ["optical path", "length"])
                 self._down = _choice("depth index grows", ["down", "up"])
+                self._window = [
+                    ui.number(f"dB of the {end} count") for end in ("lowest", "highest")
+                ]
+                self._counts = [ui.number(f"the {end} count") for end in ("lowest", "highest")]
+                self._slope = ui.number("or counts per dB", min=0)
+                self._zero = ui.number("dB of count 0")
                 self._axes = ui.input("order of axes, slowest first", placeholder="zyx")
-            for one in (*self._voxel, self._index, self._axes):
+            numbers = (*self._window, *self._counts, self._slope, self._zero)
+            for one in (*self._voxel, self._index, self._axes, *numbers):
                 one.props("outlined dense stack-label").classes("pc-field")
             ui.button("Say so", on_click=self._say)
 
@@ -56,6 +63,10 @@ class SaidForm:
                 modality=self._modality.value,
                 depth_down=_either(self._down.value, "down", "up"),
                 axes=self._axes.value or None,
+                db_range=_both(self._window),
+                count_range=_both(self._counts),
+                counts_per_db=self._slope.value,
+                db_at_zero=self._zero.value,
             )
         except ValidationError as exc:
             first = exc.errors()[0]
@@ -67,6 +78,12 @@ class SaidForm:
 def _choice(label: str, options: list[str]) -> ui.select:
     select = ui.select(options, label=label, clearable=True)
     return select.props("outlined dense stack-label").classes("pc-field")
+
+
+def _both(ends: list[ui.number]) -> tuple[float, float] | None:
+    """Two numbers, None where neither was given."""
+    low, high = (one.value for one in ends)
+    return None if low is None and high is None else (low, high)
 
 
 def _either(value: str | None, yes: str, no: str) -> bool | None:

@@ -25,8 +25,22 @@ NUMBERS: dict[str, Any] = {
     "rigid": {"rms_um": 30.5, "p95_um": 75.4},
     "ambiguity": {"flag": False},
     "vessels": [
-        {"vessel": 0, "designed_um": 1000, "measured_um": 980, "error_percent": -2, "open": True},
-        {"vessel": 1, "designed_um": 400, "measured_um": 300, "error_percent": -25, "open": True},
+        {
+            "vessel": 0,
+            "designed_um": 1000,
+            "measured_um": 980,
+            "error_percent": -2,
+            "open": True,
+            "decision": "pass",
+        },
+        {
+            "vessel": 1,
+            "designed_um": 400,
+            "measured_um": 300,
+            "error_percent": -25,
+            "open": True,
+            "decision": "fail",
+        },
         {"vessel": 2, "designed_um": 400, "measured_um": 100, "error_percent": -75, "open": False},
         {"vessel": 3, "designed_um": 400, "measured_um": None, "open": None},
     ],
@@ -49,19 +63,19 @@ def test_each_vessel_has_a_verdict(tmp_path: Path) -> None:
     found = findings(tmp_path)
     assert found.passed is False
     assert found.reasons == ("Vessel 2 is closed",)
+    assert found.outcome == "fail"
     assert [one.verdict for one in found.vessels] == [
-        "open",
-        "open, off by more than 10 %",
+        "pass: open",
+        "fail: open",
         "closed",
         "not seen",
     ]
 
 
-def test_the_recipe_s_own_limit_counts(tmp_path: Path) -> None:
-    (tmp_path / "registration.json").write_text(json.dumps(NUMBERS))
-    part = {"registration": {"diameter_tolerance_percent": 30.0}}
-    (tmp_path / "manifest.json").write_text(json.dumps({"facts": {"recipe": part}}))
-    assert findings(tmp_path).vessels[1].verdict == "open"
+def test_undecided_is_told_as_such(tmp_path: Path) -> None:
+    told = {"verdict": {"passed": False, "undecided": True, "reasons": []}}
+    (tmp_path / "registration.json").write_text(json.dumps({**NUMBERS, **told}))
+    assert findings(tmp_path).outcome == "undecided"
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]"])

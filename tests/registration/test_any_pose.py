@@ -1,0 +1,172 @@
+"""Alignment in any pose: turned over, sideways, mirrored, in part, symmetric or nearly so."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from design.solids.solid import Solid
+from registration.alignment import Alignment, AlignmentOptions, align
+from registration.alignment.cover import cover
+from registration.alignment.freedoms import loose_freedoms
+from registration.alignment.motion import lay_words, motion_words
+from registration.distance import ModelSurface
+from registration.errors import AlignmentError
+from tests.registration.parts import corners, planar_construct, rod, solid
+from tests.registration.test_alignment import surface_points
+
+FloatArray = NDArray[np.float64]
+SIZE = np.array([16.0, 8.0, 3.0])
+FEW = AlignmentOptions(fine_points=5000, contest_points=20_000)
+UPRIGHT = np.diag([1.0, -1.0, -1.0])
+TURNED_OVER = np.eye(3)
+
+
+@pytest.fixture(scope="module")
+def construct() -> Solid:
+    return planar_construct()
+
+
+def block(dimple: tuple[float, float] | None = None) -> Solid:
+    """A block with two equal channels, which half turns leave as it is; and a mark."""
+    shape = manifold3d.Manifold.cube((10, 6, 3))
+    for y in (1.5, 4.5):
+        shape -= rod(np.array([-1, y, 1.5]), np.array([11, y, 1.5]), 0.4)
+    if dimple:
+        shape -= manifold3d.Manifold.sphere(0.5, 32).translate((*dimple, 3.0))
+    return solid(shape)
+
+
+def aligned(part: Solid, points: FloatArray, rotation: FloatArray) -> tuple[Alignment, float]:
+    """The alignment of points that lie so under light from above, and its largest error, mm."""
+    size = part.vertices.max(axis=0)
+    where = corners((size[0], size[1], size[2])) @ rotation.T + [1.0, -2.0, 3.0]
+    found = align(ModelSurface.of(part), points @ rotation.T + [1.0, -2.0, 3.0], True, FEW)
+    off = found.scaled.apply(where) - corners((size[0], size[1], size[2]))
+    return found, float(np.linalg.norm(off, axis=1).max())
+
+
+def tilted(rotation: FloatArray, seed: int) -> FloatArray:
+    turn = np.random.default_rng(seed).uniform(-9, 9, 3)
+    return np.asarray(Rotation.from_euler("xyz", turn, degrees=True).as_matrix() @ rotation)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "lay"),
+    [
+        (TURNED_OVER, "turned over"),
+        (Rotation.from_euler("y", 90, degrees=True).as_matrix(), "on its side"),
+        (Rotation.from_euler("xz", [-90, 40], degrees=True).as_matrix(), "on its side"),
+        (Rotation.from_rotvec([1.1, 0.7, -0.9]).as_matrix(), ""),
+    ],
+)
+def test_a_part_lands_however_it_lies(construct: Solid, rotation: FloatArray, lay: str) -> None:
+    found, error = aligned(construct, surface_points(construct, 20_000, 1), tilted(rotation, 1))
+    assert error < 0.02
+    assert not found.ambiguous, found.doubts
+    assert found.lay.startswith(lay)
+
+
+def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 2) * [-1, 1, 1]
+    with pytest.raises(AlignmentError, match="mirror image"):
+        aligned(construct, points, tilted(TURNED_OVER, 2))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.36])
+def test_a_part_of_the_part_lands(construct: Solid, share: float) -> None:
+    points = surface_points(construct, 40_000, 3)
+    points = points[points[:, 0] < share * SIZE[0]]
+    found, error = aligned(construct, points, tilted(UPRIGHT, 3))
+    assert error < 0.05
+    assert not found.ambiguous, found.doubts
+
+
+def test_a_piece_that_may_be_slid_says_along_which_axis() -> None:
+    part = block((1.0, 1.0))
+    points = surface_points(part, 60_000, 4)
+    points = points[(points[:, 0] > 3.5) & (points[:, 0] < 7.0)]
+    found, _ = aligned(part, points, tilted(UPRIGHT, 4))
+    assert found.ambiguous
+    assert any("its place along x" in doubt for doubt in found.doubts)
+
+
+def test_a_symmetric_design_names_the_turns_that_nothing_tells() -> None:
+    part = block()
+    found, _ = aligned(part, surface_points(part, 20_000, 5), tilted(UPRIGHT, 5))
+    said = " ".join(found.doubts)
+    for axis in "xyz":
+        assert f"the same after a half turn about {axis}" in said
+
+
+def test_one_mark_tells_where_it_is_seen_and_is_asked_for_where_it_is_not() -> None:
+    part = block((1.0, 1.0))
+    points = surface_points(part, 60_000, 6)
+    found, error = aligned(part, points, tilted(TURNED_OVER, 6))
+    assert error < 0.02
+    assert not found.ambiguous, found.doubts
+    hidden = points[points[:, 0] > 1.8]
+    found, _ = aligned(part, hidden, tilted(UPRIGHT, 6))
+    assert any("x 1." in doubt and "wasn't seen" in doubt for doubt in found.doubts), found.doubts
+
+
+@pytest.mark.parametrize("off_mm", [0.18, 0.24, 0.29])
+def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: float) -> None:
+    points = surface_points(construct, 20_000, 7)
+    points[points[:, 2] < 0.05, 2] -= off_mm
+    found, _ = aligned(construct, points, UPRIGHT)
+    assert found.ambiguous
+
+
+def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 7)
+    points[points[:, 2] < 0.05, 2] -= 0.29
+    found, error = aligned(construct, points, UPRIGHT)
+    assert error < 0.02
+    assert "flat faces that face low z are off the design by +28" in found.doubts[0]
+
+
+def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 8)
+    top = points[:, 2] > 2.95
+    points[top, 2] -= np.random.default_rng(8).uniform(0, 0.3, int(top.sum()))
+    _, error = aligned(construct, points, UPRIGHT)
+    assert error < 0.02
+
+
+def test_depth_of_a_part_on_its_side_is_its_own_axis(construct: Solid) -> None:
+    points = surface_points(construct, 20_000, 9)
+    found, _ = aligned(construct, points, Rotation.from_euler("y", 90, degrees=True).as_matrix())
+    assert found.depth_axis == 0
+    assert found.depth_fitted
+
+
+def test_cover_leaves_no_orientation_farther_than_a_descent_reaches() -> None:
+    turns = Rotation.from_matrix(cover(1500)).as_quat()
+    other = Rotation.random(300, random_state=0).as_quat()
+    apart = 2 * np.arccos(np.clip(np.abs(other @ turns.T), 0, 1)).min(axis=1)
+    assert np.rad2deg(apart).max() < 20
+
+
+def test_motions_and_lays_in_words() -> None:
+    half = np.diag([-1.0, -1.0, 1.0, 1.0])
+    assert motion_words(half, np.zeros(3)) == "a half turn about z"
+    moved = replace_shift(np.eye(4), [0, 1.5, 0])
+    assert motion_words(moved, np.zeros(3)) == "a shift of 1.50 mm along y"
+    assert motion_words(np.diag([-1.0, 1, 1, 1]), np.zeros(3)) == "mirrored along x"
+    assert lay_words(np.array([0, 0, 1.0])).startswith("turned over (light entered at its low z")
+
+
+def replace_shift(motion: FloatArray, shift: list[float]) -> FloatArray:
+    motion[:3, 3] = shift
+    return motion
+
+
+def test_a_direction_without_information_is_loose() -> None:
+    covariance = np.diag([1e-10, 1e-10, 1e-10, 1e-6, 0.25, 1e-6])
+    (only,) = loose_freedoms(covariance, np.array([[0, 0, 0], [10.0, 6, 3]]))
+    assert only.words == "its place along y"
+    assert only.half_mm == pytest.approx(1.96 * 0.5, rel=1e-3)
