@@ -192,7 +192,7 @@ def _pooled(
     each: Sequence[GaugeQuantity], values: FloatArray, cells: IntArray, widths: FloatArray
 ) -> GaugeQuantity | None:
     """All vessels that every scan measured, together."""
-    complete = np.isfinite(values).all(axis=0)
+    complete = np.atleast_1d(np.isfinite(values).all(axis=0))
     whole = [q for q in each if q.vessel is not None and complete[q.vessel]]
     if not whole:
         return None
