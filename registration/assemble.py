@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from registration.alignment import Alignment
 from registration.findings import Findings
 from registration.gauging import VesselGauge, hausdorff_p95_um, summarise, within
-from registration.notes import pose_notes, sight_notes, wall_notes
+from registration.notes import contrast_notes, pose_notes, sight_notes, wall_notes
 from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -110,6 +110,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
             *scan.notes,
             *pose_notes(scan, alignment, found.cross_um),
             *sight_notes(findings.vessels, float(seen.mean())),
+            *contrast_notes(findings.contrast),
             *wall_notes(options.walls, findings.vessels),
         ),
     )

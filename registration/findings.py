@@ -12,6 +12,7 @@ from design.network import VesselNetwork
 from registration.alignment import Alignment
 from registration.distance import ModelSurface
 from registration.gauging import (
+    ContrastGauge,
     Defect,
     Perfusion,
     VesselGauge,
@@ -19,9 +20,11 @@ from registration.gauging import (
     find_changes,
     find_closures,
     gauge_vessels,
+    liquid_level,
     perfusion,
     trace_vessels,
     with_interval,
+    withdrawn,
 )
 from registration.segmentation import Segmentation, gel_evidence
 from registration.topology import (
@@ -33,7 +36,6 @@ from registration.topology import (
     compare_topology,
     find_leaks,
     lay_grid,
-    liquid_level,
     overlap,
     scanned_with,
 )
@@ -55,6 +57,7 @@ class Findings:
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
+    contrast: ContrastGauge
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,10 @@ def inspect(case: Inspection) -> Findings:
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = gel_evidence(field, case.segmentation.strength)
-    liquid = liquid_level(traces, evidence)
+    liquid = liquid_level(traces, evidence, fit)
+    seen = sum(int(trace.seen.sum()) for trace in traces)
+    traces = withdrawn(traces, evidence, liquid)
+    untold = seen - sum(int(trace.seen.sum()) for trace in traces)
     leaks = find_leaks(
         LeakSearch(
             grid,
@@ -142,6 +148,7 @@ def inspect(case: Inspection) -> Findings:
         overlap_rigid=overlap(scanned_with(grid, field, case.alignment.rigid), near),
         overlap_scaled=overlap(grid, near),
         perfusion=_perfusion(case, traces, vessels),
+        contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined),
     )
 
 

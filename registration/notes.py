@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from registration.alignment import AXES, Alignment
-from registration.gauging import VesselGauge
+from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.walls_file import WallCalibration
 
+LEAST_EXAMINED = 0.98
+"""Of the gel; less is said."""
 CROSS_UM = 20.0
 """Of two programs' poses; more is said."""
 
@@ -73,6 +75,23 @@ def sight_notes(vessels: tuple[VesselGauge, ...], seen: float) -> list[str]:
         )
     if bare:
         notes.append(f"No section could be measured in vessels {', '.join(bare)}.")
+    return notes
+
+
+def contrast_notes(contrast: ContrastGauge) -> list[str]:
+    """Where gel and liquid can't be told apart, what that leaves open and what would help."""
+    notes, level = [], f"(evidence in liquid {contrast.liquid:.2f} of the gel's)"
+    if contrast.untold > 0:
+        notes.append(
+            f"In {100 * contrast.untold:.0f} % of the sections in view gel can't be told from "
+            f"liquid {level}: they are called neither open nor closed. A liquid that scatters "
+            "less, or the mean of several scans, tells more."
+        )
+    if contrast.examined < LEAST_EXAMINED:
+        notes.append(
+            f"Leaks and bridges were looked for in {100 * contrast.examined:.0f} % of the gel "
+            f"{level}; in the rest of it none could be told from chance."
+        )
     return notes
 
 

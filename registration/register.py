@@ -52,6 +52,7 @@ def register_scan(
     options = options or RegistrationOptions()
     thinnest = 2 * float(network.radius.min())
     segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+    errors = scan_errors(scan, segmentation, options.walls)
     surface = ModelSurface.of(model)
     is_lumen = _model_is_lumen(surface, network)
     points = segmentation.vertices[segmentation.seen]
@@ -62,6 +63,7 @@ def register_scan(
         options.alignment,
         blur_mm=segmentation.field.blur_mm,
         depth_standard=scan.depth_standard,
+        errors=errors,
     )
     spread = surface_points(surface)
     scanned = ScannedSurface.of(segmentation)
@@ -81,7 +83,7 @@ def register_scan(
             options.section_mm or thinnest / 4,
             options.false_alarm,
             options.flow,
-            scan_errors(scan, segmentation.field.blur_mm, options.walls),
+            errors,
         )
     )
     found = Registered(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.topology import Overlap, Topology
-from registration.uncertainty import Budget
+from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -162,6 +162,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
             "scale": report.uncertainty.scale.tolist(),
             "offset_um": 1e3 * report.uncertainty.offset_mm,
         },
+        "budget": _budget(report),
         "cross_check_um": report.cross_check_um,
         "ambiguity": {
             "margin": report.margin,
@@ -224,20 +225,17 @@ _INTERVALS = {
 """Names of a vessel's 95 % intervals in JSON: half widths, but for the last, which has ends."""
 
 
-def budget_dict(budget: Budget, scale: float) -> list[dict[str, Any]]:
-    """Return a budget as rows, its standard uncertainties times `scale`, the largest first."""
-    rows = sorted(budget.terms, key=lambda term: -term.standard)
-    return [
-        {
-            "term": term.name,
-            "type": term.kind,
-            "standard": float(f"{scale * term.standard:.4g}"),
-            "dof": float(f"{term.dof:.4g}"),
-            "share": float(f"{budget.share(term):.4g}"),
-            "note": term.note,
-        }
-        for term in rows
+def _budget(report: RegistrationReport) -> list[dict[str, Any]]:
+    """Budgets of the pose's scales and offset, and of the vessel whose interval is the median."""
+    known = [vessel for vessel in report.vessels if math.isfinite(vessel.measured_u_um)]
+    rows = [
+        quantity(name, "um", budget, 1e3) if name == "offset" else quantity(name, "%", budget, 1e2)
+        for name, budget in report.uncertainty.budgets.items()
     ]
+    if known:
+        middle = sorted(known, key=lambda vessel: vessel.measured_u_um)[len(known) // 2]
+        rows.append(quantity(f"diameter of vessel {middle.vessel}", "um", middle.budget, 1e3))
+    return rows
 
 
 def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
@@ -247,7 +245,7 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     for name, told in _INTERVALS.items():
         plain[told] = plain.pop(name)
     plain["resistance_ratio_interval_95"] = list(plain["resistance_ratio_interval_95"])
-    plain["budget"] = budget_dict(vessel.budget, 1e3)
+    plain["budget"] = terms(vessel.budget, 1e3)
     for name, decimals in _DECIMALS.items():
         plain[name] = _rounded(plain[name], decimals)
     return plain

@@ -82,7 +82,20 @@ class HeatNamed:
     targets: tuple[str, ...]
 
 
-Rule = Ask | Pass | OnlyWith | TakeOffsetBack | Advance | HeatNamed
+@dataclass(frozen=True)
+class Timeout:
+    """Let the firmware's own switch-off pass that isn't too long.
+
+    Attributes
+    ----------
+    key : str
+        Of its seconds.
+    """
+
+    key: str
+
+
+Rule = Ask | Pass | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout
 
 
 @dataclass(frozen=True)

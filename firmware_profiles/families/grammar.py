@@ -57,6 +57,11 @@ class Grammar:
         Whether a checksum of five digits is a CRC-16; else every checksum is an XOR.
     powers_of_ten : bool
         Whether it reads 1E-5 as a number.
+    rest_codes : frozenset of str or None
+        Codes whose text, without quotes, takes the rest of the line, where a line may hold several
+        commands; None where it never does.
+    parentheses : bool
+        Whether a text in parentheses is taken for a comment, which isn't sent.
     e_rule : str
         What makes E relative. ``with_axes``: the last of G90, G91, M82 and M83. ``alone``: M82 and
         M83, whatever G90 and G91 said. ``either``: G91 as well as M83, until each is taken back.
@@ -72,6 +77,8 @@ class Grammar:
     quoted_words: bool = False
     crc16: bool = False
     powers_of_ten: bool = False
+    rest_codes: frozenset[str] | None = None
+    parentheses: bool = True
     e_rule: ERule = "with_axes"
 
 

@@ -108,6 +108,7 @@ def _read(
         print_id=named["print"] or made.get("id") or part or str(folder.resolve()),
         started=made.get("started"),
         passed=told.get("passed"),
+        undecided=told.get("undecided") is True,
         reasons=tuple(told.get("reasons", ())),
         operator=named["operator"] or record.get("operator"),
         part=part,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -25,7 +27,14 @@ from printctl.feedback.evidence import Print
 from printctl.feedback.local import Local, Moved, local_excess, node_offsets
 from printctl.feedback.readings import Reading, as_made_with, readings
 from printctl.feedback.size import Size, less, size_of
-from printctl.feedback.whole import Mean, Radial, pooled, radial
+from printctl.feedback.whole import (
+    BIAS_VOXELS,
+    NORMAL_95,
+    Mean,
+    Radial,
+    pooled,
+    radial,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -87,7 +96,7 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
             "report and scan again"
         )
     read = [found for found in read if found]
-    common = radial(read, voxel_mm, choices.bias)
+    common = radial(read, voxel_mm, choices.bias or unknown_bias(prints, voxel_mm))
     own = local_excess(read, common, voxel_mm) if choices.local else ()
     moved = node_offsets(prints[0].network, read, voxel_mm) if choices.local else ()
     made = CompensationFile(
@@ -106,6 +115,23 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
     )
     corrections_of_file(made).check(prints[0].network)
     return made
+
+
+def unknown_bias(prints: Sequence[Print], voxel_mm: float) -> Mean:
+    """Return what the diameters of scans may share, by the type B terms of their budgets, mm.
+
+    Scans of one device share it, so it isn't averaged: the widest print's, the median of its
+    vessels.
+    """
+    halves = []
+    for print_ in prints:
+        rows = [row["budget"] for row in print_.found["vessels"] if row.get("budget")]
+        shared = [
+            math.hypot(*(t["standard"] or 0.0 for t in terms if t["type"] == "B")) for terms in rows
+        ]
+        half = NORMAL_95 * 1e-3 * statistics.median(shared) if shared else BIAS_VOXELS * voxel_mm
+        halves.append(half)
+    return Mean(0.0, max(halves))
 
 
 def known_bias(prints: Sequence[Print], given: Mean | None) -> Mean | None:
@@ -347,7 +373,8 @@ def _notes(
         )
     if choices.bias is None:
         notes.append(
-            "The scanner's bias of diameters isn't known: a radial offset is corrected only where "
+            "The scanner's bias of diameters is known by its budget alone (walls, reflections, "
+            "index, voxel size): a radial offset is corrected only where "
             f"it exceeds {1e3 * common.offset.half / 2:.0f} um. Measure it on a phantom "
             "(docs/registration.md) and give register --walls or --diameter-bias-um."
         )

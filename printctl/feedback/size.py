@@ -68,7 +68,8 @@ def size_of(print_: Print, found: dict[int, Reading], about: FloatArray, voxel_m
     scale = np.array(print_.facts.scale)
     surface = np.array([half or 0.0 for half in print_.facts.scale_interval_95])
     low, high = np.array(print_.design.bounds_mm)
-    surface = np.hypot(surface, BIAS_VOXELS * voxel_mm / ((high - low) / 2))
+    if "budget" not in print_.found:
+        surface = np.hypot(surface, BIAS_VOXELS * voxel_mm / ((high - low) / 2))
     best, error = _fit(print_.network, found, about, voxel_mm)
     half = NORMAL_95 * error[3:]
     by_lumens = half < GOOD_ENOUGH

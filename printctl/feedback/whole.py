@@ -15,8 +15,8 @@ FloatArray = NDArray[np.float64]
 
 NORMAL_95 = 1.96
 BIAS_VOXELS = 0.5
-"""Half width of the interval of a segmentation's bias of all diameters, in voxels: on simulated
-scans of known parts it was 0.1 to 0.5 of one (docs/registration.md)."""
+"""Half width of the interval of a segmentation's bias, in voxels, where a registration (of an
+earlier version) has no budget that says it."""
 OUTLIER = 5.0
 """In standard deviations, from when on a vessel's size is its own and no part of what is common."""
 LEAST_FOR_OUTLIERS = 8
@@ -106,7 +106,7 @@ class Radial:
         return self.offset.value, self.slope.value if self.slope.is_real else 0.0
 
 
-def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias_mm: Mean | None) -> Radial:
+def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias: Mean) -> Radial:
     """The lumens' common excess, linear in diameter; the slope is 0 where there is one diameter.
 
     Parameters
@@ -114,14 +114,13 @@ def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias_mm: Mean 
     prints : sequence of dict of Reading
     voxel_mm : float, mm
         Of the coarsest scan.
-    bias_mm : Mean or None, mm
-        Of the scanner's diameters, from a phantom: taken off. None: unknown, within `BIAS_VOXELS`.
+    bias : Mean, mm
+        Of the scanner's diameters: taken off.
     """
     every = [reading for found in prints for reading in found.values()]
     diameters = np.array([reading.diameter_mm for reading in every])
     alike = [_common(_told(found), voxel_mm) for found in prints]
     fits = [_line(found, voxel_mm, float(diameters.mean())) for found in alike]
-    bias = Mean(0.0, BIAS_VOXELS * voxel_mm) if bias_mm is None else bias_mm
     offset = pooled([a.value for a, _ in fits], [a.half for a, _ in fits])
     slope = pooled([b.value for _, b in fits], [b.half for _, b in fits])
     low, high = float(diameters.min()), float(diameters.max())

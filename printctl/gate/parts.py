@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from printctl.gate.known import Known
 from printctl.gate.reasons import REASONS
@@ -10,8 +11,11 @@ from printctl.gate.verdict import Allowed, NotAllowed
 from sim.reading import GcodeLine
 
 Judge = Callable[[GcodeLine, Known], Allowed]
-Most = Callable[[Known, str], tuple[float, str]]
-"""Greatest value of a letter, and the profile's key that says so."""
+Planned = Callable[[Known, str], tuple[float, str]]
+"""Value of a letter by the profile, and the key that says it."""
+LONGEST_TIMEOUT_S: Final = 3600.0
+_SAME: Final = 1e-4
+"""Share by which a value may differ from the profile's: some programs write few digits."""
 
 
 def passes(words: str | None = None) -> Judge:
@@ -65,19 +69,53 @@ def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> 
     return judge
 
 
-def at_most(most: Most, words: str) -> Judge:
-    """Let a setting of a job pass below the profile's limit; it is undone at the job's end."""
+def as_planned(planned: Planned, words: str) -> Judge:
+    """Let a setting of a job pass that says what the profile says; it is undone at the job's end.
+
+    The dry run plans with the profile's values: another would make all its times wrong.
+    """
 
     def judge(line: GcodeLine, known: Known) -> Allowed:
         _only(line, words)
         for letter, value in line.words.items():
-            limit, key = most(known, letter)
-            if value is not None and not 0 <= value <= limit * (1 + 1e-9):
+            wanted, key = planned(known, letter)
+            if value is None or not abs(value - wanted) <= _SAME * wanted:
+                said = letter if value is None else f"{letter}{value:g}"
                 raise NotAllowed(
-                    f"{letter}{value:g} is outside 0 to {limit:g} ({key} of {known.printer.name});"
-                    " lower it, or correct the profile"
+                    f"{said} isn't {letter}{wanted:g} ({key} of {known.printer.name}), with which "
+                    "the dry run plans; take it out, or correct the profile"
                 )
         return Allowed(line.text.decode("ascii"), undo=(line.code,))
+
+    return judge
+
+
+def undone(words: str) -> Judge:
+    """Let a setting of a job pass that is undone at the job's end."""
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        _only(line, words)
+        return Allowed(line.text.decode("ascii"), undo=(line.code,))
+
+    return judge
+
+
+def timeout(key: str) -> Judge:
+    """Let the firmware's own switch-off pass below `LONGEST_TIMEOUT_S`, or the profile's if longer.
+
+    ``key`` is the word or key of its seconds; without any word it asks.
+    """
+
+    def judge(line: GcodeLine, known: Known) -> Allowed:
+        given = {**line.words, **{name: as_number(text) for name, text in line.parameters.items()}}
+        most = max(LONGEST_TIMEOUT_S, known.printer.idle_timeout_s)
+        for name, seconds in given.items():
+            if name != key or seconds is None or not 0 <= seconds <= most:
+                raise NotAllowed(
+                    f"only {line.code} with {key} from 0 to {most:g} s passes: it is what switches "
+                    "the heaters off when the host is dead (profile: idle_timeout_s)"
+                )
+        return Allowed(line.text.decode("ascii"))
 
     return judge
 

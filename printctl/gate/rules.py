@@ -7,7 +7,6 @@ A code that isn't here passes no door. Sources of what a code does: Marlin bugfi
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from typing import Final
 
@@ -15,13 +14,22 @@ from firmware_profiles.families import family_of, find_family, gate_facts
 from printctl.gate.heat import NamedTarget, set_target, wait_for
 from printctl.gate.known import Door, Known, Phase
 from printctl.gate.motion import home, move
-from printctl.gate.parts import Judge, as_number, asks, at_most, only_with, passes, within
+from printctl.gate.parts import (
+    Judge,
+    as_number,
+    as_planned,
+    asks,
+    only_with,
+    passes,
+    timeout,
+    undone,
+    within,
+)
 from printctl.gate.verdict import Allowed, NotAllowed
 from sim.reading import GcodeLine
 
 Rules = dict[str, Judge]
 _FAN: Final = within({"S": (0, 255), "P": (0, 20)}, needs="S")
-_HIGHEST: Final = math.inf, ""
 
 
 def _still(line: GcodeLine, known: Known) -> Allowed:
@@ -32,23 +40,24 @@ def _still(line: GcodeLine, known: Known) -> Allowed:
 
 
 def _speed(known: Known, letter: str) -> tuple[float, str]:
-    axes = known.printer.max_speed_mm_s
     per = family_of(known.printer).gate.speed_per_s
-    return _HIGHEST if letter == "T" else (getattr(axes, letter.lower()) * per, "max_speed_mm_s")
+    return getattr(known.printer.max_speed_mm_s, letter.lower()) * per, "max_speed_mm_s"
 
 
 def _axis_acceleration(known: Known, letter: str) -> tuple[float, str]:
     axes = known.printer.max_acceleration_mm_s2
-    return _HIGHEST if letter == "T" else (getattr(axes, letter.lower()), "max_acceleration_mm_s2")
+    return getattr(axes, letter.lower()), "max_acceleration_mm_s2"
 
 
 def _acceleration(known: Known, letter: str) -> tuple[float, str]:
-    axes = known.printer.max_acceleration_mm_s2
-    return max(axes.x, axes.y, axes.z, axes.e), "max_acceleration_mm_s2"
+    return known.printer.acceleration_mm_s2, "acceleration_mm_s2"
 
 
-def _any(known: Known, letter: str) -> tuple[float, str]:
-    return _HIGHEST
+def _corners(known: Known, letter: str) -> tuple[float, str]:
+    printer = known.printer
+    if letter == "J":
+        return printer.junction_deviation_mm, "junction_deviation_mm"
+    return printer.min_segment_time_s * 1e6, "min_segment_time_s, in µs"
 
 
 def _advance(key: str) -> Judge:
@@ -148,19 +157,19 @@ _JOB: Final[Rules] = {
     **dict.fromkeys(["M104", "M109", "M140", "M190", "M141", "M191"], wait_for),
     **_ASKED,
     "G4": passes("PS"),
-    "M85": passes("S"),
+    "M85": timeout("S"),
     "M106": _FAN,
     "M107": passes("P"),
     "M200": only_with({"D": 0, "S": 0}, "T", "E is the plunger's travel in mm"),
-    "M201": at_most(_axis_acceleration, "XYZET"),
-    "M203": at_most(_speed, "XYZET"),
-    "M204": at_most(_acceleration, "PRST"),
-    "M205": at_most(_any, "XYZEBST"),
+    "M201": as_planned(_axis_acceleration, "XYZE"),
+    "M203": as_planned(_speed, "XYZE"),
+    "M204": as_planned(_acceleration, "PRST"),
+    "M205": as_planned(_corners, "JB"),
     "M211": only_with({"S": 1}, "", "the firmware's own limits stay on"),
     "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
     "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),
     "M221": only_with({"S": 100}, "TD", "doses are the job's: correct flow_factor or the ink"),
-    "M302": at_most(_any, "PS"),
+    "M302": undone("PS"),
     "M900": _advance("K"),
 }
 
@@ -178,6 +187,8 @@ def _judge(own: gate_facts.Rule) -> Judge:
             return _offset_taken_back(own.head)
         case gate_facts.Advance():
             return _advance(own.key)
+        case gate_facts.Timeout():
+            return timeout(own.key)
         case gate_facts.HeatNamed():
             return NamedTarget(own)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from registration.judging import Decision, reason, worst
+from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
 Finding = tuple[Decision, str]
@@ -106,9 +107,11 @@ def _flow(registration: Record) -> list[Finding]:
     if not drop or not designed:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
+    known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
     text = (
-        f"Every vessel is fed; the print needs {drop / designed:.2f} times the designed pressure, "
-        f"and no vessel's share of the flow is off by more than {100 * shift:.1f} % of the whole"
+        f"Every vessel is fed; the print needs {pressure_words(known)} times the designed "
+        "pressure, and no vessel's share of the flow is off by more than "
+        f"{100 * shift:.1f} % of the whole"
     )
     return [("pass", text)]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer
-from firmware_profiles.families import family_of
 from printctl.gate import refused_lines
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
@@ -15,18 +14,13 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
     """A row where motors lose their power before the last move: their place is lost with it.
 
     Klipper refuses the next move, and the needle stays where it is; others go on from wherever
-    the axes came to rest.
+    the axes came to rest. With S it is a time of standing still after which they lose it, which
+    the link alone sets: a pause or a wait may last longer.
     """
     if not printer.streamed:
         return []
     lines = run.program.line[run.program.kind == MOVE]
-    link = family_of(printer).link
-    timed = link is not None and link.m84_sets_timeout
-    off = (
-        number
-        for number, line in run.others
-        if line.code in ("M18", "M84") and not (timed and "S" in line.words)
-    )
+    off = (number for number, line in run.others if line.code in ("M18", "M84"))
     first = min(off, default=0)
     if not first or not lines.size or first > lines.max():
         return []
@@ -38,7 +32,8 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
             "",
             False,
             f"line {first}",
-            "move M84 or M18 to the end of the file: an axis without power loses its place",
+            "move M84 or M18 to the end of the file, with S too (the link sets the time itself): "
+            "an axis without power loses its place",
         )
     ]
 

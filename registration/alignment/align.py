@@ -13,7 +13,7 @@ from registration.alignment.contest import residuals
 from registration.alignment.doubts import pose_doubts
 from registration.alignment.fit import RIGID, Fit, Freedom, refine
 from registration.alignment.freedoms import loose_freedoms
-from registration.alignment.intervals import Uncertainty, covariance, uncertainty
+from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
 from registration.alignment.landing import misfits
 from registration.alignment.motion import lay_words
 from registration.alignment.options import AlignmentOptions
@@ -21,6 +21,7 @@ from registration.alignment.rivals import Rival
 from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -84,13 +85,15 @@ def align(
     *,
     blur_mm: float = 0.0,
     depth_standard: bool = False,
+    errors: ScanErrors | None = None,
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
     The part may lie any way and anywhere, and be in view in part. `depth_down`: light runs along
     the scan's z, else against it. `blur_mm`: standard deviation of the blur under which the surface
     was found, which has narrowed lumens. `depth_standard`: depth was measured on something of known
-    height, so its scale may be fitted in any part.
+    height, so its scale may be fitted in any part. `errors`: what the scan's measurements share,
+    for the intervals.
 
     Raises
     ------
@@ -120,8 +123,9 @@ def align(
     rigid = refine(
         surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
     )
-    spread = covariance(surface, many[kept], scaled, freedom, blur_mm)
-    loose = loose_freedoms(spread[:6, :6], surface.bounds)
+    shared = errors or ScanErrors.of_blur(blur_mm)
+    sure = fit_errors(surface, many[kept], scaled, freedom, shared)
+    loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)
     off = misfits(surface, many, scaled, blur_mm)
     depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())
     return Alignment(
@@ -131,7 +135,7 @@ def align(
         depth_axis in freedom.axes,
         min((r.lead for r in choice.rivals if not r.mirrored), default=float("inf")),
         pose_doubts(choice.rivals, loose, off, options.ambiguous_below),
-        uncertainty(surface, many[kept], scaled, freedom, blur_mm),
+        uncertainty(sure, scaled, freedom, shared),
         lay_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
         choice.rivals,
     )

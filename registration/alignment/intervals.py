@@ -1,31 +1,32 @@
-"""How sure a fit's parameters are.
+"""Uncertainty of a fit's parameters.
 
-Two things move them. Noise: neighbouring surface points err together, so what counts is patches,
-not points; the covariance that a bootstrap of patches would find is had without drawing (the
-sandwich of White 1980, 10.2307/1912934, clustered by patch). And what repeats in every scan of a
-kind: a wall's place depends a little on how it faces the light. No resampling shows that. Each
-direction of walls, and lumens apart from outer faces, gets an error of its own, a small part of the
-blur under which the surface was found; and all walls together one along the light.
+Type A: neighbouring surface points err together, so the covariance is that of sums over patches
+(the sandwich of White 1980, 10.2307/1912934, clustered). Over longer ways surfaces differ from the
+design too (swelling, roughness, light): the spread of mean residuals over blocks of one facing, in
+excess of what patches explain, is an error of each block by itself (one-way random effects).
+Type B: what no residual shows, because the fit follows it: the level of each direction of walls,
+reflections of walls that face the light, the refractive index, the voxel size (`ScanErrors`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from registration.alignment.fit import Fit, Freedom, Linearised, facing, linearised
 from registration.distance import ModelSurface
+from registration.uncertainty import Budget, ScanErrors, Term
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 PATCH_MM = 0.5
 """Points of one cell of this edge err together."""
-OWN, ALONG_LIGHT = 0.02, 0.025
-"""Standard deviations of a wall's repeatable error, as parts of the blur: of each direction, and
-along the light of all walls (set on phantoms under three lights, held against others)."""
-NORMAL_95 = 1.96
+BLOCK_MM = 2.5
+"""Over this distance walls of one facing deviate together."""
+INSET_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -41,61 +42,172 @@ class Uncertainty:
     scale : (3,) float64
         Of the print's size over the design's.
     offset_mm : float, mm
+    budgets : dict of str to Budget
+        Of "scale_x", "scale_y", "scale_z" where fitted, relative, and "offset", mm.
     """
 
     rotation_deg: FloatArray
     shift_mm: FloatArray
     scale: FloatArray
     offset_mm: float
+    budgets: dict[str, Budget] = field(default_factory=dict)
 
 
-def covariance(
-    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, blur_mm: float
-) -> FloatArray:
-    """Covariance (k, k) of a converged fit's parameters, in `Linearised`'s order, rad and mm."""
-    step = linearised(surface, points, fit, freedom, blur_mm=blur_mm, even=True)
-    bread = np.linalg.inv(step.normal)
-    scores = step.jacobian * (step.weight * step.residual)[:, None]
-    patch = _numbers(np.floor(fit.apply(points) / PATCH_MM).astype(np.int64))
-    noise = _summed(scores, patch)
-    count = len(noise)
-    systematic = blur_mm * _repeatable(step, fit.rotation[:, 2])
-    middle = count / max(count - 1, 1) * noise.T @ noise + systematic.T @ systematic
-    return np.asarray(bread @ middle @ bread)
+@dataclass(frozen=True)
+class FitErrors:
+    """Errors of a fit's k parameters by cause; pulls (g, k), one row an independent source.
+
+    Attributes
+    ----------
+    patches, blocks, level, reflections : (g, k) float64
+        Shift of the parameters by one standard deviation of each source, rad, mm and relative.
+    block_dof : float
+        Degrees of freedom of `blocks`.
+    """
+
+    patches: FloatArray
+    blocks: FloatArray
+    level: FloatArray
+    reflections: FloatArray
+    block_dof: float
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (k, k) of the parameters, index and voxel size left out."""
+        pulls = np.vstack([self.patches, self.blocks, self.level, self.reflections])
+        pulls = np.nan_to_num(pulls)  # a cause that isn't known has no part in what moves freely
+        return np.asarray(pulls.T @ pulls)
+
+    def budget(self, parameter: int, errors: ScanErrors, depth: float = -1.0) -> Budget:
+        """Budget of a parameter; `depth`: the beam's part along a scale's axis, squared."""
+        scale = parameter >= _FIRST_SCALE and depth >= 0
+        lateral = (1 - depth) * errors.lateral if scale else 0.0
+        return Budget(
+            (
+                Term(
+                    "speckle", "A", _size(self.patches[:, parameter]), np.inf, "patches of 0.5 mm"
+                ),
+                Term(
+                    "shape",
+                    "A",
+                    _size(self.blocks[:, parameter]),
+                    self.block_dof,
+                    "residuals over blocks of 2.5 mm: swelling, roughness, light",
+                ),
+                Term(
+                    "level of the walls",
+                    "B",
+                    _size(self.level[:, parameter]),
+                    errors.wall_dof,
+                    "halfway between liquid and gel",
+                ),
+                Term(
+                    "reflections",
+                    "B",
+                    _size(self.reflections[:, parameter]),
+                    np.inf,
+                    "too weak to be told from gel",
+                ),
+                Term(
+                    "refractive index",
+                    "B",
+                    depth * errors.depth if scale else 0.0,
+                    np.inf,
+                    "depth, unless a depth standard was scanned",
+                ),
+                Term("voxel size", "B", lateral, np.inf, "as the file states it"),
+            )
+        )
 
 
-def uncertainty(
-    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, blur_mm: float
-) -> Uncertainty:
-    """95 % intervals of a converged fit to scanned points (n, 3)."""
-    spread = covariance(surface, points, fit, freedom, blur_mm)
-    half = NORMAL_95 * np.sqrt(np.diag(spread))
+_FIRST_SCALE = 6
+
+
+def uncertainty(found: FitErrors, fit: Fit, freedom: Freedom, errors: ScanErrors) -> Uncertainty:
+    """95 % intervals of a fit's parameters."""
+    beam = fit.rotation @ errors.beam
+    budgets = {}
     scale = np.full(3, np.nan)
     for number, axis in enumerate(freedom.axes):
-        scale[axis] = half[6 + number] / fit.stretch[axis]
-    return Uncertainty(
-        rotation_deg=np.rad2deg(half[:3]),
-        shift_mm=half[3:6],
-        scale=scale,
-        offset_mm=float(half[-1]) if freedom.offset else float("nan"),
+        budget = found.budget(_FIRST_SCALE + number, errors, float(beam[axis] ** 2))
+        budgets[f"scale_{'xyz'[axis]}"] = budget
+        scale[axis] = budget.expanded / fit.stretch[axis]
+    half = np.array([found.budget(k, errors).expanded for k in range(_FIRST_SCALE)])
+    offset = float("nan")
+    if freedom.offset:
+        budgets["offset"] = found.budget(found.patches.shape[1] - 1, errors)
+        offset = budgets["offset"].expanded
+    return Uncertainty(np.rad2deg(half[:3]), half[3:], scale, offset, budgets)
+
+
+def fit_errors(
+    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, errors: ScanErrors
+) -> FitErrors:
+    """Return the errors of a converged fit to scanned points (n, 3) by cause."""
+    step = linearised(surface, points, fit, freedom, blur_mm=errors.blur_mm, even=True)
+    bread = np.asarray(np.linalg.inv(step.normal), dtype=np.float64)
+    # A face may lie on a cell's border, where noise alone would share its points out.
+    places = fit.apply(points) - INSET_MM * step.direction
+    patch = _numbers(np.floor(places / PATCH_MM).astype(np.int64))
+    walls = facing(step.direction, step.bends)
+    cell = np.floor(places / BLOCK_MM).astype(np.int64)
+    block = _numbers(np.column_stack([walls, cell]))
+    pulls = step.jacobian * step.weight[:, None]
+    along = step.direction @ (fit.rotation @ errors.beam)
+    level = np.where(np.abs(step.bends) > 0, errors.level_mm, errors.outer_mm)
+    light = _numbers(np.column_stack([walls, along > 0]))
+    noise = _summed(pulls * step.residual[:, None], patch)
+    spread, dof = _block_spread(step, patch, block)
+    return FitErrors(
+        patches=np.sqrt(len(noise) / max(len(noise) - 1, 1)) * noise @ bread,
+        blocks=spread * _summed(pulls, block) @ bread,
+        level=_summed(pulls * level[:, None], walls) @ bread,
+        reflections=errors.facing_mm * _summed(pulls * along[:, None] ** 2, light) @ bread,
+        block_dof=dof,
     )
 
 
-def _repeatable(step: Linearised, beam: FloatArray) -> FloatArray:
-    """What a standard deviation of each repeatable error pulls at, per unit of blur, (g, k)."""
-    pulls = step.jacobian * step.weight[:, None]
-    own = _summed(pulls, _numbers(facing(step.direction, step.bends)[:, None]))
-    along = (step.direction @ beam) @ pulls
-    return np.vstack([OWN * own, ALONG_LIGHT * along])
+def _size(pulls: FloatArray) -> float:
+    return float(np.sqrt((pulls**2).sum()))
 
 
-def _numbers(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+def _block_spread(step: Linearised, patch: IntArray, block: IntArray) -> tuple[float, float]:
+    """Standard deviation of blocks' own deviation beyond that of their patches, mm, and its dof.
+
+    By moments, weighted by points: E m² (G / (G - k)) = τ² + s², where m is a block's mean, s² that
+    mean's variance by its P patches (P / (P - 1) for the mean taken off), and k parameters were
+    fitted to G blocks.
+    """
+    weight = np.bincount(block, step.weight)
+    mean = np.bincount(block, step.weight * step.residual) / np.maximum(weight, 1e-12)
+    rest = step.weight * (step.residual - mean[block])
+    both = _numbers(np.column_stack([block, patch]))
+    inner = np.bincount(both, rest) ** 2
+    of = np.zeros(int(both.max()) + 1, dtype=np.int64)
+    of[both] = block
+    variance = np.bincount(of, inner, len(weight)) / np.maximum(weight, 1e-12) ** 2
+    patches = np.bincount(of, minlength=len(weight))
+    variance *= patches / np.maximum(patches - 1, 1)
+    many = patches >= LEAST_PATCHES
+    dof = float(many.sum() - step.jacobian.shape[1])
+    if dof < 1:
+        return float("nan"), float("nan")
+    share = weight[many] / weight[many].sum()
+    excess = mean[many] ** 2 * many.sum() / dof - variance[many]
+    return float(np.sqrt(max(float(share @ excess), 0.0))), dof
+
+
+LEAST_PATCHES = 3
+"""A block of fewer says nothing of its own spread."""
+
+
+def _numbers(keys: IntArray) -> IntArray:
     """Number of the distinct row that each row is."""
     _, found = np.unique(keys, axis=0, return_inverse=True)
     return np.asarray(found).reshape(-1)
 
 
-def _summed(values: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+def _summed(values: FloatArray, group: IntArray) -> FloatArray:
     """Sums of rows (n, k) over groups, (g, k)."""
     columns = [np.bincount(group, column) for column in values.T]
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1).astype(np.float64)

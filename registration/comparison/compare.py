@@ -34,6 +34,8 @@ class Print:
         Its scans, counted from 0 in the comparison's order.
     passed : bool or None
         True where every scan that has a verdict passed; None where none has one.
+    undecided : bool
+        Not passed, though no scan of it failed.
     """
 
     label: str
@@ -41,6 +43,7 @@ class Print:
     started: float | None
     scans: tuple[int, ...]
     passed: bool | None
+    undecided: bool
 
 
 @dataclass(frozen=True)
@@ -165,6 +168,8 @@ def _print(group: Sequence[GaugedScan], at: int) -> Print:
         started=_started(group),
         scans=tuple(range(at, at + len(group))),
         passed=all(verdicts) if verdicts else None,
+        undecided=any(s.undecided for s in group)
+        and all(s.undecided for s in group if s.passed is False),
     )
 
 

@@ -17,9 +17,14 @@ FEW = 10
 
 
 def verdict(found: Comparison) -> dict[str, Any]:
-    """``passed`` (None where no print has a verdict) and the reasons, in sentences."""
-    known = [p.passed for p in found.prints if p.passed is not None]
-    return {"passed": all(known) if known else None, "reasons": sentences(found)}
+    """``passed`` (None where no print has a verdict), ``undecided``, and reasons in sentences."""
+    known = [p for p in found.prints if p.passed is not None]
+    short = [p for p in known if not p.passed]
+    return {
+        "passed": not short if known else None,
+        "undecided": bool(short) and all(p.undecided for p in short),
+        "reasons": sentences(found),
+    }
 
 
 def sentences(found: Comparison) -> list[str]:
@@ -39,11 +44,14 @@ def _history(found: Comparison) -> str:
     known = [p for p in found.prints if p.passed is not None]
     if not known:
         return f"{len(found.prints)} prints, none with a verdict"
-    failed = [p.label for p in known if not p.passed]
-    text = f"{len(known) - len(failed)} of {len(known)} prints pass"
+    failed = [p.label for p in known if not p.passed and not p.undecided]
+    undecided = [p.label for p in known if p.undecided]
+    text = f"{sum(p.passed is True for p in known)} of {len(known)} prints pass"
     if len(known) < len(found.prints):
         text += f" ({len(found.prints) - len(known)} more have no verdict)"
-    return text + (f"; failed: {_some(failed)}" if failed else "")
+    if failed:
+        text += f"; failed: {_some(failed)}"
+    return text + (f"; undecided: {_some(undecided)}" if undecided else "")
 
 
 def _centre(found: Comparison) -> str:

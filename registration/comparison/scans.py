@@ -34,6 +34,8 @@ class GaugedScan:
         When the print began, s since 1970; None where nobody wrote it down.
     passed : bool or None
         Its verdict; None where none was given.
+    undecided : bool
+        Neither pass nor fail is proven.
     reasons : tuple of str
         Of the verdict.
     designed_um, measured_um, length_mm : (v,) float64
@@ -63,6 +65,7 @@ class GaugedScan:
     print_id: str
     started: float | None
     passed: bool | None
+    undecided: bool
     reasons: tuple[str, ...]
     designed_um: FloatArray
     measured_um: FloatArray
@@ -98,6 +101,7 @@ class Origin:
     print_id: str
     started: float | None = None
     passed: bool | None = None
+    undecided: bool = False
     reasons: tuple[str, ...] = ()
     operator: str | None = None
     part: str | None = None
@@ -151,7 +155,7 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
         offset_half_um=float(_numbers([interval["offset_um"]])[0]),
         rms_um=float(numbers["scaled"]["rms_um"]),
         rigid_rms_um=float(numbers["rigid"]["rms_um"]),
-        defects=tuple(row for row in numbers["defects"] if _counts(row)),
+        defects=tuple(numbers["defects"]),
         offsets_um=_numbers([row.get("offset_um") for row in vessels]),
         type_a_um=np.array([_type_a(row) for row in vessels]),
         width_um=np.array([_width(row) for row in vessels]),
@@ -168,11 +172,6 @@ def _width(row: Record) -> float:
     low, high = _numbers(row.get("lower_um") or ()), _numbers(row.get("upper_um") or ())
     wide = (high - low)[np.isfinite(high - low)]
     return float(np.median(wide)) if len(wide) else float("nan")
-
-
-def _counts(row: Record) -> bool:
-    """Whether a finding is one: it stands out from its vessel, or is beyond its limits."""
-    return bool(row.get("local", True) or row.get("decision") == "fail")
 
 
 def _is_defect(row: Record, vessels: int) -> bool:

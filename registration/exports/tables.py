@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from design.files import write_text
+from registration.judging import listed
 from registration.result import RegistrationReport, report_dict
 
 VESSELS, SECTIONS, DEFECTS = "vessels.csv", "sections.csv", "defects.csv"
@@ -51,7 +52,7 @@ def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -
         folder / SECTIONS,
         as_csv(_sections(found["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
     )
-    write_text(folder / DEFECTS, as_csv([_defect(d) for d in found["defects"]], _DEFECT_COLUMNS))
+    write_text(folder / DEFECTS, as_csv([_defect(d) for d in listed(found)], _DEFECT_COLUMNS))
     return VESSELS, SECTIONS, DEFECTS
 
 

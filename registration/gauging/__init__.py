@@ -3,6 +3,7 @@
 from registration.gauging.back import ScannedSurface, surface_points
 from registration.gauging.changes import find_changes
 from registration.gauging.closures import find_closures
+from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
 from registration.gauging.defect import Defect, DefectKind
 from registration.gauging.deviation import (
     TOLERANCES_UM,
@@ -20,6 +21,7 @@ from registration.gauging.vessels import VesselGauge, gauge_vessels
 
 __all__ = [
     "TOLERANCES_UM",
+    "ContrastGauge",
     "Defect",
     "DefectKind",
     "Deviation",
@@ -34,6 +36,7 @@ __all__ = [
     "gauge_vessels",
     "hausdorff_p95_um",
     "led_through",
+    "liquid_level",
     "network_of_lumens",
     "part_of",
     "perfusion",
@@ -42,6 +45,7 @@ __all__ = [
     "surface_points",
     "trace_vessels",
     "with_interval",
+    "withdrawn",
     "within",
     "without_dead_ends",
 ]

@@ -105,10 +105,11 @@ def cut(field: GelField, planes: Planes) -> Sections:
     radii = _fill_gaps(rays)
     area = np.pi * (radii**2).mean(axis=1)  # sectors, not triangles: the wall is round
     outline = is_open & (met >= 0.9)
-    round_ = _true(2 * np.sqrt(area / np.pi), field)
+    walls = 2 * field.wall_mm + field.facing_mm * (planes.across[..., 2] ** 2).sum(axis=1)
+    round_ = _true(2 * np.sqrt(area / np.pi), field.blur_mm, walls)
     diameter = np.where(outline, round_, np.where(is_open, np.nan, 0.0))
     offset = np.where(outline, np.linalg.norm(shift, axis=1), np.nan)
-    median = _true(2 * np.median(radii, axis=1), field)
+    median = _true(2 * np.median(radii, axis=1), field.blur_mm, walls)
     oval, noise = _shape(radii, field.blur_mm)
     return Sections(
         in_field=_in_field(field, planes, circle),
@@ -142,16 +143,21 @@ def _shape(radii: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
     return (mean + second) / (mean - second), 2 * error
 
 
-def _true(diameter: FloatArray, field: GelField) -> FloatArray:
-    """Diameter without the field's blur, and with walls where this instrument's truly are."""
-    return np.asarray(np.maximum(_unblurred(diameter, field.blur_mm) + 2 * field.wall_mm, 0.0))
+def _true(diameter: FloatArray, blur: float, walls: FloatArray) -> FloatArray:
+    """Diameter without the field's blur, and with walls where this instrument's truly are.
+
+    A wall's part w n² along the light, averaged round a section, widens it by w times the square
+    of the beam's part in its plane (`cut`).
+    """
+    return np.asarray(np.maximum(_unblurred(diameter, blur) + walls, 0.0))
 
 
 def _unblurred(diameter: FloatArray, blur: float) -> FloatArray:
     """Diameter before a blur of standard deviation σ moved the wall inwards by σ²/(2 r).
 
-    That is the half level's shift on a cylinder to first order (from the curvature term of the
-    diffusion equation); held to a fifth of the radius, beyond which it isn't small.
+    The half level's shift on a cylinder to first order (the curvature term of the diffusion
+    equation). With r as measured it is within 0.4 % of r of the exact one (a disc's part of a
+    bivariate normal, a non-central χ²) up to σ = 0.5 r; held to a fifth of the radius.
     """
     radius = np.maximum(diameter / 2, 1e-9)
     return np.asarray(diameter + 2 * np.minimum(blur**2 / (2 * radius), 0.2 * radius))

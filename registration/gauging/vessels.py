@@ -218,6 +218,8 @@ def _unmeasured(trace: VesselTrace) -> BoolArray:
     A single one at the brink of a junction is left to the junction: its rim is rounded.
     """
     missing = trace.seen & trace.own & ~trace.counted
+    if not trace.counted.any():
+        return np.asarray(missing)
     before = np.concatenate([[False], trace.own[:-1]])
     after = np.concatenate([trace.own[1:], [False]])
     brink = (~before | ~after) & trace.own

@@ -9,7 +9,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst
-    from registration.judging.judged import judge, judge_plain
+    from registration.judging.judged import judge, judge_plain, listed
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -28,6 +28,7 @@ __all__ = [
     "VesselLimits",
     "judge",
     "judge_plain",
+    "listed",
     "reason",
     "worst",
 ]

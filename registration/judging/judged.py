@@ -51,7 +51,8 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     Returns
     -------
     dict
-        As given; ``defects`` with ``decision`` and all runs of sections that aren't a pass; each
+        As given; ``findings``: defects with ``decision``, and all runs of sections that aren't a
+        pass; ``defects``: those of them that stand out or are measured beyond their limits; each
         vessel with ``decision``, and along it ``decision_along``, ``interval_95_um``,
         ``lower_um`` and ``upper_um`` (limits of the diameter); ``judging`` with the features.
 
@@ -75,11 +76,11 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     features += [f for _, f in ways]
     features.append(rms_feature(numbers["scaled"]["rms_um"], tolerances.rms_um))
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
-    return json_ready(
+    out: dict[str, Any] = json_ready(
         dict(numbers)
         | {
             "vessels": [vessel.row for vessel in judged],
-            "defects": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
+            "findings": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
             "judging": {
                 "rule": RULE,
                 "false_fail_risk": RISK,
@@ -89,6 +90,25 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
             },
         }
     )
+    out["defects"] = [finding for finding in out["findings"] if is_defect(finding)]
+    return out
+
+
+def is_defect(finding: Record) -> bool:
+    """Whether a finding stands out from its vessel, or is measured beyond its limits.
+
+    The others are sections within their limits that aren't proven to be.
+    """
+    if finding.get("local", True) or finding.get("decision") == "fail":
+        return True
+    off, limit = finding.get("deviation_um"), finding.get("tolerance_um")
+    return off is not None and limit is not None and not limit[0] <= off <= limit[1]
+
+
+def listed(numbers: Record) -> Sequence[Record]:
+    """Return all findings of a registration; the defects of one that wasn't judged."""
+    found = numbers.get("findings", numbers.get("defects", ()))
+    return found if isinstance(found, Sequence) else ()
 
 
 def judge_plain(

@@ -25,6 +25,7 @@ from registration.readers.space import FileSpace
 from registration.readers.storage import filled
 
 MAGIC = b"HSF-OCT-"
+_SCAN_MARK = b"HSF-BS-"
 
 _HEADER_BYTES = 2048
 _OUTSIDE = 1e30
@@ -70,6 +71,7 @@ def read_heidelberg(path: Path) -> Found:
     shape, kind = (header.scans, header.depth, header.columns), np.dtype("<f4")
     room = (header.scans, header.stride)
     check_available(room, np.dtype(np.uint8), len(data) - header.first, path)
+    _check_scans(data, header, path)
     outside = [0]
     volume = filled(_scans(data, header, outside), shape, kind, path)
     known: dict[str, Any] = {
@@ -88,6 +90,20 @@ def _header(start: bytes) -> _Header:
     across, down = struct.unpack_from("<2I", start, 48)
     pattern, own = struct.unpack_from("<iI", start, 96)
     return _Header(columns, scans, depth, (dz, dy, dx), _HEADER_BYTES + across * down, own, pattern)
+
+
+def _check_scans(data: Array, header: _Header, path: Path) -> None:
+    """Hold the sizes in the header against the B-scans' own headers: versions differ in them."""
+    for index in range(header.scans):
+        at = header.first + index * header.stride
+        mark = bytes(data[at : at + len(_SCAN_MARK)])
+        (own,) = struct.unpack("<I", bytes(data[at + 12 : at + 16]))
+        if mark != _SCAN_MARK or own != header.own:
+            raise ScanFileError(
+                f"{path}: B-scan {index + 1} of {header.scans} isn't where the header says "
+                f"(begins with {mark!r}, a header of {own} bytes, not {header.own}), version "
+                f"{bytes(data[:11]).decode('ascii', 'replace')}; export it again as .vol (raw)"
+            )
 
 
 def _scans(data: Array, header: _Header, outside: list[int]) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from registration.errors import ScanFileError
 from registration.readers.found import Found
 from registration.readers.limits import bytes_of
+from registration.readers.raw_spectra import spectra_said, volume_of_spectra
 from registration.readers.sidecar import RAW_KEYS, sidecar
 from registration.readers.storage import mapped
 
@@ -20,7 +21,8 @@ def read_raw(path: Path) -> Found:
     """A view of a raw file.
 
     ``shape`` (slowest axis first, as ``axes`` names them) and ``dtype`` are needed; ``byte_order``
-    (little, big) where a number has more than one byte; ``offset_bytes`` skips a header.
+    (little, big) where a number has more than one byte; ``offset_bytes`` skips a header;
+    ``spectra`` says that they are interference spectra, of which the volume is made.
 
     Raises
     ------
@@ -43,7 +45,15 @@ def read_raw(path: Path) -> Found:
             f" voxels of {kind} take {bytes_of(shape, kind, path)}; mend shape, dtype or "
             "offset_bytes in the sidecar"
         )
-    return Found(mapped(path, kind, start, shape))
+    numbers = mapped(path, kind, start, shape)
+    if said.get("spectra") is None:
+        return Found(numbers)
+    if said["axes"] != "yxz":
+        raise ScanFileError(
+            f"{path}: spectra with the axes {said['axes']!r}; lay them out yxz: B-scans, A-scans, "
+            "samples"
+        )
+    return volume_of_spectra(numbers, spectra_said(said["spectra"], shape[2], path), path)
 
 
 def _shape(value: Any, path: Path) -> tuple[int, ...]:

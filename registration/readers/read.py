@@ -33,6 +33,12 @@ Reader = Callable[[Path], Found]
 _START_BYTES = 512
 _ZIP = b"PK"
 _GZIP = b"\x1f\x8b"
+_REFUSED = {
+    b"CMDb": "a Heidelberg .e2e file, whose layout isn't published; export it as .vol (raw)",
+    b"FOCT": "a Topcon .fda file, whose layout isn't published; export it as DICOM",
+}
+"""Files that are known by their first bytes and not read."""
+
 _HDF5_PLACES = (0, 512)
 """MATLAB 7.3 puts HDF5 behind 512 bytes of its own."""
 
@@ -66,6 +72,9 @@ def _reader(path: Path) -> Reader:
     reader = _by_start(path, start)
     if reader is not None:
         return reader
+    for mark, what in _REFUSED.items():
+        if start.startswith(mark):
+            raise ScanFileError(f"{path}: {what}")
     if beside(path) is not None:
         return raw.read_raw
     raise ScanFileError(

@@ -11,8 +11,8 @@ from firmware_profiles.yaml_file import read_yaml
 from registration.errors import ScanFileError
 from registration.readers.metadata import known_keys, parse
 
-RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order")
-"""What a raw file's sidecar says besides: how its numbers lie."""
+RAW_KEYS = ("shape", "dtype", "offset_bytes", "byte_order", "spectra")
+"""What a raw file's sidecar says besides: how its numbers lie, and what spectra are."""
 
 _SUFFIXES = (".json", ".yaml", ".yml")
 

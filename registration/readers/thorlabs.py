@@ -10,8 +10,11 @@ What is known of the format, and from where:
   Brian-Frost-LaPlante/OrientingGUI, and J. de Wit's Python reader (TU Delft, 2019).
 - The intensity is in dB: so read by ybnd/vis3d (``ML/thorcube.m``).
 - ``RefractiveIndex``: SizeReal is depth divided by it, so 1.0 says that depth is optical path.
-- ``AxisOrder``, where there is one: letters fastest first. Not verified on a file from a device;
-  nor is what a 16-bit intensity counts, so its scale is asked for.
+- ``AxisOrder``, where there is one: letters fastest first, time last (ZXYT; so in headers of
+  a public writer of test files for ThorImage's layout). Not verified on a file from a device; nor
+  is what a 16-bit intensity counts, so its scale is asked for.
+
+Without processed intensity its raw spectra are used (`registration.readers.thorlabs_raw`).
 
 The file says nothing of which way x and y run in space.
 """
@@ -27,6 +30,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from registration.errors import ScanFileError
+from registration.readers import thorlabs_raw
 from registration.readers.broken import reading
 from registration.readers.found import Found
 from registration.readers.limits import bytes_of
@@ -72,6 +76,8 @@ def read_thorlabs(path: Path) -> Found:
         members = {plain_name(info): info for info in archive.infolist()}
         root = _header(archive, members[HEADER], path)
         data = members.get(INTENSITY)
+        if data is None and thorlabs_raw.FIRST in members:
+            return _read_spectra(archive, members, root, path)
         if data is None:
             raise ScanFileError(
                 f"{path}: holds no processed intensity, only {', '.join(sorted(members))}; "
@@ -101,6 +107,18 @@ def _read(archive: zipfile.ZipFile, data: zipfile.ZipInfo, root: Element, path: 
     if ours is not None and ours.text:
         known |= parse(ours.text, f"{path}: {OURS}") | {"axes": slowest_first}
     return Found(volume, known)
+
+
+def _read_spectra(
+    archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], root: Element, path: Path
+) -> Found:
+    """The volume that raw spectra make, sizes as in the header."""
+    sizes, _ = _sizes(root, path)
+    volume = thorlabs_raw.intensity_of_spectra(archive, members, root, sizes.voxels, path)
+    known = {"axes": "yxz", "modality": "oct", "depth_down": True, "scale": "linear"}
+    return Found(
+        volume, known | _depth(root, path) | _voxel(sizes, path), notes=(thorlabs_raw.NOTE,)
+    )
 
 
 def _sizes(root: Element, path: Path) -> tuple[_Sizes, Element | None]:
@@ -156,6 +174,8 @@ def _numbers(texts: dict[str, str], path: Path) -> dict[str, float] | None:
 
 def _axis_order(root: Element, path: Path) -> str:
     text = (root.findtext(".//{*}AxisOrder") or _FASTEST_FIRST).strip().upper()
+    # ThorImage 5 names the time of a series last; one volume has one.
+    text = text.removesuffix("T")
     if sorted(text) != ["X", "Y", "Z"]:
         raise ScanFileError(
             f"{path}: AxisOrder is {text!r}, not an order of X, Y and Z; export it again"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from registration.judging import listed
 from registration.report.sections import Fact, mapping, records
 from registration.report.tables import Column, Record, Table, make_table
 from registration.report.wording import MISSING, fixed, is_number, number
@@ -70,7 +71,7 @@ def _pair(values: Sequence[Any], decimals: int, factor: float) -> tuple[str, str
 
 def defect_table(registration: Mapping[str, Any]) -> Table | None:
     """The defects that were found, in the network's order."""
-    rows = [_defect(row) for row in records(registration, "defects")]
+    rows = [_defect(row) for row in listed(registration)]
     return make_table("defects", rows, DEFECT_COLUMNS, order="by vessel") if rows else None
 
 
@@ -150,10 +151,21 @@ def printed_facts(registration: Mapping[str, Any]) -> list[Fact]:
         ):
             if is_number(flow.get(key)):
                 result.append(Fact(label, number(flow[key], 3), "Pa"))
+        if is_number(flow.get("pressure_ratio")):
+            result.append(Fact("Pressure needed, of the designed", pressure_words(flow), "times"))
     seen = registration.get("model_seen_fraction")
     if is_number(seen):
         result.append(Fact("Design's surface seen", number(100 * seen, 3), "%"))
     return result
+
+
+def pressure_words(flow: Mapping[str, Any]) -> str:
+    """Return the pressure ratio with its 95 % interval: "1.06 [0.98, 1.15]"."""
+    ends = list(flow.get("pressure_ratio_interval_95") or [])
+    said = f"{flow['pressure_ratio']:.2f}"
+    if len(ends) == 2 and all(map(is_number, ends)):
+        return f"{said} [{ends[0]:.2f}, {ends[1]:.2f}]"
+    return f"{said} (interval not known)"
 
 
 def _betti(found: Mapping[str, Any]) -> str:

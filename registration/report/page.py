@@ -14,11 +14,12 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.judging import Limit
+from registration.judging import Limit, listed
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.quantities import point_pressure
 from registration.report import sections
 from registration.report.added import AddedSection
+from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.gauging_figures import (
     curve_figure,
@@ -131,6 +132,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
+        "budget_table": budget_table(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
         "printed_facts": printed_facts(registration),
@@ -236,7 +238,7 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     made[
         "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
         "(blue band); sections that fail are squares, undecided ones triangles; findings are shaded"
-    ] = partial(profile_figure, vessels, records(registration, "defects"))
+    ] = partial(profile_figure, vessels, listed(registration))
     made["registration/Deviation of each written layer"] = partial(
         layer_deviation_figure, records(registration, "by_layer")
     )

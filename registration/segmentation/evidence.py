@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 SURE_GEL = 0.7
 """Share of gel in the field above which a voxel tells what gel is like."""
+MORE_GEL = 0.5
+"""Average above which the first answer calls a place gel."""
 AROUND_MM = (0.12, 0.25, 0.25)
 """Neighbourhood of the local mean (standard deviations), z, y, x."""
 FEWEST = 0.02
@@ -128,10 +130,13 @@ def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
     gel = values > SURE_GEL
     share = strength.signal / _predicted(strength.signal, values, gel, field.voxel_mm[::-1])
     np.clip(share, -BRIGHTEST, BRIGHTEST, out=share)
-    share /= _local_mean(share, gel, field.voxel_mm[::-1])
     averaged = np.empty_like(share)
     z, y, x = (gaussian_weights(SIGMA_MM / size) for size in field.voxel_mm[::-1])
-    smooth(share, averaged, (z, y, x), 0.0)
+    # Where the field lost the gel in the dark the evidence's own first answer finds it again.
+    for _ in range(2):
+        share /= _local_mean(share, gel, field.voxel_mm[::-1])
+        smooth(share, averaged, (z, y, x), 0.0)
+        gel = averaged > MORE_GEL
     scatter = _scatter(averaged, gel)
     return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm)
 

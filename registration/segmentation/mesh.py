@@ -60,12 +60,26 @@ def _away_from_edge(position: FloatArray, field: GelField) -> NDArray[np.bool_]:
     return np.asarray(((position >= 2) & (position <= last - 2)).all(axis=1))
 
 
+LIT = 4.0
+"""Of the noise: the gel beside a surface sends back more, averaged over `LIT_VOXELS`."""
+LIT_VOXELS = 2
+
+
 def _lit(position: FloatArray, gradient: FloatArray, strength: Strength) -> NDArray[np.bool_]:
-    """Where the gel beside the surface sends back more than the noise floor."""
+    """Where the gel beside the surface sends back more than the noise.
+
+    Averaged over neighbours within the gel: a single voxel of speckle or noise says nothing.
+    """
     last = np.array(strength.signal.shape[::-1]) - 1
-    beside = np.clip(np.round(position + 2 * gradient), 0, last).astype(int)
-    signal = strength.signal[beside[:, 2], beside[:, 1], beside[:, 0]]
-    return np.asarray(signal > strength.noise)
+    around = np.arange(-LIT_VOXELS, LIT_VOXELS + 1)
+    total = np.zeros(len(position))
+    middle = position + (1 + LIT_VOXELS) * gradient
+    for dz in around:
+        for dy in around:
+            for dx in around:
+                place = np.clip(np.round(middle + (dx, dy, dz)), 0, last).astype(int)
+                total += strength.signal[place[:, 2], place[:, 1], place[:, 0]]
+    return np.asarray(total > LIT * strength.noise * len(around) ** 3)
 
 
 def _large_components(

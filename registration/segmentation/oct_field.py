@@ -12,6 +12,8 @@ Four things decide whether a wall comes out where it is, and each is taken away:
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from registration.scan import Scan
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
+from registration.segmentation.reflections import without_lines
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -37,8 +40,16 @@ GROWTH = 1.15
 """What grows brighter by more over `GROWTH_MM` of depth is seen from below; a focus within the gel
 does less."""
 GROWTH_MM = 0.3
+FLOOR_BLOCK = 4
 BRIGHT = 0.25
 """Above this part of the brightest, gel is meant."""
+LINE_MM = 0.025
+"""A wall's reflection reaches so far to either side of its peak."""
+BRIGHTEST = 1.5
+"""No voxel counts as more gel: what is left of lines, on rough and slanting walls, weighs less."""
+UNSEEN_LINE = 0.5
+"""Of the scan's own depth voxel: the most that a reflection adds to the gel where it stands out
+less than `reflections.STANDS_OUT`."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
 
@@ -52,7 +63,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         When gel and liquid can't be told apart.
     """
     signal = working.binned(scan)
-    noise = float(np.percentile(bin_mean(signal, _within(signal, (4, 4, 4)), False, 0.0), 0.1))
+    noise = _noise_floor(signal, working.bins)
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
@@ -61,6 +72,10 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     light *= np.float32(typical)
     _, fy, fx = _coarse(working, signal)
     share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+    before = float(share.sum(dtype=np.float64))
+    share = without_lines(share, max(1, round(LINE_MM / step)))
+    lines = max(before - float(share.sum(dtype=np.float64)), 0.0) * float(np.prod(working.voxel_mm))
+    np.minimum(share, np.float32(BRIGHTEST), out=share)
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.
     values = np.minimum(working.smoothed(share, 0.6), np.float32(DAZZLE))
@@ -70,7 +85,22 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     normalise(values, liquid, gel, factor)
     contrast = _contrast(values, sides)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
-    return field, contrast, Strength(signal, noise)
+    # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
+    field = replace(field, facing_mm=UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2)
+    dark = float(np.median(liquid) / np.median(gel))
+    return field, contrast, Strength(signal, noise, dark, lines)
+
+
+def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
+    """Return the mean noise, from the darkest of blocks that hold `FLOOR_BLOCK` voxels each way.
+
+    A block's mean scatters by its noise (whose standard deviation is its mean, over the root of
+    the voxels averaged): the darkest in a thousand lies 3.09 standard deviations below the mean.
+    """
+    block = _within(signal, (FLOOR_BLOCK,) * 3)
+    darkest = float(np.percentile(bin_mean(signal, block, False, 0.0), 0.1))
+    looks = float(np.prod(block) * np.prod(bins))
+    return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 
 
 def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:

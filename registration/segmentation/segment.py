@@ -103,7 +103,8 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     else:
         field, contrast = plain_field(scan, working, options.lumens)
     mesh = surface_mesh(field, strength, options.speck_mm)
-    vertices = mesh.vertices - options.wall_mm * mesh.outward
+    moved = options.wall_mm + field.facing_mm * mesh.outward[:, 2:] ** 2
+    vertices = mesh.vertices - moved * mesh.outward
     field = replace(field, wall_mm=options.wall_mm)
     return Segmentation(field, vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength)
 

@@ -3,7 +3,7 @@
 from registration.topology.compare import Faults, Topology, compare_topology, graph_betti
 from registration.topology.euler import Betti, betti_numbers
 from registration.topology.grid import LumenGrid, lay_grid, scanned_with
-from registration.topology.leaks import Leaks, LeakSearch, find_leaks, liquid_level
+from registration.topology.leaks import Leaks, LeakSearch, find_leaks
 from registration.topology.overlap import Overlap, overlap
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "find_leaks",
     "graph_betti",
     "lay_grid",
-    "liquid_level",
     "overlap",
     "scanned_with",
 ]

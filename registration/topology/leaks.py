@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_SURE = 10.0
+"""Significance from which a way counts though its width is ill known."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -97,11 +99,11 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     clear = 2 * search.wall_mm + SIGMA_MM
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
-    told = told_apart(1.0, search.liquid, scatter)
+    told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
     ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [found for found in ways if found[1] - found[2] > LEAST_MM / 3]
+    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
         tuple(_defect(*found, traces) for found in ways),
@@ -117,14 +119,6 @@ def _width(way: Way, scene: Scene, search: LeakSearch) -> tuple[float, float]:
     if np.isfinite(outlined[0]):
         return outlined
     return width(way.path, scene, search.evidence, search.fit)
-
-
-def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence) -> float:
-    """Return the evidence for gel on the vessels' axes: their median, most of which is liquid."""
-    axes = np.concatenate([trace.planes.centre[trace.seen] for trace in traces])
-    found = evidence.at(axes)
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) if len(found) else 1.0
 
 
 def _voxels(way: Way, scene: Scene) -> IntArray:

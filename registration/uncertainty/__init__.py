@@ -4,6 +4,7 @@ from registration.uncertainty.budget import Budget, Term, coverage_factor, recta
 from registration.uncertainty.flow import pressure_interval
 from registration.uncertainty.scan_errors import ScanErrors, scan_errors
 from registration.uncertainty.sections import SectionErrors, section_errors
+from registration.uncertainty.table import quantity, terms
 
 __all__ = [
     "Budget",
@@ -12,7 +13,9 @@ __all__ = [
     "Term",
     "coverage_factor",
     "pressure_interval",
+    "quantity",
     "rectangular",
     "scan_errors",
     "section_errors",
+    "terms",
 ]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.scan import Scan
-from registration.uncertainty.budget import rectangular
+from registration.segmentation import Segmentation
+from registration.uncertainty.budget import coverage_factor, rectangular
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -18,10 +19,23 @@ INDEX_HALF_WIDTH = 0.02
 LATERAL_HALF_WIDTH = 0.0005
 """Of the lateral voxel size as a file states it (its last digit); a scanner's own error, which no
 scan shows, comes with `--oct-calibration`."""
-WALL_PART = 0.2
-"""Standard uncertainty of a wall's place without an estimate of its own, as part of the blur."""
+WALL_DOF = 12.0
+"""Of `LEVEL_PART`, known to about a fifth (GUM G.4.2)."""
+LEVEL_PART = 0.015
+"""Standard uncertainty of the surface's level, of the step from liquid to gel without haze: local
+levels are known to this by their spread (calibrated on the spectral generator's upright walls)."""
+OUTER_PART = 0.043
+"""The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`);
+a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
+LEAST_STEP = 0.25
+"""Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
+LINES_LEFT = 0.06
+"""Standard uncertainty of a wall, of the thickness of gel that reflections would have been taken
+for: rough and slanting walls keep some of them (calibrated on the spectral generator)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
+ROOT_TWO_PI = 2.5066
+"""A step under a Gaussian blur σ rises by its height over √(2π) σ at its middle."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +44,14 @@ class ScanErrors:
 
     Attributes
     ----------
-    wall_mm : float, mm
-        Of the place of a wall, the same all round.
+    level_mm : float, mm
+        Of the place of a wall by the level taken for halfway, the same all round.
+    outer_mm : float, mm
+        The same of outer faces.
+    facing_mm : float, mm
+        Of the place of walls that face the light or away from it, by reflections.
     wall_dof : float
-        Degrees of freedom of `wall_mm`.
+        Degrees of freedom of `level_mm`.
     depth, lateral : float
         Relative, of lengths along and across the light.
     blur_mm : float, mm
@@ -42,24 +60,62 @@ class ScanErrors:
         Unit vector of the light's way, in the scan's frame.
     """
 
-    wall_mm: float
+    level_mm: float
+    outer_mm: float
+    facing_mm: float
     wall_dof: float
     depth: float
     lateral: float
     blur_mm: float
     beam: FloatArray
 
+    @staticmethod
+    def of_blur(blur_mm: float) -> ScanErrors:
+        """Errors of walls found under a blur between two known levels, all else exact."""
+        rise = ROOT_TWO_PI * blur_mm
+        beam = np.array([0.0, 0.0, 1.0])
+        return ScanErrors(
+            LEVEL_PART * rise, LEVEL_PART * rise, 0.0, WALL_DOF, 0.0, 0.0, blur_mm, beam
+        )
 
-def scan_errors(scan: Scan, blur_mm: float, walls: WallCalibration | None = None) -> ScanErrors:
-    """Return what is known of a scan's shared errors before any wall is looked at."""
-    oct_ = scan.modality == "oct"
-    known = scan.depth_standard or not oct_
-    wall = WALL_PART * blur_mm if walls is None else 1e-3 * walls.interval_um / 1.96
+
+def line_thickness(segmentation: Segmentation) -> float:
+    """Return gel that reflections would have been taken for, over the area facing light, mm."""
+    if segmentation.strength is None:
+        return 0.0
+    corner = segmentation.vertices[segmentation.faces]
+    twice = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * float(np.abs(twice[:, 2]).sum())
+    return segmentation.strength.lines_mm3 / max(area, 1e-9)
+
+
+def scan_errors(
+    scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
+) -> ScanErrors:
+    """Return what is known of a scan's shared errors.
+
+    The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
+    bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
+    from none to one just not seen (`GelField.facing_mm` is the middle of that, GUM 4.3.7). A
+    calibration of walls replaces both. Of reflections taken out, a part may be left.
+    """
+    known = scan.depth_standard or scan.modality != "oct"
+    field, strength = segmentation.field, segmentation.strength
+    step = 1.0 - (strength.dark if strength else 0.0)
+    rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
+    level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
+    left = LINES_LEFT * line_thickness(segmentation)
+    level, outer = float(np.hypot(level, left)), float(np.hypot(outer, left))
+    facing = rectangular(field.facing_mm)
+    if walls is not None:
+        level, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0
     return ScanErrors(
-        wall_mm=wall,
-        wall_dof=50.0,
+        level_mm=level,
+        outer_mm=outer,
+        facing_mm=facing,
+        wall_dof=WALL_DOF,
         depth=rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH),
         lateral=rectangular(LATERAL_HALF_WIDTH),
-        blur_mm=blur_mm,
+        blur_mm=field.blur_mm,
         beam=np.array([0.0, 0.0, 1.0]),
     )

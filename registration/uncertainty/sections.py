@@ -26,8 +26,9 @@ class SectionErrors:
         Measured; 0 or NaN where closed or unknown.
     own : (n,) float64, mm
         Independent of every other vessel, correlated along `correlation_mm`.
-    shared : (n, 4) float64, mm
-        Change of each diameter by one standard deviation of walls, blur, depth, lateral scale.
+    shared : (n, 5) float64, mm
+        Change of each diameter by one standard deviation of level, reflections, blur, depth and
+        lateral scale.
     spacing_mm, correlation_mm : float, mm
     wall_dof : float
     """
@@ -96,11 +97,12 @@ class SectionErrors:
 
     def budget(self, weights: FloatArray, own: float) -> Budget:
         """Budget of a weighted sum of the diameters whose own errors leave `own`."""
-        walls, blur, depth, lateral = np.abs(weights @ self.known_shared)
+        level, facing, blur, depth, lateral = np.abs(weights @ self.known_shared)
         return Budget(
             (
                 Term("speckle and roughness", "A", own, OWN_DOF, "scatter of the rays"),
-                Term("walls", "B", float(walls), self.wall_dof, "place of the half level"),
+                Term("level of the wall", "B", float(level), self.wall_dof, "halfway to the gel"),
+                Term("reflections", "B", float(facing), np.inf, "too weak to be told from gel"),
                 Term("blur and curvature", "B", float(blur), np.inf, "10 % of the blur"),
                 Term("refractive index", "B", float(depth), np.inf, "depth"),
                 Term("voxel size", "B", float(lateral), np.inf, "lateral scale"),
@@ -133,7 +135,8 @@ def section_errors(
     curved = 2 * BLUR_PART * errors.blur_mm**2 / radius
     shared = np.column_stack(
         [
-            np.full(len(diameter), 2 * errors.wall_mm),
+            np.full(len(diameter), 2 * errors.level_mm),
+            in_depth * errors.facing_mm,
             curved,
             0.5 * diameter * in_depth * errors.depth,
             0.5 * diameter * (2 - in_depth) * errors.lateral,

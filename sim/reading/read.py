@@ -15,6 +15,7 @@ from sim.reading.named import named_line
 from sim.reading.numbers import words_of
 from sim.reading.plain import PLAIN_MOVE, plain_move
 from sim.reading.strip import command_in
+from sim.reading.text import second_command, text_line
 from sim.reading.words import AXES, MOTION, Known, known
 
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
@@ -75,7 +76,7 @@ def read_words(text: bytes, printer: Printer) -> GcodeLine:
     rest = command[found.end() :]
     letters = known(family, code) if code not in printer.extra_commands else None
     if letters is not None and letters.text:
-        return _with_text(code, rest, text)
+        return text_line(code, rest, text, family)
     return _with_words(code, rest, text, family, letters)
 
 
@@ -114,16 +115,6 @@ def _without_code(command: bytes, text: bytes, family: str) -> GcodeLine:
     return named
 
 
-def _with_text(code: str, rest: bytes, text: bytes) -> GcodeLine:
-    argument = b" ".join(rest.split(b"\t")).strip(b" ")
-    if b"M110" in argument.replace(b" ", b"").upper():
-        raise refusal(
-            "ambiguous", text, "a text with M110 in it renumbers the lines of a Marlin; write "
-            "another text"
-        )  # fmt: skip
-    return GcodeLine(code, {}, code.encode() + (b" " + argument if argument else b""))
-
-
 def _with_words(
     code: str, rest: bytes, text: bytes, family: str, letters: Known | None
 ) -> GcodeLine:
@@ -132,6 +123,8 @@ def _with_words(
     for letter, value, part in words_of(rest, text, family):
         if letters is not None:
             _check_word(letter, value, code, letters, text, family)
+        elif letter in "GM" and value is not None:
+            raise second_command(part.decode(), text)
         if letter in words:
             raise refusal(
                 "repeated_word", text, f"{letter} stands twice, and firmwares differ in which one "

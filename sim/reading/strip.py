@@ -43,6 +43,7 @@ def command_in(text: bytes, family: str) -> bytes:
         return b""
     command = _without_number(command, text, family)
     if b"(" in command or b")" in command:
+        _comments_in_parentheses(text, family)
         command = _PARENTHESES.sub(b" ", command).strip(b" \t")
         if b"(" in command or b")" in command:
             raise refusal(
@@ -60,6 +61,15 @@ def command_in(text: bytes, family: str) -> bytes:
                 "it, or write it behind a semicolon"
             )  # fmt: skip
     return command
+
+
+def _comments_in_parentheses(text: bytes, family: str) -> None:
+    """Refuse parentheses where they are no comment."""
+    if not find_family(family).grammar.parentheses:
+        raise refusal(
+            "bad_comment", text, f"{family} has no comments in parentheses and would read them as "
+            "part of the command; write the comment behind a semicolon"
+        )  # fmt: skip
 
 
 def _without_number(command: bytes, text: bytes, family: str) -> bytes:

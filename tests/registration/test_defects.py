@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 NOISE = 0.004
 
 
-ERRORS = ScanErrors(0.005, 50.0, 0.0, 0.0, 0.04, np.array([0.0, 0.0, 1.0]))
+ERRORS = ScanErrors(0.005, 0.005, 0.0, 50.0, 0.0, 0.0, 0.04, np.array([0.0, 0.0, 1.0]))
 SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
 
 
@@ -187,3 +187,15 @@ def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     assert gauge.seen_fraction < 0.8
     assert gauge.unseen_mm[-1][1] == pytest.approx(gauge.length_mm)
     assert found.topology.as_designed is None
+
+
+def test_a_stretch_without_a_wall_all_round_is_named_as_unmeasured() -> None:
+    def cave(points: FloatArray) -> FloatArray:
+        away = np.hypot(points[..., 1] - 1.2, points[..., 2] - 1.3) - 0.9
+        return np.maximum(away, np.abs(points[..., 0] - 4.5) - 0.5)
+
+    gauge = findings(block(extra=cave)).vessels[CHANNEL]
+    ((low, high),) = gauge.unmeasured_mm
+    assert low == pytest.approx(2.3, abs=0.2)
+    assert high == pytest.approx(3.3, abs=0.2)
+    assert gauge.open is True

@@ -6,8 +6,15 @@ import numpy as np
 
 from design.solids import block_solid
 from registration.alignment.fit import Fit, Freedom, refine
-from registration.alignment.intervals import ALONG_LIGHT, OWN, PATCH_MM, uncertainty
+from registration.alignment.intervals import (
+    BLOCK_MM,
+    PATCH_MM,
+    Uncertainty,
+    fit_errors,
+    uncertainty,
+)
 from registration.distance import ModelSurface
+from registration.uncertainty import ScanErrors
 
 SIZE = np.array([8.0, 5.0, 3.0])
 MODEL = ModelSurface.of(block_solid(SIZE.tolist()))
@@ -15,6 +22,8 @@ START = Fit(np.eye(3), np.zeros(3), np.ones(3), SIZE / 2)
 # With z stretching too a block's scales and the offset can't be told apart.
 FREE = Freedom((0, 1), offset=True)
 NOISE_MM = 0.004
+BEAM = np.array([0.0, 0.0, 1.0])
+SURE = ScanErrors.of_blur(0.0)
 
 
 def faces(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -27,6 +36,12 @@ def faces(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
     normals = np.zeros((count, 3))
     normals[rows, axis] = 2 * high - 1
     return points, normals
+
+
+def sure_of(
+    points: np.ndarray, fit: Fit, shared: ScanErrors, freedom: Freedom = FREE
+) -> Uncertainty:
+    return uncertainty(fit_errors(MODEL, points, fit, freedom, shared), fit, freedom, shared)
 
 
 def errors(fit: Fit) -> np.ndarray:
@@ -43,7 +58,7 @@ def test_intervals_cover_errors_that_whole_patches_share() -> None:
         shared = rng.normal(0, NOISE_MM, cell.max() + 1)[cell]
         scan = points + shared[:, None] * normals
         fit = refine(MODEL, scan, START, FREE)
-        sure = uncertainty(MODEL, scan, fit, FREE, 0.0)
+        sure = sure_of(scan, fit, SURE)
         half = np.array([*sure.shift_mm, *sure.scale[:2], sure.offset_mm])
         covered.append(np.abs(errors(fit)) <= half)
         widths.append(half)
@@ -53,18 +68,41 @@ def test_intervals_cover_errors_that_whole_patches_share() -> None:
     np.testing.assert_allclose(ratio, 1.96, rtol=0.4)
 
 
-def test_what_every_scan_shares_widens_them_by_the_blur() -> None:
+def test_intervals_cover_what_whole_blocks_share() -> None:
+    rng = np.random.default_rng(3)
+    covered = []
+    for _ in range(40):
+        points, normals = faces(rng, 3000)
+        cell = np.floor(points / BLOCK_MM).astype(int) @ np.array([1, 20, 400])
+        side = (normals @ np.array([1, 2, 3])).astype(int) + 3
+        shared = rng.normal(0, NOISE_MM, (7, cell.max() + 1))[side, cell]
+        scan = points + shared[:, None] * normals
+        fit = refine(MODEL, scan, START, FREE)
+        sure = sure_of(scan, fit, SURE)
+        half = np.array([*sure.shift_mm, *sure.scale[:2], sure.offset_mm])
+        covered.append(np.abs(errors(fit)) <= half)
+    assert 0.88 < np.mean(covered) < 0.99
+
+
+def test_levels_reflections_and_index_widen_them() -> None:
     points, _ = faces(np.random.default_rng(1), 3000)
-    sharp = uncertainty(MODEL, points, START, FREE, 0.0)
-    blurred = uncertainty(MODEL, points, START, FREE, 0.05)
+    sharp = sure_of(points, START, SURE)
+    level = ScanErrors(0.002, 0.002, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
+    lines = ScanErrors(0.0, 0.0, 0.002, np.inf, 0.0, 0.0, 0.0, BEAM)
+    tilted = ScanErrors(0.0, 0.0, 0.0, np.inf, 0.01, 0.0, 0.0, np.array([0.6, 0.0, 0.8]))
     assert sharp.shift_mm.max() < 1e-6
-    # Two opposite faces, each off by its own share, and along the light all by the same.
-    expected = 1.96 * 0.05 * np.array([OWN**2 / 2, OWN**2 / 2, OWN**2 / 2 + ALONG_LIGHT**2]) ** 0.5
-    np.testing.assert_allclose(blurred.shift_mm, expected, rtol=0.1)
+    # Two opposite faces, each off by its own.
+    own = 1.96 * 0.002 / np.sqrt(2)
+    found = sure_of(points, START, level)
+    np.testing.assert_allclose(found.shift_mm, own, rtol=0.1)
+    found = sure_of(points, START, lines)
+    np.testing.assert_allclose(found.shift_mm, [0, 0, own], rtol=0.1, atol=1e-5)
+    found = sure_of(points, START, tilted)
+    np.testing.assert_allclose(found.scale[:2], [1.96 * 0.01 * 0.36, 0], rtol=0.1, atol=1e-5)
 
 
 def test_what_was_not_fitted_has_no_interval() -> None:
     points, _ = faces(np.random.default_rng(1), 1000)
-    sure = uncertainty(MODEL, points, START, Freedom((0, 1)), 0.02)
+    sure = sure_of(points, START, ScanErrors.of_blur(0.02), Freedom((0, 1)))
     assert np.isnan(sure.scale).tolist() == [False, False, True]
     assert np.isnan(sure.offset_mm)

@@ -28,6 +28,7 @@ from firmware_profiles.families.gate_facts import (
     OnlyWith,
     Pass,
     Rule,
+    Timeout,
 )
 from firmware_profiles.families.grammar import Grammar
 from firmware_profiles.families.job_facts import (
@@ -68,7 +69,9 @@ def _confirms(number: int) -> tuple[bytes, ...]:
 
 FAMILY: Final = Family(
     link=LinkFacts(says="klipper", make_protocol=_make_protocol, plans_by_time=True),
-    grammar=Grammar(codes=CODES, names=NAMES, words=WORDS, named=True, e_rule="either"),
+    grammar=Grammar(
+        codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"
+    ),
     dialect=always(
         Dialect(
             "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
@@ -84,7 +87,7 @@ FAMILY: Final = Family(
             "ACTIVATE_EXTRUDER": Pass(),
             "SET_FAN_SPEED": Pass(),
             "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
-            "SET_IDLE_TIMEOUT": Pass(),
+            "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
             "SET_KINEMATIC_POSITION": Pass(),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,

@@ -2,7 +2,9 @@
 
 Sources: RepRapFirmware 3.5 ``GCodes2.cpp`` (M302 P1 as Marlin's; M85 is taken and does nothing, M84
 S lowers the idle motors' current only; M203 in mm/min; G92 X Y Z makes the axes count as homed,
-``GCodes::SetPositions``; M220 and M221 answer a number and ``%``); docs.duet3d.com (M572, G10 P).
+``GCodes::SetPositions``; ``StringParser.cpp``: a G or M outside of quotes begins another command of
+the line, but in the text without quotes of M23, M28, M30, M32, M36 and M117; M220 and M221 answer a
+number and ``%``); docs.duet3d.com (M572, G10 P).
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from typing import Final
 from firmware_profiles.families.dialect import Dialect, always
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import Ask, GateFacts, TakeOffsetBack
-from firmware_profiles.families.grammar import Grammar
+from firmware_profiles.families.grammar import Grammar, codes
 from firmware_profiles.families.job_facts import (
     SELECT_BY_T,
     ByHand,
@@ -39,6 +41,7 @@ FAMILY: Final = Family(
         quoted_words=True,
         crc16=True,
         powers_of_ten=True,
+        rest_codes=codes("M", 23, 28, 30, 32, 36, 117),
         e_rule="alone",
     ),
     dialect=always(

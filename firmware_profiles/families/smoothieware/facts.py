@@ -41,6 +41,7 @@ FAMILY: Final = Family(
         words={code: words for code, words in COMMON.items() if code not in _ANY_WORD},
         lower_case=False,
         powers_of_ten=True,
+        rest_codes=codes("M", 117),
     ),
     dialect=always(Dialect()),
     gate=GateFacts(resets=("M220 S100", "M221 S100")),

@@ -82,7 +82,7 @@ def write_results(run: PlateRun, scans: Mapping[str, dict[str, Any]]) -> dict[st
     data = collect_plate(run, scans)
     scanned = [row for row in data["wells"] if row["well"] in scans]
     data["scanned"] = [{**row, "report": f"{WELLS}/{row['well']}/{HTML}"} for row in scanned]
-    data["verdict"] = _verdict(scanned, len(data["wells"]))
+    data["verdict"] = plate_verdict(scanned, len(data["wells"]))
     whole = run.whole
     write_text(whole.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_table(run, data["wells"])
@@ -104,7 +104,8 @@ def write_table(run: PlateRun, wells: Sequence[Mapping[str, Any]]) -> None:
     write_bytes(run.whole.folder / PICTURE, plate_figure(run.standing.plate, wells))
 
 
-def _verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]:
+def plate_verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]:
+    """Collect the verdicts of the wells that were scanned, of so many; fail before undecided."""
     reasons = [
         f"{row['well']} ({row['label']}) {row['outcome']}: {'; '.join(row['reasons'])}"
         for row in scanned

@@ -142,7 +142,7 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
     else:
         # A filament fills its own lumen: no line's width lies between.
         line_mm = 0.0
-    for defect in summary["defects"]:
+    for defect in summary["findings"]:
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 

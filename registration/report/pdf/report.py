@@ -8,6 +8,7 @@ from typing import Any
 from reportlab.platypus import Flowable, KeepTogether, Spacer
 
 from design.network import VesselNetwork
+from registration.report.budget_table import budget_table
 from registration.report.gauging_sections import defect_table, printed_facts, two_way_rows
 from registration.report.key_figures import key_figures
 from registration.report.page import all_figures
@@ -101,7 +102,9 @@ def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:
         return []
     left = [grid(["Fitted", "Value", "95 %"], rows, [False, True, True], HALF)] if rows else []
     right = [fact_lines(sure, HALF)] if sure else []
-    return [KeepTogether([text("Uncertainty", HEADING), pair(left, right)])]
+    budgets = budget_table(registration)
+    table = data_table(budgets) if budgets is not None else []
+    return [KeepTogether([text("Uncertainty", HEADING), pair(left, right)]), *table]
 
 
 def _vessels(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable]:

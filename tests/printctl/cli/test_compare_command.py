@@ -140,6 +140,15 @@ def test_limits_given_judge_all_anew(shell: Shell) -> None:
         assert f"diameters within ±{percent} %" in out
 
 
+def test_an_undecided_print_isnt_called_failed(shell: Shell) -> None:
+    run_folder("a", (-8.0, -10.0, -12.0))
+    run_folder("b", (-8.5, -10.0, -12.0))
+    told = {"passed": False, "undecided": True, "reasons": []}
+    Path("b/report.json").write_text(json.dumps({"verdict": told}))
+    _, out, _ = shell("a", "b", "--out", "o")
+    assert "1 of 2 prints pass; undecided: b" in out
+
+
 def wrong_folders() -> None:
     run_folder("a", (1.0, 2.0, 3.0))
     run_folder("b", (1.0, 2.0, 4.0))

@@ -146,6 +146,10 @@ def test_defects_are_left_out_of_what_is_measured() -> None:
     ]  # fmt: skip
     alone = estimate([lab.print()], CALIBRATED)
     assert 15 not in {vessel.vessel for vessel in alone.vessels}
+    # Beyond its limit as its whole vessel is: that is what a compensation is for.
+    beyond = Lab(faults_mm={15: -0.06})
+    beyond.defects = [lab.defects[0] | {"local": False, "decision": "fail"}]
+    assert 15 in {vessel.vessel for vessel in estimate([beyond.print()], CALIBRATED).vessels}
     # In every print, and over all of its length: not an accident.
     always = estimate([lab.print() for _ in range(3)], CALIBRATED)
     assert 15 in {vessel.vessel for vessel in always.vessels}

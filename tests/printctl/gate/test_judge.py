@@ -135,8 +135,63 @@ def test_a_job_doesnt_change_the_firmware(line):
 
 
 def test_a_job_may_set_what_is_undone_at_its_end():
-    assert allowed("M204 P500", Known.of_job(MARLIN), Door.JOB).undo == ("M204",)
+    assert allowed("M204 P1000", Known.of_job(MARLIN), Door.JOB).undo == ("M204",)
     assert allowed("M302 P1", Known.of_job(MARLIN), Door.JOB).undo == ("M302",)
+
+
+PLANNED = [
+    "M204 P{a:g} T{a:g}", "M204 S{a:g}", "M201 X{x:g}", "M203 X{v:g}", "M205 J{j:g}",
+    "M205 B{b:g}",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", PLANNED)
+def test_a_setting_with_which_the_dry_run_plans_passes(line):
+    for printer in (MARLIN, KLIPPER, DUET, PNEUMATIC):
+        per = 60 if printer is DUET else 1
+        text = line.format(
+            a=printer.acceleration_mm_s2,
+            x=printer.max_acceleration_mm_s2.x,
+            v=printer.max_speed_mm_s.x * per,
+            j=printer.junction_deviation_mm,
+            b=printer.min_segment_time_s * 1e6,
+        )
+        assert allowed(text, Known.of_job(printer), Door.JOB)
+
+
+@pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET, PNEUMATIC])
+@pytest.mark.parametrize(
+    "line",
+    ["M204 P60 T60", "M204 S1", "M204 P0", "M204 T99999", "M201 X1", "M201 X0", "M203 X1"]
+    + ["M203 E0", "M205 J0.3", "M205 X5", "M205 S100", "M205 B0.5", "M566 X900"]
+    + ["SET_VELOCITY_LIMIT ACCEL=1", "SET_VELOCITY_LIMIT VELOCITY=50", "M205 T5"],
+)  # fmt: skip
+def test_a_setting_with_which_the_dry_run_doesnt_plan_is_refused(printer, line):
+    """M204 P60 T60 let a job pass as 4 s that took 11 s."""
+    assert refusal(line, Known.of_job(printer), Door.JOB)
+
+
+def test_another_acceleration_is_refused_with_the_profile_s_key():
+    told = refusal("M204 P60 T60", Known.of_job(MARLIN), Door.JOB)
+    assert "P60 isn't P1000 (acceleration_mm_s2 of Generic Marlin" in told
+
+
+@pytest.mark.parametrize(
+    ("printer", "line"),
+    [(MARLIN, f"M85 S{seconds}") for seconds in ("3601", "999999", "-5")]
+    + [(KLIPPER, f"SET_IDLE_TIMEOUT TIMEOUT={seconds}") for seconds in
+       ("99999999", "-5", "abc", "nan", "inf")]
+    + [(KLIPPER, "SET_IDLE_TIMEOUT FOO=5"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=5 FOO=5")],
+)  # fmt: skip
+def test_a_switch_off_that_never_comes_is_refused(printer, line):
+    assert "from 0 to 3600 s passes" in refusal(line, Known.of_job(printer), Door.JOB)
+
+
+def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():
+    assert allowed("M85 S3600", Known.of_job(MARLIN), Door.JOB)
+    assert allowed("SET_IDLE_TIMEOUT", Known.of_job(KLIPPER), Door.JOB)
+    slow = MARLIN.model_copy(update={"idle_timeout_s": 7200})
+    assert allowed("M85 S7200", Known.of_job(slow), Door.JOB)
 
 
 def test_a_macro_is_kept_with_moves_that_are_judged_later():

@@ -106,11 +106,11 @@ def test_a_start_that_the_printer_or_the_job_confirms_is_printed(tmp_path):
 
 
 def test_what_a_job_set_is_as_before_at_its_end(tmp_path):
-    status, printer, _ = printed(tmp_path, b"M204 P500 T500\nM203 X20\n" + DATA)
+    own = b"M204 P%g T%g\n" % ((PRINTER.acceleration_mm_s2,) * 2)
+    status, printer, _ = printed(tmp_path, own + DATA, b"M204 P500 T500\n")
     assert status.state is LinkState.DONE, status
-    state = printer.machine.motion.state
-    assert float(state["acceleration"][0]) == PRINTER.acceleration_mm_s2
-    assert float(state["max_speed"][0]) == PRINTER.max_speed_mm_s.x
+    assert "M204 P1000 T1000" in printer.numbered
+    assert float(printer.machine.motion.state["acceleration"][0]) == 500
     assert not printer.machine.heat.cold_allowed
 
 

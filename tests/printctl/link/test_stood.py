@@ -74,7 +74,7 @@ def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
     return length[pushed > 0].sum(), pushed[pushed > 0].sum()
 
 
-@pytest.mark.parametrize("after_s", [0.3, 0.9, 5.0, 5.62])
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 4.7, 5.62])  # not within 0.5 mm of a corner
 @pytest.mark.parametrize("count", [8, 20])
 def test_what_was_made_and_the_rest_are_the_job(tmp_path, after_s, count):
     status, wire = stopped(Moment(b"G1 X", after_s, count), tmp_path, job=JOB)

@@ -238,6 +238,11 @@ def test_motors_that_lose_their_power_before_the_last_move_are_refused(printer, 
     assert not [check for check in rest if check.startswith(name)]
 
 
-def test_a_timeout_of_the_motors_is_no_loss_of_power():
-    rest = [check.check for check in checks_of(body() + "M84 S60\nG1 X50\n", MARLIN)]
+@pytest.mark.parametrize("printer", [MARLIN, DUET], ids=["marlin", "duet"])
+@pytest.mark.parametrize("off", ["M84 S1", "M18 S1", "M84 S600", "M84 S1 X"])
+def test_a_time_after_which_motors_lose_their_power_is_refused_before_the_last_move(printer, off):
+    """A dwell, a pause or a wait for heat may be longer; the link sets the time itself."""
+    found = named(checks_of(body() + f"{off}\nG1 X50\n", printer), "motors without power")
+    assert (found.refuses, found.place) == (True, "line 8")
+    rest = [check.check for check in checks_of(body() + f"G1 X50\n{off}\n", printer)]
     assert not [check for check in rest if check.startswith("motors without power")]

@@ -36,13 +36,13 @@ def test_a_clean_vessel_passes_and_leaves_no_finding() -> None:
     found = judged(vessel(0, noise(30, 3.0), u_um=SURE))
     assert found["judging"]["decision"] == "pass"
     assert found["vessels"][0]["decision"] == "pass"
-    assert found["defects"] == []
+    assert found["findings"] == []
 
 
 def test_a_change_over_half_a_vessel_fails_as_one_finding() -> None:
     errors = noise(40, 3.0) + np.where(np.arange(40) >= 20, -105.0, 0.0)
     found = judged(vessel(0, errors, u_um=SURE))
-    (finding,) = found["defects"]
+    (finding,) = found["findings"]
     assert (finding["kind"], finding["decision"]) == ("stenosis", "fail")
     assert finding["from_mm"] == pytest.approx(2.4)
     assert finding["to_mm"] == pytest.approx(4.8)
@@ -53,7 +53,7 @@ def test_a_change_over_half_a_vessel_fails_as_one_finding() -> None:
 
 def test_a_narrow_vessel_fails_over_its_whole_length_though_it_is_alone() -> None:
     found = judged(vessel(0, noise(40, 3.0) - 90.0, u_um=SURE))
-    (finding,) = found["defects"]
+    (finding,) = found["findings"]
     assert finding["decision"] == "fail"
     assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
     names = {f["name"] for f in found["judging"]["features"] if f["decision"] == "fail"}
@@ -63,7 +63,7 @@ def test_a_narrow_vessel_fails_over_its_whole_length_though_it_is_alone() -> Non
 def test_what_lies_within_its_interval_of_a_limit_is_undecided() -> None:
     found = judged(vessel(0, np.full(30, -40.0), u_um=20.0))
     assert found["judging"]["decision"] == "undecided"
-    assert {d["decision"] for d in found["defects"]} == {"undecided"}
+    assert {d["decision"] for d in found["findings"]} == {"undecided"}
 
 
 def test_a_withdrawn_interval_is_undecided() -> None:
@@ -71,7 +71,7 @@ def test_a_withdrawn_interval_is_undecided() -> None:
     row["interval_95_um"][7] = None
     found = judged(row)
     assert found["vessels"][0]["decision_along"][7] == "undecided"
-    assert [d["decision"] for d in found["defects"]] == ["undecided"]
+    assert [d["decision"] for d in found["findings"]] == ["undecided"]
 
 
 @pytest.mark.parametrize("name", ["unseen_mm", "unmeasured_mm"])
@@ -85,7 +85,7 @@ def test_sides_of_a_tolerance_are_judged_apart() -> None:
     wide, narrow = (vessel(n, np.full(20, e), u_um=5.0) for n, e in ((0, 40.0), (1, -40.0)))
     found = judge(registration(wide, narrow), tolerances)
     assert [row["decision"] for row in found["vessels"]] == ["pass", "fail"]
-    assert found["defects"][0]["limit"] == "+10/\N{MINUS SIGN}5 %"
+    assert found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}5 %"
 
 
 def test_the_tighter_of_percent_and_length_counts() -> None:
@@ -133,13 +133,13 @@ def test_features_have_limits_of_their_own() -> None:
 def test_a_leak_fails_where_none_is_allowed() -> None:
     leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
     found = judged(vessel(0, np.zeros(20), u_um=SURE), defects=[leak])
-    assert [d["decision"] for d in found["defects"]] == ["fail"]
+    assert [d["decision"] for d in found["findings"]] == ["fail"]
 
 
 def test_a_change_within_tolerance_stays_in_the_list_as_a_pass() -> None:
     errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 30.0, 0.0)
     found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.9, 2.4)])
-    (finding,) = found["defects"]
+    (finding,) = found["findings"]
     assert (finding["decision"], finding["local"]) == ("pass", True)
     assert found["judging"]["decision"] == "pass"
 
@@ -147,14 +147,14 @@ def test_a_change_within_tolerance_stays_in_the_list_as_a_pass() -> None:
 def test_a_run_within_a_change_is_the_same_finding() -> None:
     errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 80.0, 0.0)
     found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.7, 2.5)])
-    (finding,) = found["defects"]
+    (finding,) = found["findings"]
     assert (finding["decision"], finding["local"]) == ("fail", True)
 
 
 def test_a_change_found_in_pieces_is_one_finding() -> None:
     pieces = [change(0, low, low + 0.4) for low in (0.6, 1.8, 3.0)]
     found = judged(vessel(0, np.full(40, 90.0), u_um=SURE), defects=pieces)
-    (finding,) = found["defects"]
+    (finding,) = found["findings"]
     assert (finding["decision"], finding["local"]) == ("fail", True)
     assert (finding["from_mm"], finding["to_mm"]) == (0, pytest.approx(4.8))
 
@@ -164,7 +164,7 @@ def test_judging_again_gives_the_same_and_a_wider_tolerance_clears() -> None:
     once = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 0.2, 0.4)])
     assert judge_plain(once, 100.0, 10.0) == once
     wider = judge_plain(once, 100.0, 40.0)
-    assert [d["decision"] for d in wider["defects"]] == ["pass"]
+    assert [d["decision"] for d in wider["findings"]] == ["pass"]
 
 
 def test_closed_sections_belong_to_their_occlusion() -> None:
@@ -175,7 +175,7 @@ def test_closed_sections_belong_to_their_occlusion() -> None:
     for k in range(10, 20):
         row["noise_um"][k] = row["interval_95_um"][k] = None
     found = judged(row, defects=[plug])
-    assert [(d["kind"], d["decision"]) for d in found["defects"]] == [("occlusion", "fail")]
+    assert [(d["kind"], d["decision"]) for d in found["findings"]] == [("occlusion", "fail")]
     assert set(found["vessels"][0]["decision_along"][10:20]) == {"fail"}
 
 
@@ -212,12 +212,12 @@ def test_whatever_is_drawn_outside_its_limits_is_in_the_list(data: st.DataObject
             if outside:
                 assert decision != "pass"
             listed = [
-                d for d in found["defects"]
+                d for d in found["findings"]
                 if d["vessel"] == row["vessel"] and d["decision"] != "pass"
                 and d["from_mm"] - 0.061 <= along <= d["to_mm"] + 0.061
             ]  # fmt: skip
             assert listed or decision == "pass"
-    if any(d["decision"] == "fail" for d in found["defects"]):
+    if any(d["decision"] == "fail" for d in found["findings"]):
         assert found["judging"]["decision"] == "fail"
 
 

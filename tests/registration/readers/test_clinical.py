@@ -75,6 +75,15 @@ def test_truncated_heidelberg_is_refused(tmp_path: Path, share: float) -> None:
         read_scan(path, INDEX)
 
 
+def test_heidelberg_scans_that_lie_elsewhere_are_refused(tmp_path: Path) -> None:
+    path = heidelberg(tmp_path / "s.vol", counts().astype(np.float32))
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<I", data, 100, 256)
+    path.write_bytes(data)
+    with pytest.raises(ScanFileError, match=r"B-scan 1 of 8 isn't where .* version HSF-OCT-103"):
+        read_scan(path, INDEX)
+
+
 def test_heidelberg_sizes_beyond_the_file_and_circles_are_refused(tmp_path: Path) -> None:
     path = heidelberg(tmp_path / "s.vol", counts().astype(np.float32))
     data = bytearray(path.read_bytes())

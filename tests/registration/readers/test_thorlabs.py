@@ -67,6 +67,12 @@ def test_sixteen_bits_are_read_and_their_scale_asked_for(tmp_path: Path) -> None
     np.testing.assert_array_equal(found.volume, volume)
 
 
+def test_axis_order_may_name_the_time_last(tmp_path: Path) -> None:
+    volume = counts().astype(np.float32)
+    path = thorlabs(tmp_path / "s.oct", volume, extra="<AxisOrder>ZXYT</AxisOrder>")
+    np.testing.assert_array_equal(read_scan(path, INDEX).volume, volume)
+
+
 def test_axis_order_in_the_header_is_heeded(tmp_path: Path) -> None:
     volume = counts().astype(np.float32)
     path = thorlabs(tmp_path / "s.oct", volume, extra="<AxisOrder>XZY</AxisOrder>")

@@ -21,7 +21,7 @@ ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def errors(wall_um: float = 0.0, depth: float = 0.0) -> ScanErrors:
-    return ScanErrors(1e-3 * wall_um, np.inf, depth, 0.0, 1e-6, np.array([0.0, 0.0, 1.0]))
+    return ScanErrors(1e-3 * wall_um, 0.0, 0.0, np.inf, depth, 0.0, 1e-6, np.array([0.0, 0.0, 1.0]))
 
 
 def sections(scan: ScanErrors, diameter: float = 0.4, noise_um: float = 0.0, count: int = 20):

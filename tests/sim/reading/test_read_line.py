@@ -211,3 +211,45 @@ def test_what_is_sent_reads_as_what_was_meant(text, family):
 def test_the_short_road_reads_plain_moves_as_the_long_one(text, family):
     if PLAIN_MOVE.fullmatch(text):
         assert read_line(text, FAMILIES[family]) == read_words(text, FAMILIES[family])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b'M117 "x"M104 S250', b'M117 "x" G1 Z-50 F3000', b'M117 "x"G10 P0 S300', b'M117 a"b"M104 S250']
+    + [b'M117 "x""y"M104 S250', b'M118 S"a" M104 S250', b'M118 S"a""b"M104 S250', b"M0 M104 S250"]
+    + [b"M118 hi M104 S250", b'M98 P"a.g"G1 Z-5', b"M98 Pa.g M104 S250", b"G1 X1 G1 Y2"]
+    + [b"M104 S0 M140 S0", b'M117 "a;b"M104 S250', b"M84 M104 S250", b"M201 X5 G1 Z-5"]
+    + [b'M106 C"x"M104 S250', b"M28 \"x\"M104 S250"],
+)  # fmt: skip
+@pytest.mark.parametrize("printer", [DUET, SMOOTHIE])
+def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it_out(text, printer):
+    with pytest.raises(LineError):
+        read_line(text, printer)
+
+
+@pytest.mark.parametrize(
+    ("text", "sent"),
+    [
+        (b"M117 Layer M5, G1 next", b"M117 Layer M5, G1 next"),
+        (b'M117 "Layer M5"', b'M117 "Layer M5"'),
+        (b'M117 "a ""M5"" b"', b'M117 "a ""M5"" b"'),
+        (b"M117 it's 'M104'", b"M117 it's 'M104'"),
+        (b'M118 P0 S"M104 S250"', b'M118 P0 S"M104 S250"'),
+    ],
+)
+def test_a_text_that_reaches_to_the_lines_end_passes(text, sent):
+    assert read_line(text, DUET).text == sent
+
+
+@pytest.mark.parametrize("printer", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize("text", [b"M4321 M104 S250", b"M4321 G1 Z-5", b"T0 M104 S250"])
+def test_a_second_command_behind_any_code_is_refused_in_each_family(text, printer):
+    with pytest.raises(LineError):
+        read_line(text, printer)
+
+
+@pytest.mark.parametrize("text", [b"(M104 S250)", b"M104 (x) S250", b"G1 X1 (aside)"])
+def test_parentheses_are_no_comment_to_klipper(text):
+    with pytest.raises(LineError, match="no comments in parentheses"):
+        read_line(text, KLIPPER)
+    assert read_line(b"G1 X1 ; (aside)", KLIPPER).text == b"G1 X1"

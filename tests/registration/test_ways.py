@@ -1,0 +1,63 @@
+"""Ways through speckled gel: faint ones are found, shadows and dim gel are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
+from registration.segmentation.volume import Strength
+from tests.registration.phantom import CHANNEL, WIDE, block
+from tests.registration.test_defects import findings, hole
+
+FloatArray = NDArray[np.float64]
+
+
+def speckled(clean: Segmentation, liquid: float, gel: float = 1.0, seed: int = 0) -> Segmentation:
+    """The same part as one look of OCT: exponential speckle, light that fades with depth."""
+    share = np.asarray(clean.field.values, dtype=np.float64)
+    # The phantom's wall is a ramp of 0.3 mm; a voxel is either gel or liquid here.
+    power = np.where(share > 0.5, gel, liquid)
+    fade = np.exp(-0.02 * np.arange(len(share)))[:, None, None]
+    signal = np.random.default_rng(seed).exponential(power * fade).astype(np.float32)
+    return replace(clean, strength=Strength(signal, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_way_of_200_um_is_found_in_single_look_speckle(seed: int) -> None:
+    way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.10)
+    found = findings(speckled(block(extra=way), 0.15, seed=seed)).defects
+    kinds = [(d.kind, d.vessel, d.other) for d in found if d.kind in ("leak", "bridge")]
+    assert kinds == [("bridge", CHANNEL, WIDE)]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_sound_speckled_gel_has_no_way(seed: int) -> None:
+    found = findings(speckled(block(), 0.15, seed=seed)).defects
+    assert [d for d in found if d.kind in ("leak", "bridge")] == []
+
+
+def test_lumens_as_bright_as_gel_are_neither_open_nor_closed() -> None:
+    found = findings(speckled(block(), 0.95))
+    assert [vessel.open for vessel in found.vessels] == [None] * len(found.vessels)
+    assert [d for d in found.defects if d.kind in ("missing", "occlusion", "leak", "bridge")] == []
+    assert found.contrast.untold == 1.0
+
+
+def test_evidence_is_one_in_gel_whatever_the_depth() -> None:
+    scan = speckled(block(), 0.15)
+    assert isinstance(scan.field, GelField)
+    evidence = gel_evidence(scan.field, scan.strength)
+    gel = np.asarray(scan.field.values) > 0.9
+    depths = [z for z in range(len(gel)) if gel[z].mean() > 0.1]
+    means = np.array([evidence.fine[z][gel[z]].mean() for z in depths])
+    assert means == pytest.approx(np.ones(len(depths)), abs=0.05)
+
+
+def test_levels_nearer_than_four_deviations_arent_told_apart() -> None:
+    assert told_apart(1.0, 0.15, 0.06)
+    assert not told_apart(1.0, 0.86, 0.06)
+    assert not told_apart(1.0, 0.15, np.nan)
