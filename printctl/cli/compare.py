@@ -11,14 +11,21 @@ import typer
 from design.files import write_text
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
-from printctl.comparing import Judged, read_folders
+from printctl.comparing import Judged, Named, read_folders
 from printctl.errors import UsageError
-from registration.comparison import compare, comparison_csv, comparison_dict, verdict
+from registration.comparison import (
+    compare,
+    comparison_csv,
+    comparison_dict,
+    gauge_csv,
+    verdict,
+)
 from registration.report.comparison import comparison_figures, write_comparison_html
 from registration.report.pdf import write_comparison_pdf
 
 JSON: Final = "compare.json"
 CSV: Final = "compare.csv"
+GAUGE_CSV: Final = "gauge.csv"
 HTML: Final = "compare.html"
 PDF: Final = "compare.pdf"
 
@@ -41,6 +48,30 @@ def compare_prints(
             help="Which print each folder's scan is of, by any names; else by its journal.",
         ),
     ] = None,
+    repeatability: Annotated[
+        bool,
+        typer.Option(
+            "--repeatability",
+            help="Gauge R&R: the folders are operators x parts x repeats (ANOVA, AIAG MSA).",
+        ),
+    ] = False,
+    operators: Annotated[
+        str | None,
+        typer.Option(
+            "--operators",
+            metavar="A,A,B,...",
+            help="With --repeatability: who made each folder's scan; else as its record says.",
+        ),
+    ] = None,
+    parts: Annotated[
+        str | None,
+        typer.Option(
+            "--parts",
+            metavar="1,2,1,...",
+            help="With --repeatability: the part each folder's scan is of; else as its record or "
+            "journal says.",
+        ),
+    ] = None,
     tolerance_um: Annotated[
         float | None,
         typer.Option("--tolerance-um", min=0.1, help="Judge all prints anew by this RMS limit."),
@@ -60,16 +91,28 @@ def compare_prints(
 
     Exit code 0 whatever the verdicts are; 1 when the registrations can't be compared.
     """
-    scans = read_folders(
-        folders, _names(prints, len(folders)), _judged(tolerance_um, diameter_tolerance_percent)
+    if not repeatability and (operators or parts):
+        raise UsageError("--operators and --parts describe a gauge study; add --repeatability")
+    named = Named(
+        *(
+            _names(text, option, len(folders))
+            for text, option in (
+                (prints, "--prints"),
+                (operators, "--operators"),
+                (parts, "--parts"),
+            )
+        )
     )
-    found = compare(scans, diameter_tolerance_percent)
+    scans = read_folders(folders, named, _judged(tolerance_um, diameter_tolerance_percent))
+    found = compare(scans, diameter_tolerance_percent, repeatability)
     notes = _judged_note(tolerance_um, diameter_tolerance_percent)
     data = comparison_dict(found)
     data["notes"] = [*notes, *data["notes"]]
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(out / CSV, comparison_csv(found))
+    if found.gauge is not None:
+        write_text(out / GAUGE_CSV, gauge_csv(found.gauge))
     drawn = comparison_figures(found)
     write_comparison_html(out / HTML, found, _title(folders), notes, drawn)
     if pdf:
@@ -84,14 +127,14 @@ def _written(out: Path, pdf: bool) -> list[str]:
     return [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
 
 
-def _names(text: str | None, count: int) -> list[str] | None:
+def _names(text: str | None, option: str, count: int) -> list[str] | None:
     if text is None:
         return None
     names = [name.strip() for name in text.split(",")]
     if len(names) != count or not all(names):
         raise UsageError(
-            f"--prints {text!r} names {len(names)} prints for {count} folders; give one name for "
-            "each folder, in their order, like A,A,B"
+            f"{option} {text!r} names {len(names)} {option[2:]} for {count} folders; give one name "
+            "for each folder, in their order, like A,A,B"
         )
     return names
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -14,6 +15,7 @@ from printctl.ahead import import_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
+from printctl.cli.record_option import read_record
 from printctl.cli.scan_options import (
     AirAbove,
     Axes,
@@ -38,6 +40,7 @@ from printctl.cli.scan_options import (
 from printctl.cli.tolerance_options import tolerances_of
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import HTML, LUMEN, NETWORK, PDF, SOLID
+from printctl.recipe.record import RecordPart
 from registration import RegistrationOptions, register_scan
 from registration.corrected import corrected_scan
 from registration.walls_file import read_walls
@@ -84,6 +87,14 @@ def register(
             "--print", help="The print that was scanned: its folder or file; else the run's own."
         ),
     ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            help="YAML file of the measurement record: instrument, certificate, operator, "
+            "temperature (docs/registration.md).",
+        ),
+    ] = None,
     tolerance: Annotated[
         Path | None,
         typer.Option(
@@ -119,6 +130,7 @@ def register(
     with steps.whole():
         steps.begin("reading")
         surface, path = _design(model, network, lumens, unit)
+        stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         vessels, printed = read_network_csv(path, unit="mm"), _printed(model, printed_in)
         options = RegistrationOptions(
@@ -144,10 +156,13 @@ def register(
         steps.begin("registration")
         found = register_scan(measured, surface, vessels, options)
         # Imported only now: what draws and packs loads while kernels search the scan.
+        from printctl.pipeline.measurement_record import Corrections
         from printctl.pipeline.registering import Registered
 
         made = Registered(scan, measured, model, surface, path, vessels, found, printed)
         data = made.judged(limits)
+        done = Corrections(_text(oct_calibration), air_above, _text(walls))
+        made.add_record(data, stated, done, datetime.now(UTC))
         steps.begin("writing")
         for note in made.write(out, data, pdf):
             messages().print(f"note: {note}", markup=False)
@@ -158,6 +173,10 @@ def register(
         print_lines(*data["verdict"]["reasons"], *files)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
 
 
 def _design(

@@ -1,6 +1,6 @@
 """Registrations found in folders, ready to be compared."""
 
-from printctl.comparing.read import Judged, read_folders
+from printctl.comparing.read import Judged, Named, read_folders
 from printctl.link.print_identity import print_identity
 
-__all__ = ["Judged", "print_identity", "read_folders"]
+__all__ = ["Judged", "Named", "print_identity", "read_folders"]

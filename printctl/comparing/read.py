@@ -32,17 +32,35 @@ class Judged:
     diameter_percent: float
 
 
-def read_folders(
-    folders: Sequence[Path], prints: Sequence[str] | None, judged: Judged | None
-) -> list[GaugedScan]:
+@dataclass(frozen=True)
+class Named:
+    """What the folders are, by any names; None: as journals and records say.
+
+    Attributes
+    ----------
+    prints, operators, parts : sequence of str or None
+        One a folder: the print that it is a scan of, who scanned, and which part of a gauge study
+        was scanned. `parts` stand for `prints` where those aren't given.
+    """
+
+    prints: Sequence[str] | None = None
+    operators: Sequence[str] | None = None
+    parts: Sequence[str] | None = None
+
+    def of(self, number: int) -> dict[str, str | None]:
+        """Names of one folder."""
+        given = {"print": self.prints or self.parts, "operator": self.operators, "part": self.parts}
+        return {name: None if each is None else each[number] for name, each in given.items()}
+
+
+def read_folders(folders: Sequence[Path], named: Named, judged: Judged | None) -> list[GaugedScan]:
     """Read the registrations of several folders.
 
     Parameters
     ----------
     folders : sequence of Path
         Run folders, or those of `printctl register`.
-    prints : sequence of str or None
-        The print that each is a scan of, by any name; None: as the journals say.
+    named : Named
     judged : Judged or None
         None: the verdicts stand that were given.
 
@@ -62,14 +80,15 @@ def read_folders(
         name if names.count(name) == 1 else str(folder)
         for folder, name in zip(folders, names, strict=True)
     ]
-    given = prints if prints is not None else [None] * len(folders)
     return [
-        _read(folder, label, name, judged)
-        for folder, label, name in zip(folders, labels, given, strict=True)
+        _read(folder, label, named.of(k), judged)
+        for k, (folder, label) in enumerate(zip(folders, labels, strict=True))
     ]
 
 
-def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None) -> GaugedScan:
+def _read(
+    folder: Path, label: str, named: dict[str, str | None], judged: Judged | None
+) -> GaugedScan:
     whole = _load(folder)
     own = "registration" in whole
     numbers = whole["registration"] if own else whole
@@ -81,17 +100,26 @@ def _read(folder: Path, label: str, print_id: str | None, judged: Judged | None)
     told = whole.get("verdict") if own else _report_verdict(folder)
     if judged is not None:
         told = _judged(numbers, judged, folder)
-    made, told = made or {}, told or {}
+    made, told, record = made or {}, told or {}, _record(numbers)
+    part = named["part"] or record.get("part")
     origin = Origin(
         label=label,
         design=_design(numbers, folder),
-        print_id=print_id or made.get("id") or str(folder.resolve()),
+        print_id=named["print"] or made.get("id") or part or str(folder.resolve()),
         started=made.get("started"),
         passed=told.get("passed"),
         undecided=told.get("undecided") is True,
         reasons=tuple(told.get("reasons", ())),
+        operator=named["operator"] or record.get("operator"),
+        part=part,
     )
     return gauged_scan(numbers, origin)
+
+
+def _record(numbers: dict[str, Any]) -> dict[str, Any]:
+    """Return the measurement record; empty where none was given."""
+    found = numbers.get("record")
+    return found if isinstance(found, dict) else {}
 
 
 def _judged(numbers: dict[str, Any], judged: Judged, folder: Path) -> dict[str, Any]:

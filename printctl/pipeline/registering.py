@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from design.solids import Solid
 from printctl.feedback import NO_ORIGIN, keep_origin
 from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.facts import scan_origin
+from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.stages.registration import (
     DEVIATION,
     NUMBERS,
@@ -23,6 +25,7 @@ from printctl.pipeline.stages.registration import (
     write_exports,
 )
 from printctl.pipeline.verdict import verdict
+from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
 from registration.report import ReportSurface, all_figures, write_report_html
@@ -59,6 +62,12 @@ class Registered:
     vessels: VesselNetwork
     found: RegistrationReport
     printed: dict[str, Any] | None
+
+    def add_record(
+        self, data: dict[str, Any], stated: RecordPart, done: Corrections, now: datetime
+    ) -> None:
+        """Put the measurement record to the numbers that `judged` gave."""
+        add_record(data["registration"], stated, self.scan, done, now)
 
     def judged(self, tolerances: Tolerances) -> dict[str, Any]:
         """Numbers and verdict, as ``registration.json`` holds them.

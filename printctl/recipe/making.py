@@ -27,6 +27,7 @@ from printctl.recipe.marks import (
 )
 from printctl.recipe.parts import Part, Point, Seed, given
 from printctl.recipe.priming import PrimePart
+from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
 from registration.judging.tolerance import Tolerances
@@ -265,6 +266,9 @@ class FileScan(Part):
     )
     air_above: bool = Field(
         default=False, description="Air lies above the sample: undo refraction at its surface."
+    )
+    record: RecordPart | None = Field(
+        default=None, description="Instrument, operator, conditions, for the report."
     )
 
 

@@ -1,20 +1,24 @@
 """Several prints of one design: what repeats, what varies, what drifts."""
 
 from registration.comparison.compare import Comparison, Print, compare
-from registration.comparison.errors import ComparisonError
+from registration.comparison.errors import ComparisonError, GaugeStudyError
 from registration.comparison.findings import comparison_dict, notes, sentences, verdict
+from registration.comparison.gauge import GaugeStudy, gauge_csv
 from registration.comparison.scans import GaugedScan, Origin, gauged_scan
 from registration.comparison.tables import comparison_csv
 
 __all__ = [
     "Comparison",
     "ComparisonError",
+    "GaugeStudy",
+    "GaugeStudyError",
     "GaugedScan",
     "Origin",
     "Print",
     "compare",
     "comparison_csv",
     "comparison_dict",
+    "gauge_csv",
     "gauged_scan",
     "notes",
     "sentences",

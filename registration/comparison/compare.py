@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from registration.comparison.defects import SharedDefect, shared_defects
+from registration.comparison.errors import GaugeStudyError
+from registration.comparison.gauge import GaugeStudy, gauge_study
 from registration.comparison.overall import (
     DAY_S,
     Quantity,
@@ -62,6 +64,8 @@ class Comparison:
     repeatability : Repeatability
     vessels : tuple of VesselSpread
     defects : tuple of SharedDefect
+    gauge : GaugeStudy or None
+        None: not asked for.
     """
 
     scans: tuple[GaugedScan, ...]
@@ -72,13 +76,16 @@ class Comparison:
     repeatability: Repeatability
     vessels: tuple[VesselSpread, ...]
     defects: tuple[SharedDefect, ...]
+    gauge: GaugeStudy | None = None
 
     def quantity(self, name: str) -> Quantity:
         """The quantity of that name."""
         return next(q for q in self.quantities if q.name == name)
 
 
-def compare(scans: Sequence[GaugedScan], tolerance_percent: float | None = None) -> Comparison:
+def compare(
+    scans: Sequence[GaugedScan], tolerance_percent: float | None = None, gauge: bool = False
+) -> Comparison:
     """Compare prints of one design.
 
     Parameters
@@ -87,11 +94,15 @@ def compare(scans: Sequence[GaugedScan], tolerance_percent: float | None = None)
         Two or more; scans with the same ``print_id`` are scans of one print.
     tolerance_percent : float or None
         A vessel's diameter may be off by so much; asks for capability.
+    gauge : bool
+        Whether the scans are a gauge study: operators x parts x repeats.
 
     Raises
     ------
     ComparisonError
         For fewer than two, or for different designs.
+    GaugeStudyError
+        When the scans don't make a gauge study.
     """
     check_comparable(scans)
     by_time, groups = _ordered(scans)
@@ -111,6 +122,23 @@ def compare(scans: Sequence[GaugedScan], tolerance_percent: float | None = None)
         repeatability=repeatability(vessels, number),
         vessels=vessels,
         defects=shared_defects(ordered, number),
+        gauge=_gauge(ordered, [prints[k].label for k in number]) if gauge else None,
+    )
+
+
+def _gauge(scans: Sequence[GaugedScan], labels: Sequence[str]) -> GaugeStudy:
+    """Run the study; a scan without an operator's name is refused where others have one."""
+    operators = [scan.operator for scan in scans]
+    unnamed = [scan.label for scan in scans if scan.operator is None]
+    if unnamed and len(unnamed) < len(scans):
+        raise GaugeStudyError(
+            f"no operator is named for {', '.join(unnamed[:4])}, though for other scans; name all "
+            "with --operators A,A,B,..., or in each scan's record"
+        )
+    return gauge_study(
+        scans,
+        [name or "not stated" for name in operators],
+        [scan.part or label for scan, label in zip(scans, labels, strict=True)],
     )
 
 

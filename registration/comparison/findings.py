@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from registration.comparison.compare import Comparison
+from registration.comparison.gauge import gauge_dict, gauge_sentences
 from registration.comparison.intervals import Interval, sd_factors
 from registration.comparison.vessels import SIGNIFICANT
 from registration.result import json_ready
@@ -35,6 +36,7 @@ def sentences(found: Comparison) -> list[str]:
         _standing_out(found),
         _drift(found),
         _defects(found),
+        *([] if found.gauge is None else gauge_sentences(found.gauge)),
     ]
 
 
@@ -155,6 +157,7 @@ def comparison_dict(found: Comparison) -> dict[str, Any]:
         "repeatability": asdict(found.repeatability),
         "vessels": [{**asdict(v), "off": v.off, "varies": v.varies} for v in found.vessels],
         "defects": [{**asdict(d), "common": d.common} for d in found.defects],
+        "gauge": None if found.gauge is None else gauge_dict(found.gauge),
         "notes": notes(found),
     }  # fmt: skip
     cleaned: dict[str, Any] = json_ready(plain)

@@ -53,6 +53,11 @@ class GaugedScan:
         Deviation after the scaled and the rigid fit.
     defects : tuple of mapping
         As in registration.json.
+    offsets_um, type_a_um, width_um : (v,) float64
+        Of each vessel: offset of its axis; standard uncertainty of its diameter from the budget's
+        type A terms; median width of its diameter's tolerance. NaN what isn't known.
+    operator, part : str or None
+        As the registration's record names them.
     """
 
     label: str
@@ -75,6 +80,11 @@ class GaugedScan:
     rms_um: float
     rigid_rms_um: float
     defects: tuple[Record, ...]
+    offsets_um: FloatArray
+    type_a_um: FloatArray
+    width_um: FloatArray
+    operator: str | None = None
+    part: str | None = None
 
     @property
     def error_um(self) -> FloatArray:
@@ -93,6 +103,8 @@ class Origin:
     passed: bool | None = None
     undecided: bool = False
     reasons: tuple[str, ...] = ()
+    operator: str | None = None
+    part: str | None = None
 
 
 def gauged_scan(numbers: Record, origin: Origin) -> GaugedScan:
@@ -144,7 +156,22 @@ def _gauged(numbers: Record, origin: Origin) -> GaugedScan:
         rms_um=float(numbers["scaled"]["rms_um"]),
         rigid_rms_um=float(numbers["rigid"]["rms_um"]),
         defects=tuple(numbers["defects"]),
+        offsets_um=_numbers([row.get("offset_um") for row in vessels]),
+        type_a_um=np.array([_type_a(row) for row in vessels]),
+        width_um=np.array([_width(row) for row in vessels]),
     )
+
+
+def _type_a(row: Record) -> float:
+    """Root sum of squares of a vessel's type A terms, µm; NaN without a budget."""
+    terms = [term["standard"] for term in row.get("budget") or () if term["type"] == "A"]
+    return float(np.sqrt(np.sum(np.square(terms)))) if terms else float("nan")
+
+
+def _width(row: Record) -> float:
+    low, high = _numbers(row.get("lower_um") or ()), _numbers(row.get("upper_um") or ())
+    wide = (high - low)[np.isfinite(high - low)]
+    return float(np.median(wide)) if len(wide) else float("nan")
 
 
 def _is_defect(row: Record, vessels: int) -> bool:

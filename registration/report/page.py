@@ -36,6 +36,7 @@ from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import pack_surfaces
+from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.sections import mapping, records
 from registration.report.surface import ReportSurface
@@ -135,6 +136,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
         "printed_facts": printed_facts(registration),
+        "record_facts": record_facts(registration),
         "vessel_summary": sections.vessel_summary(registration),
         "vessel_table": sections.vessel_table(registration),
         "flow_table": sections.flow_table(flow),

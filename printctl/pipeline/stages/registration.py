@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ from design.solids import Solid, write_ply
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
+from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.tracing import by_layer, made_by, read_job
 from printctl.pipeline.truth import pose_error
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
+from printctl.recipe.record import RecordPart
 from registration import (
     RegistrationOptions,
     RegistrationReport,
@@ -77,6 +80,10 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "measured_by": scan_facts(scan),
         "design": design_facts(context.folder / NETWORK),
     }
+    part = context.scan_part
+    if isinstance(part, FileScan):
+        done = Corrections(part.oct_calibration, part.air_above, part.walls)
+        add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
     add_traces(summary, context, found)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")

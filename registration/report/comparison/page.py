@@ -12,12 +12,14 @@ from design.files import write_text
 from registration.comparison import Comparison
 from registration.comparison import notes as standing_notes
 from registration.comparison import verdict as found_verdict
+from registration.comparison.gauge import gauge_notes, gauge_sentences
 from registration.report.comparison.figures import (
     along_figure,
     history_figure,
     quantities_figure,
     vessels_figure,
 )
+from registration.report.comparison.gauge import gauge_tables
 from registration.report.comparison.sections import (
     key_figures,
     print_table,
@@ -89,6 +91,12 @@ def comparison_html(
         "trend_table": trend_table(found),
         "shared_table": shared_table(found),
         "spread_facts": spread_facts(found),
+        "gauge": found.gauge
+        and {
+            "sentences": gauge_sentences(found.gauge),
+            "tables": gauge_tables(found.gauge),
+            "notes": gauge_notes(found.gauge),
+        },
         "notes": [*notes, *standing_notes(found)],
         "style": style(),
         "policy": content_policy([modules, _ENTRY]),

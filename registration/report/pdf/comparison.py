@@ -9,6 +9,8 @@ from reportlab.platypus import Flowable, KeepTogether
 from registration.comparison import Comparison
 from registration.comparison import notes as standing_notes
 from registration.comparison import verdict as found_verdict
+from registration.comparison.gauge import GaugeStudy, gauge_notes, gauge_sentences
+from registration.report.comparison.gauge import gauge_tables
 from registration.report.comparison.page import Drawn, comparison_figures, facts
 from registration.report.comparison.sections import (
     key_figures,
@@ -64,6 +66,7 @@ def comparison_story(
         *data_table(trend_table(found)),
         text("Repeatability of a vessel's diameter, all vessels pooled", MINOR),
         fact_lines(spread_facts(found)),
+        *([] if found.gauge is None else _gauge(found.gauge)),
         text("Vessels", HEADING),
         *(shown[name] for name in ("vessels", "history", "along") if name in shown),
         text("Each vessel", MINOR),
@@ -73,3 +76,11 @@ def comparison_story(
         text("How to read this", HEADING),
         *(text(note, BULLET, "•") for note in [*notes, *standing_notes(found)]),
     ]  # fmt: skip
+
+
+def _gauge(study: GaugeStudy) -> list[Flowable]:
+    made = [text("Gauge study: repeatability and reproducibility", HEADING)]
+    made += [text(line, BULLET, "•") for line in gauge_sentences(study)]
+    for heading, table in gauge_tables(study):
+        made += [text(heading, MINOR), *data_table(table)]
+    return made + [text(line, BULLET, "•") for line in gauge_notes(study)]

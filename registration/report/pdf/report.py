@@ -19,6 +19,7 @@ from registration.report.pdf.look import BODY, BULLET, HEADING, MINOR, SMALL, WI
 from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
 from registration.report.pdf.tables import data_table, fact_lines, grid
 from registration.report.pdf.uncertainty import fitted_rows, sure_facts
+from registration.report.record import record_facts
 from registration.report.sections import fit_rows, mapping, vessel_summary, vessel_table
 from registration.report.wording import plain
 
@@ -59,6 +60,7 @@ def report_story(
         *_each_vessel(registration),
         *_pictures(drawn),
         *_notes(registration),
+        *_record(registration),
         *_provenance(data),
     ]  # fmt: skip
 
@@ -154,6 +156,11 @@ def _notes(registration: Mapping[str, Any]) -> list[Flowable]:
     if not isinstance(notes, list) or not notes:
         return []
     return [text("Notes", HEADING), *(text(plain(note), BULLET, "•") for note in notes)]
+
+
+def _record(registration: Mapping[str, Any]) -> list[Flowable]:
+    found = record_facts(registration)
+    return [text("Measurement record", HEADING), fact_lines(found)] if found else []
 
 
 def _provenance(data: Mapping[str, Any]) -> list[Flowable]:

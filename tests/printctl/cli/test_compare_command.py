@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pypdf import PdfReader
 
@@ -220,3 +221,76 @@ def test_a_pdf_on_request(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None
     assert code == 2
     assert "pip install 'printctl[pdf]'" in err
     assert not Path("d").exists()
+
+
+def study_folders(count: int = 12, budget_um: float = 3.0) -> list[str]:
+    """Three parts, two operators, two repeats: parts differ by 20 µm, repeats scatter by 3."""
+    random = np.random.default_rng(6)
+    parts = 20 * random.normal(size=(3, 3))
+    names = [f"s{k}" for k in range(count)]
+    for k, name in enumerate(names):
+        errors = parts[k % 3] + 2 * (k // 6) + 3 * random.normal(size=3)
+        folder = registered_folder(name, tuple(errors))
+        whole = json.loads((folder / "registration.json").read_text())
+        for row in whole["registration"]["vessels"]:
+            row["offset_um"] = 5 + float(random.normal())
+            row["lower_um"], row["upper_um"] = [row["designed_um"] - 50], [row["designed_um"] + 50]
+            row["budget"] = [
+                {"term": "speckle", "type": "A", "standard": budget_um},
+                {"term": "walls", "type": "B", "standard": 17.0},
+            ]
+        whole["registration"]["record"] = {"operator": "AB"[k // 6], "part": f"P{k % 3}"}
+        (folder / "registration.json").write_text(json.dumps(whole))
+    return names
+
+
+def test_a_gauge_study_is_read_from_the_records(shell: Shell) -> None:
+    names = study_folders()
+    code, out, err = shell(*names, "--repeatability", "--out", "c", "--pdf", "--json")
+    assert (code, err) == (0, "")
+    pages = "".join(page.extract_text() for page in PdfReader("c/compare.pdf").pages)
+    assert "Gauge study: repeatability and reproducibility" in pages
+    study = json.loads(out)["gauge"]
+    assert (study["operators"], study["parts"]) == (["A", "B"], ["P0", "P1", "P2"])
+    assert study["repeats"] == [[2, 2, 2], [2, 2, 2]]
+    pooled = study["quantities"][0]
+    assert pooled["name"] == "diameters"
+    repeated = pooled["sources"]["EV"]
+    assert repeated["sd"]["low"] < 3.0 < repeated["sd"]["high"]
+    assert repeated["of_tolerance"]["value"] == pytest.approx(6 * repeated["sd"]["value"])
+    assert [q["name"] for q in study["quantities"][1:3]] == ["offsets", "radial_offset"]
+    whole = study["claims"][0]
+    assert (whole["name"], whole["verdict"]) == ("all vessels", "agrees")
+    assert any("the budget claims 3 µm, repeats scatter by" in s for s in study["sentences"])
+    rows = list(csv.DictReader(Path("c/gauge.csv").read_text().splitlines()))
+    assert {row["source"] for row in rows} == {"EV", "AV", "INT", "GRR", "PV", "TV"}
+    page = Path("c/compare.html").read_text()
+    assert 'id="gauge"' in page
+    assert "Budget against repeats" in page
+
+
+def test_a_budget_that_claims_too_little_is_named(shell: Shell) -> None:
+    names = study_folders(budget_um=0.5)
+    _, out, _ = shell(*names, "--repeatability", "--out", "c", "--json")
+    claims = json.loads(out)["gauge"]["claims"]
+    assert {c["verdict"] for c in claims if not c["name"].startswith("vessel")} == {"too small"}
+
+
+def test_one_operator_tells_repeatability_alone(shell: Shell) -> None:
+    names = study_folders()
+    who = ",".join(["A"] * 12)
+    _, out, _ = shell(*names, "--repeatability", "--operators", who, "--out", "c", "--json")
+    study = json.loads(out)["gauge"]
+    assert study["quantities"][0]["sources"]["AV"]["sd"]["value"] is None
+    assert any("One operator" in note for note in study["notes"])
+
+
+def test_a_study_that_isnt_crossed_is_refused_by_name(shell: Shell) -> None:
+    names = study_folders()
+    parts = "1,2,3,1,2,3,1,2,2,1,2,2"
+    code, _, err = shell(*names, "--repeatability", "--parts", parts, "--out", "c")
+    assert code == 1
+    assert "B has no scan of part 3" in err.replace("\n", " ")
+    code, _, err = shell(*names, "--parts", parts, "--out", "c")
+    assert code == 2
+    assert "add --repeatability" in err.replace("\n", " ")

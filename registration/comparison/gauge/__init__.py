@@ -1,0 +1,21 @@
+"""Gauge repeatability and reproducibility of registrations (GRR)."""
+
+from registration.comparison.gauge.findings import (
+    claim_sentence,
+    gauge_csv,
+    gauge_dict,
+    gauge_notes,
+    gauge_sentences,
+)
+from registration.comparison.gauge.study import GaugeQuantity, GaugeStudy, gauge_study
+
+__all__ = [
+    "GaugeQuantity",
+    "GaugeStudy",
+    "claim_sentence",
+    "gauge_csv",
+    "gauge_dict",
+    "gauge_notes",
+    "gauge_sentences",
+    "gauge_study",
+]

@@ -1,0 +1,194 @@
+"""Variance components of a crossed study as standard deviations, each with its 95 % interval.
+
+Components from expected mean squares, those below zero set to zero (AIAG, MSA 4th ed.,
+appendix A). Intervals of a mean square: chi-squared; of sums: modified large sample (Graybill &
+Wang 1980, J. Am. Stat. Assoc. 75, 869-873); of differences: Ting et al. 1990 (see
+`registration.comparison.variance`); both as Burdick, Borror & Montgomery 2003 (J. Qual. Technol.
+35, 342-354) use them for gauge studies. Intervals of shares of the total: generalized inference
+(Hamada & Weerahandi 2000, J. Qual. Technol. 32, 241-253), 20,000 draws from a fixed seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from registration.comparison.gauge.squares import MeanSquare, Squares
+from registration.comparison.intervals import LEVEL, UNKNOWN, Interval
+from registration.comparison.variance import difference_interval
+
+FloatArray = NDArray[np.float64]
+Sum = list[tuple[float, MeanSquare]]
+"""Weights of mean squares whose sum estimates a variance."""
+
+NAMES = ("EV", "AV", "INT", "GRR", "PV", "TV")
+"""Repeatability, operators, parts x operators, the gauge as a whole, parts, total."""
+SPREADS = 6.0
+"""Standard deviations that a tolerance is held against (AIAG, MSA 4th ed.)."""
+_DRAWS = 20_000
+
+
+@dataclass(frozen=True)
+class Share:
+    """A source of variation.
+
+    Attributes
+    ----------
+    sd : Interval
+        In the quantity's unit; unknown where the study can't tell.
+    of_total, of_tolerance : Interval, %
+        Of the total variation (standard deviations), and of the tolerance's width (six of them).
+    """
+
+    sd: Interval
+    of_total: Interval
+    of_tolerance: Interval
+
+
+@dataclass(frozen=True)
+class Shares:
+    """All sources of variation of a quantity, by `NAMES`; `ndc`: categories told apart."""
+
+    sources: dict[str, Share]
+    ndc: int | None
+    ndc_interval: tuple[int, int] | None
+
+
+def shares(squares: Squares, width: float) -> Shares:
+    """Take the variation apart.
+
+    Parameters
+    ----------
+    squares : Squares
+    width : float
+        Of the tolerance, upper less lower limit, in the quantity's unit; NaN: none.
+    """
+    sums = _sums(squares)
+    value = _variances({name: _total(each) for name, each in sums.items()})
+    drawn = _drawn(squares)
+    found = {}
+    for name in NAMES:
+        sd = _interval(sums[name], value[name]) if name in sums else UNKNOWN
+        scale = 100 * SPREADS / width if np.isfinite(width) and width > 0 else np.nan
+        found[name] = Share(sd, _of_total(name, value, drawn), _scaled(sd, scale))
+    return Shares(found, *_distinct(value, drawn))
+
+
+def _sums(s: Squares) -> dict[str, Sum]:
+    """Weights of the mean squares in each variance; what the study can't tell is left out."""
+    p, o, r, error, against = s.parts, s.operators, s.repeats, s.repeatability, s.against
+    made: dict[str, Sum] = {"EV": [(1.0, error)]}
+    kept = s.interaction.df >= 1 and not s.pooled
+    if kept:
+        made["INT"] = [(1 / r, s.interaction), (-1 / r, error)]
+    if o > 1:
+        made["AV"] = [(1 / (p * r), s.operator), (-1 / (p * r), against)]
+    if p > 1:
+        made["PV"] = [(1 / (o * r), s.part), (-1 / (o * r), against)]
+    made["GRR"] = _sum(s, kept, False)
+    if p > 1:
+        made["TV"] = _sum(s, kept, True)
+    return made
+
+
+def _sum(s: Squares, kept: bool, whole: bool) -> Sum:
+    """The gauge's variance, with (`whole`) or without the parts'."""
+    p, o, r = s.parts, s.operators, s.repeats
+    of_operator = 1 / (p * r) if o > 1 else 0.0
+    of_part = 1 / (o * r) if whole else 0.0
+    rest = (1 / r if kept else 1.0) - of_operator - of_part
+    made = [(of_operator, s.operator), (of_part, s.part), (rest, s.against)]
+    made += [(1 - 1 / r, s.repeatability)] if kept else []
+    return [(weight, square) for weight, square in made if weight > 1e-12]
+
+
+def _total(each: Sum) -> float:
+    return sum(weight * square.value for weight, square in each)
+
+
+def _variances(raw: dict[str, float]) -> dict[str, float]:
+    """None below zero, sums after that; NaN what isn't known."""
+    known: dict[str, float] = {
+        name: max(raw[name], 0.0) for name in ("EV", "AV", "INT", "PV") if name in raw
+    }
+    known["GRR"] = sum(known.get(name, 0.0) for name in ("EV", "AV", "INT"))
+    if "PV" in known:
+        known["TV"] = known["GRR"] + known["PV"]
+    return {name: known.get(name, float("nan")) for name in NAMES}
+
+
+def _interval(each: Sum, variance: float) -> Interval:
+    """Standard deviation with its interval and Satterthwaite's degrees of freedom."""
+    if len(each) == 2 and each[1][0] < 0:
+        (first, one), (second, other) = each
+        reach = difference_interval(
+            first * one.value, one.df, -second * other.value, other.df
+        )  # fmt: skip
+    else:
+        reach = _sum_interval(each)
+    squares = sum((weight * square.value) ** 2 / square.df for weight, square in each)
+    df = _total(each) ** 2 / squares if squares > 0 else min(square.df for _, square in each)
+    low, high = min(max(reach[0], 0.0), variance), max(reach[1], variance)
+    sd, least, most = (float(np.sqrt(v)) for v in (variance, low, high))
+    return Interval(sd, least, most, float(df))
+
+
+def _sum_interval(each: Sum) -> tuple[float, float]:
+    """Modified large-sample interval of a sum of mean squares; exact for one."""
+    tail = (1 - LEVEL) / 2
+    below = above = 0.0
+    for weight, square in each:
+        part = weight * square.value
+        below += (part * (1 - square.df / stats.chi2.ppf(1 - tail, square.df))) ** 2
+        above += (part * (square.df / stats.chi2.ppf(tail, square.df) - 1)) ** 2
+    total = _total(each)
+    return total - float(np.sqrt(below)), total + float(np.sqrt(above))
+
+
+def _drawn(s: Squares) -> dict[str, FloatArray]:
+    """Generalized pivotal quantities of the variances, (draws,) each."""
+    random = np.random.default_rng(1)
+    sums = _sums(s)
+    made = {
+        square: square.df * square.value / random.chisquare(square.df, _DRAWS)
+        for square in dict.fromkeys(square for each in sums.values() for _, square in each)
+    }
+    raw: dict[str, FloatArray] = {
+        name: np.maximum(sum(weight * made[square] for weight, square in sums[name]), 0.0)
+        for name in ("EV", "AV", "INT", "PV")
+        if name in sums
+    }
+    zero = np.zeros(_DRAWS)
+    raw["GRR"] = raw["EV"] + raw.get("AV", zero) + raw.get("INT", zero)
+    return raw | ({"TV": raw["GRR"] + raw["PV"]} if "PV" in raw else {})
+
+
+def _of_total(name: str, value: dict[str, float], drawn: dict[str, FloatArray]) -> Interval:
+    if name not in drawn or not value["TV"] > 0:
+        return UNKNOWN
+    share = 100 * float(np.sqrt(value[name] / value["TV"]))
+    low, high = _quantiles(100 * np.sqrt(drawn[name] / drawn["TV"]))
+    return Interval(share, min(low, share), max(high, share), 0)
+
+
+def _quantiles(values: FloatArray) -> tuple[float, float]:
+    low, high = np.quantile(values, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)
+
+
+def _scaled(found: Interval, factor: float) -> Interval:
+    return Interval(found.value * factor, found.low * factor, found.high * factor, found.df)
+
+
+def _distinct(
+    value: dict[str, float], drawn: dict[str, FloatArray]
+) -> tuple[int | None, tuple[int, int] | None]:
+    """Number of distinct categories, 1.41 PV / GRR, cut to a whole number."""
+    if not np.isfinite(value["PV"]) or value["GRR"] <= 0:
+        return None, None
+    low, high = _quantiles(np.sqrt(2 * drawn["PV"] / drawn["GRR"]))
+    ndc = int(1.41 * np.sqrt(value["PV"] / value["GRR"]))
+    return ndc, (min(int(low), ndc), max(int(high), ndc))
