@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-from registration.segmentation.filters import gaussian_weights, smooth
+from registration.segmentation.filters import gaussian_weights, normalise, smooth
+from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength, Volume, sample
 from registration.segmentation.working import probe
 
@@ -129,12 +129,14 @@ def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
     values = np.asarray(field.values, dtype=np.float32)
     gel = values > SURE_GEL
     share = strength.signal / _predicted(strength.signal, values, gel, field.voxel_mm[::-1])
+    # Of the bright lines at faces (many times the gel) little must get into the mean around them.
+    _even(share, np.minimum(share, np.float32(GLARE)), gel, field.voxel_mm[::-1])
     np.clip(share, -BRIGHTEST, BRIGHTEST, out=share)
     averaged = np.empty_like(share)
     z, y, x = (gaussian_weights(SIGMA_MM / size) for size in field.voxel_mm[::-1])
     # Where the field lost the gel in the dark the evidence's own first answer finds it again.
     for _ in range(2):
-        share /= _local_mean(share, gel, field.voxel_mm[::-1])
+        _even(share, share, gel, field.voxel_mm[::-1])
         smooth(share, averaged, (z, y, x), 0.0)
         gel = averaged > MORE_GEL
     scatter = _scatter(averaged, gel)
@@ -172,9 +174,6 @@ def _predicted(
     liquid -= usual.astype(np.float32)[:, None, None]
     base = np.exp(np.float32(_saved(signal, mean, liquid, gel)) * liquid)
     base *= mean.astype(np.float32)[:, None, None]
-    del liquid
-    # Of the bright lines at faces (many times the gel) little must get into the mean around them.
-    base *= _local_mean(np.minimum(signal / base, np.float32(GLARE)), gel, voxel)
     return base
 
 
@@ -191,14 +190,13 @@ def _depth_means(signal: FloatVolume, gel: Mask) -> FloatArray:
     return out
 
 
-def _local_mean(share: FloatVolume, gel: Mask, voxel: FloatArray) -> FloatVolume:
-    """Mean over sure gel around each voxel; far from any, that of all gel."""
-    sigma = np.array(AROUND_MM) / voxel
-    usual = np.float32(share[gel].mean()) if gel.any() else np.float32(1)
-    total = gaussian_filter(np.where(gel, share, np.float32(0)), sigma)
-    weight = gaussian_filter(gel.astype(np.float32), sigma)
-    few = np.float32(1e-3)
-    return np.asarray(np.maximum((total + few * usual) / (weight + few), np.float32(0.1) * usual))
+def _even(share: FloatVolume, values: FloatVolume, gel: Mask, voxel: FloatArray) -> None:
+    """Divide in place by the mean of `values` over sure gel around; far from any, of all gel."""
+    around = np.array(AROUND_MM) / voxel
+    z, y, x = np.clip(np.round(around / 3), 1, gel.shape).astype(int).tolist()
+    usual = float(values[gel].mean()) if gel.any() else 1.0
+    level = local_level(values, gel, (z, y, x), around / (z, y, x), usual, False)
+    normalise(share, np.zeros_like(level), level, (z, y, x))
 
 
 def _liquid_above(values: FloatVolume, gel: Mask, step: float) -> FloatVolume:
