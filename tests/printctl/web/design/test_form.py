@@ -62,7 +62,14 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
     keys = {field.key for field in FORM.fields}
     assert keys == {info.alias or name for name, info in Recipe.model_fields.items()}
     free = {path for path, field in FORM.walk() if field.node.sort == "free"}
-    assert free == {("plate", "wells"), ("plate", "sweep"), ("plate", "scanned")}
+    limits = {path for path in free if path[0] == "registration"}  # a number, or text: +10/-5
+    assert limits == {
+        ("registration", "diameter_tolerance_percent"),
+        *(("registration", "tolerances", f"{what}_{unit}") for what in ("diameter", "mean")
+          for unit in ("um", "percent")),
+        ("registration", "tolerances", "vessels"),
+    }  # fmt: skip
+    assert free - limits == {("plate", "wells"), ("plate", "sweep"), ("plate", "scanned")}
 
 
 def test_fields_know_bounds_units_choices_and_defaults() -> None:
@@ -107,13 +114,13 @@ def test_an_optional_section_stays_when_it_is_empty() -> None:
         ({"flow": {"viscosity": {"model": "carreau", "index": 7}}}, "flow.viscosity.index", "1"),
         ({"toolpath": {"method": "fresh", "layer_um": 1}}, "toolpath.layer_um", "10"),
         ({"printer": {"ink": "nope"}}, "printer.ink", "shipped: "),
-        ({"seed": "x"}, "seed", "integer"),
+        ({"seed": "x"}, "seed", "whole number"),
         ({"tissue": {"shape": "blok"}}, "tissue", "choose one of"),
         ({"colour": "red"}, "colour", "spelling"),
         (
             {"tissue": {**PLANAR["tissue"], "keep_out": [{"shape": "sphere", "radius_mm": 1}]}},
             "tissue.keep_out.0.centre_mm",
-            "required",
+            "missing",
         ),
         (
             {"toolpath": {"method": "fresh", "regions": [{"where": {"mesh": "/etc/passwd"}}]}},
