@@ -31,7 +31,10 @@ def test_good_print_passes_and_says_why() -> None:
     result = judged()
     assert result["passed"]
     assert not result["undecided"]
-    assert any("1.20 (interval not known) times the designed pressure" in reason for reason in result["reasons"])
+    assert any(
+        "1.20 (interval not known) times the designed pressure" in reason
+        for reason in result["reasons"]
+    )
     assert any("2 of 2 vessels pass" in reason for reason in result["reasons"])
 
 
