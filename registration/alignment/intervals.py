@@ -156,13 +156,14 @@ def fit_errors(
     along = step.direction @ (fit.rotation @ errors.beam)
     level = np.where(np.abs(step.bends) > 0, errors.level_mm, errors.outer_mm)
     light = _numbers(np.column_stack([walls, along > 0]))
+    facing_light = errors.facing_mm * _summed(pulls * along[:, None] ** 2, light)
     noise = _summed(pulls * step.residual[:, None], patch)
     spread, dof = _block_spread(step, patch, block)
     return FitErrors(
         patches=np.sqrt(len(noise) / max(len(noise) - 1, 1)) * noise @ bread,
         blocks=spread * _summed(pulls, block) @ bread,
         level=_summed(pulls * level[:, None], walls) @ bread,
-        reflections=errors.facing_mm * _summed(pulls * along[:, None] ** 2, light) @ bread,
+        reflections=np.vstack([errors.faint_mm * pulls.sum(axis=0), facing_light]) @ bread,
         block_dof=dof,
     )
 

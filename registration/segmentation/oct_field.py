@@ -43,13 +43,12 @@ GROWTH_MM = 0.3
 FLOOR_BLOCK = 4
 BRIGHT = 0.25
 """Above this part of the brightest, gel is meant."""
-LINE_MM = 0.025
-"""A wall's reflection reaches so far to either side of its peak."""
 BRIGHTEST = 1.5
 """No voxel counts as more gel: what is left of lines, on rough and slanting walls, weighs less."""
 UNSEEN_LINE = 0.5
-"""Of the scan's own depth voxel: the most that a reflection adds to the gel where it stands out
-less than `reflections.STANDS_OUT`."""
+"""Of the scan's own depth voxel: the most that a reflection no brighter than gel adds to it at a
+wall, which is half gel already. Rough walls have ledges that send light back whichever way they
+stand; walls that face the light or away from it send back as much again."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
 
@@ -72,9 +71,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     light *= np.float32(typical)
     _, fy, fx = _coarse(working, signal)
     share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
-    before = float(share.sum(dtype=np.float64))
-    share = without_lines(share, max(1, round(LINE_MM / step)))
-    lines = max(before - float(share.sum(dtype=np.float64)), 0.0) * float(np.prod(working.voxel_mm))
+    share = without_lines(share, sides.gel, BRIGHTEST)
     np.minimum(share, np.float32(BRIGHTEST), out=share)
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.
@@ -86,9 +83,10 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     contrast = _contrast(values, sides)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
-    field = replace(field, facing_mm=UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2)
+    faint = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
+    field = replace(field, faint_mm=faint, facing_mm=faint)
     dark = float(np.median(liquid) / np.median(gel))
-    return field, contrast, Strength(signal, noise, dark, lines)
+    return field, contrast, Strength(signal, noise, dark)
 
 
 def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:

@@ -1,67 +1,71 @@
-"""Bright lines where light meets a wall: told from gel, and taken out.
+"""Bright lines where light meets a wall: told from gel, and taken for half gel.
 
-An index step sends back a line one or two voxels deep. Its peak stands at the wall, but counted as
-gel it moves the half level into the liquid by its width times its brightness. Where a line stands
-out from the gel, the voxels it covers are taken as missing, and a ramp from the side of liquid to
-the side of gel stands in for them, so that the wall comes out at the peak.
+An index step sends back many times what gel does, from a line one or two voxels deep where the wall
+is smooth, from a band of glints where it is rough. Counted as gel it moves the half level into the
+liquid by its width. What outshines the gel's own speckle belongs to a wall, which by definition has
+as much gel before as behind: its voxels count as half gel, and the wall comes out at their middle.
+
+How bright speckle gets is asked of gel far from any wall, in averages of several sizes: level walls
+show in averages along the wall, glints in single voxels, rough walls in averages of depth too.
+Whatever is taken for a line without being one moves walls into the gel.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import pjit
-from registration.segmentation.filters import gaussian_weights, smooth
+from registration.segmentation.filters import gaussian_weights, near_in_depth, smooth
 
 FloatVolume = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
-STANDS_OUT = 1.2
-"""A line is brighter than this part of the gel, averaged along the wall."""
-LIQUID_SIDE, GEL_SIDE = 0.35, 0.5
-"""Beside the line, the mean over `SIDE` voxels is below the first or above the second; upright
-walls, which have no line, are neither."""
-SIDE = 3
-ALONG_VOXELS = 0.8
-"""Standard deviation of the average along the wall."""
+CHANCE = 1e-3
+"""Of the peaks within gel, so many stand out as far as what is taken for a line."""
+SCALES = ((0.0, 0.0), (0.8, 0.0), (1.2, 1.0))
+"""Standard deviations of the averages along the wall and in depth, voxels."""
+DAZZLE = 4.0
+"""Times the gel: no voxel counts for more in averages, or a line would spill."""
+LEAST = 1.2
+"""Times the gel: a line is never fainter."""
+INSIDE = 6
+"""With gel so many voxels above and below a place has no wall's light: there gel is asked for its
+own peaks, and what is bright is a particle."""
 
 
-def without_lines(share: FloatVolume, half: int) -> FloatVolume:
-    """Return shares of gel (nz, ny, nx) with reflections of walls taken out.
+def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> FloatVolume:
+    """Return shares of gel (nz, ny, nx) with reflections of walls taken for half gel.
 
     Parameters
     ----------
     share : (nz, ny, nx) float32
         1 for gel, speckle and all; changed in place.
-    half : int
-        Voxels to each side of the peak that a line covers.
+    gel : (nz, ny, nx) bool
+        Well within the gel: how far speckle stands out there is no sign of a line.
+    brightest : float
+        No voxel will count for more than this.
     """
-    around = np.empty_like(share)
-    along, deep = gaussian_weights(ALONG_VOXELS), gaussian_weights(0.0)
-    smooth(share, around, (deep, along, along), 0.0)
-    _take_out(share, around, half)
+    inside = ~near_in_depth(~gel, INSIDE)
+    lines = np.zeros(share.shape, dtype=np.bool_)
+    dazzled = np.minimum(share, np.float32(DAZZLE))
+    for along, deep in SCALES:
+        bright = _smoothed(dazzled, along, deep) if along else share
+        lines |= bright >= _stands_out(bright, inside)
+    lines &= ~inside
+    usual = np.minimum(share[inside], np.float32(brightest))
+    share[lines] = 0.5 * float(usual.mean(dtype=np.float64)) if len(usual) else 0.5
     return share
 
 
-@pjit
-def _take_out(share: FloatVolume, around: FloatVolume, half: int) -> None:
-    nz, ny, nx = share.shape
-    for y in numba.prange(ny):
-        for x in range(nx):
-            for z in range(half + 1 + SIDE, nz - half - 1 - SIDE):
-                peak = around[z, y, x]
-                if peak < STANDS_OUT:
-                    continue
-                if peak < around[z - 1, y, x] or peak <= around[z + 1, y, x]:
-                    continue
-                above = below = np.float32(0.0)
-                for k in range(half + 1, half + 1 + SIDE):
-                    above += around[z - k, y, x] / np.float32(SIDE)
-                    below += around[z + k, y, x] / np.float32(SIDE)
-                if min(above, below) > LIQUID_SIDE or max(above, below) < GEL_SIDE:
-                    continue
-                above, below = min(above, np.float32(1.0)), min(below, np.float32(1.0))
-                for k in range(-half, half + 1):
-                    part = np.float32(0.5 + 0.5 * k / (half + 1))
-                    share[z + k, y, x] = above + part * (below - above)
+def _smoothed(share: FloatVolume, along: float, deep: float) -> FloatVolume:
+    out = np.empty_like(share)
+    weights = gaussian_weights(along)
+    smooth(share, out, (gaussian_weights(deep), weights, weights), 0.0)
+    return out
+
+
+def _stands_out(bright: FloatVolume, gel: Mask) -> np.float32:
+    """Brightness that of gel's own peaks along depth only `CHANCE` exceed, at least `LEAST`."""
+    here = bright[1:-1]
+    peaks = here[gel[1:-1] & (here > bright[:-2]) & (here > bright[2:])]
+    return np.float32(max(float(np.quantile(peaks, 1 - CHANCE)) if len(peaks) else 0.0, LEAST))

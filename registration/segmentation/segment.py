@@ -103,9 +103,10 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
     else:
         field, contrast = plain_field(scan, working, options.lumens)
     mesh = surface_mesh(field, strength, options.speck_mm)
-    moved = options.wall_mm + field.facing_mm * mesh.outward[:, 2:] ** 2
+    wall_mm = options.wall_mm + field.faint_mm
+    moved = wall_mm + field.facing_mm * mesh.outward[:, 2:] ** 2
     vertices = mesh.vertices - moved * mesh.outward
-    field = replace(field, wall_mm=options.wall_mm)
+    field = replace(field, wall_mm=wall_mm)
     return Segmentation(field, vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength)
 
 

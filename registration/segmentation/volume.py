@@ -34,6 +34,8 @@ class GelField:
         Standard deviation of what binning and smoothing have blurred (not the instrument).
     wall_mm : float, mm
         How much further into the gel walls truly lie than where the level is crossed.
+    faint_mm : float, mm
+        Part of `wall_mm` that takes half of the faintest reflections off.
     facing_mm : float, mm
         The same, for walls that face the light or away from it, beyond `wall_mm`; walls along the
         light have none of it, and between it goes with the square of the normal's part along z.
@@ -46,6 +48,7 @@ class GelField:
     origin_mm: FloatArray
     blur_mm: float
     wall_mm: float = 0.0
+    faint_mm: float = 0.0
     facing_mm: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
@@ -67,14 +70,11 @@ class Strength:
         The floor that was taken off.
     dark : float
         Brightness of liquid over that of gel.
-    lines_mm3 : float, mm³
-        Gel that walls' reflections would have been taken for.
     """
 
     signal: NDArray[np.float32]
     noise: float
     dark: float = 0.0
-    lines_mm3: float = 0.0
 
 
 @jit

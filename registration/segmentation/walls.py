@@ -55,8 +55,8 @@ LEAST_WEIGHT = 0.005
 """Of what lies beside, for its light to count."""
 STRONG = 0.1
 """Where light is above this part of the strongest, liquid is told from noise."""
-_OUTSIDE = 3.0
-"""No share is so far from 0..1; reflections are, and would spill over."""
+_DARKEST, _BRIGHTEST = -3.0, 30.0
+"""No share is so far from 0..1 but those of reflections, of which enough is kept to tell them."""
 
 
 @dataclass(frozen=True)
@@ -192,5 +192,5 @@ def _shares(
                             second = 1.0 - (beam - in_gel) / passing
                             share += min(lead, 1.0) * (second - share)
                 known[z, y, x] = found
-                out[z, y, x] = np.float32(min(max(share, -_OUTSIDE), _OUTSIDE))
+                out[z, y, x] = np.float32(min(max(share, _DARKEST), _BRIGHTEST))
     return out, known

@@ -29,9 +29,6 @@ OUTER_PART = 0.043
 a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
 LEAST_STEP = 0.25
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
-LINES_LEFT = 0.06
-"""Standard uncertainty of a wall, of the thickness of gel that reflections would have been taken
-for: rough and slanting walls keep some of them (calibrated on the spectral generator)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
 ROOT_TWO_PI = 2.5066
@@ -49,7 +46,7 @@ class ScanErrors:
     outer_mm : float, mm
         The same of outer faces.
     facing_mm : float, mm
-        Of the place of walls that face the light or away from it, by reflections.
+        Of the place of walls that face the light or away from it, beyond that.
     wall_dof : float
         Degrees of freedom of `level_mm`.
     depth, lateral : float
@@ -58,6 +55,8 @@ class ScanErrors:
         Blur under which walls were found.
     beam : (3,) float64
         Unit vector of the light's way, in the scan's frame.
+    faint_mm : float, mm
+        Of the place of all walls alike, by reflections no brighter than gel.
     """
 
     level_mm: float
@@ -68,6 +67,7 @@ class ScanErrors:
     lateral: float
     blur_mm: float
     beam: FloatArray
+    faint_mm: float = 0.0
 
     @staticmethod
     def of_blur(blur_mm: float) -> ScanErrors:
@@ -79,16 +79,6 @@ class ScanErrors:
         )
 
 
-def line_thickness(segmentation: Segmentation) -> float:
-    """Return gel that reflections would have been taken for, over the area facing light, mm."""
-    if segmentation.strength is None:
-        return 0.0
-    corner = segmentation.vertices[segmentation.faces]
-    twice = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = 0.5 * float(np.abs(twice[:, 2]).sum())
-    return segmentation.strength.lines_mm3 / max(area, 1e-9)
-
-
 def scan_errors(
     scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
 ) -> ScanErrors:
@@ -96,22 +86,21 @@ def scan_errors(
 
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
     bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
-    from none to one just not seen (`GelField.facing_mm` is the middle of that, GUM 4.3.7). A
-    calibration of walls replaces both. Of reflections taken out, a part may be left.
+    from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that, GUM
+    4.3.7). A calibration of walls replaces all.
     """
     known = scan.depth_standard or scan.modality != "oct"
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
-    left = LINES_LEFT * line_thickness(segmentation)
-    level, outer = float(np.hypot(level, left)), float(np.hypot(outer, left))
-    facing = rectangular(field.facing_mm)
+    faint, facing = rectangular(field.faint_mm), rectangular(field.facing_mm)
     if walls is not None:
-        level, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0
+        level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
     return ScanErrors(
         level_mm=level,
         outer_mm=outer,
+        faint_mm=faint,
         facing_mm=facing,
         wall_dof=WALL_DOF,
         depth=rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH),

@@ -136,7 +136,7 @@ def section_errors(
     shared = np.column_stack(
         [
             np.full(len(diameter), 2 * errors.level_mm),
-            in_depth * errors.facing_mm,
+            np.hypot(2 * errors.faint_mm, in_depth * errors.facing_mm),
             curved,
             0.5 * diameter * in_depth * errors.depth,
             0.5 * diameter * (2 - in_depth) * errors.lateral,

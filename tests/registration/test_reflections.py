@@ -18,18 +18,63 @@ def share(line: float, down: bool) -> np.ndarray:
     return values if down else values[::-1].copy()
 
 
+def inside(values: np.ndarray) -> np.ndarray:
+    """Gel two voxels from the wall and more."""
+    return (np.roll(values, 2, axis=0) >= 1) & (np.roll(values, -2, axis=0) >= 1) & (values == 1)
+
+
+def speckled(seed: int) -> np.ndarray:
+    """A wall of gel under fully developed speckle, one look."""
+    rng = np.random.default_rng(seed)
+    mean = np.where(np.arange(DEPTH) < WALL, 0.02, 1.0)[:, None, None]
+    return (mean * rng.exponential(size=(DEPTH, 80, 80))).astype(np.float32)
+
+
+def held(values: np.ndarray, gel: np.ndarray) -> float:
+    """Mean voxels of gel in a column, reflections taken out."""
+    clean = np.minimum(without_lines(values.copy(), gel, 1.5), 1.5)
+    return float(clean.sum(axis=0).mean() / clean[gel].mean())
+
+
+def deep(values: np.ndarray) -> np.ndarray:
+    """Gel six voxels from the wall and more."""
+    below = np.arange(DEPTH) >= WALL + 6
+    return np.broadcast_to(below[:, None, None], values.shape).copy()
+
+
 @pytest.mark.parametrize("down", [True, False])
-@pytest.mark.parametrize("line", [1.0, 4.0, 30.0])
+@pytest.mark.parametrize("line", [4.0, 30.0])
 def test_a_line_doesnt_move_the_wall(line: float, down: bool):
-    gel = without_lines(share(line, down), 1).sum(axis=0)
-    np.testing.assert_allclose(gel, DEPTH - WALL - 0.5, atol=0.3)
+    values = speckled(4)
+    values[WALL] *= 0.5
+    gel = deep(values)
+    values[WALL] += line
+    values, gel = (values, gel) if down else (values[::-1].copy(), gel[::-1].copy())
+    assert held(values, gel) == pytest.approx(DEPTH - WALL - 0.5, abs=0.3)
+
+
+def test_a_band_of_glints_on_a_rough_wall_doesnt_move_it():
+    values = speckled(1)
+    rng = np.random.default_rng(2)
+    for z in range(WALL - 2, WALL + 2):
+        values[z] = 5 * rng.exponential(size=values.shape[1:])
+    assert held(values, deep(values)) == pytest.approx(DEPTH - WALL, abs=0.5)
+
+
+def test_speckle_of_a_wall_without_a_line_isnt_taken_for_one():
+    values = speckled(3)
+    before = np.minimum(values, 1.5)
+    after = np.minimum(without_lines(values.copy(), deep(values), 1.5), 1.5)
+    assert after.sum(axis=0).mean() == pytest.approx(before.sum(axis=0).mean(), abs=0.05)
 
 
 def test_a_wall_without_a_line_stays_as_it_is():
-    np.testing.assert_array_equal(without_lines(share(0.0, True), 1), share(0.0, True))
+    wall = share(0.0, True)
+    np.testing.assert_array_equal(without_lines(wall.copy(), inside(wall), 1.5), wall)
 
 
 def test_a_bright_particle_within_gel_stays():
     values = np.ones((DEPTH, 12, 12), np.float32)
-    values[WALL] = 5.0
-    np.testing.assert_array_equal(without_lines(values.copy(), 1), values)
+    gel = np.ones(values.shape, np.bool_)
+    values[WALL, 6, 6] = 5.0
+    np.testing.assert_array_equal(without_lines(values.copy(), gel, 1.5), values)

@@ -20,7 +20,9 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
         values, (0.02, 0.05, 0.05), 1.34, False, "linear", "oct", True, Path("a"),
         depth_standard=depth_standard,
     )  # fmt: skip
-    field = GelField(values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, facing_mm=0.006)
+    field = GelField(
+        values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006
+    )
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     strength = Strength(values, 0.01, dark)
     seen = np.zeros(0, np.bool_)
@@ -30,6 +32,7 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
 def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.5).level_mm == pytest.approx(2 * shared(0.0).level_mm)
     assert shared(0.0).facing_mm == pytest.approx(rectangular(0.006))
+    assert shared(0.0).faint_mm == pytest.approx(rectangular(0.004))
 
 
 def test_without_contrast_no_wall_has_an_interval():
