@@ -23,10 +23,11 @@ FloatVolume = NDArray[np.float32]
 
 GLARE = 3.0
 """Times the gel around: of speckle 5 % lies above, of a flat face's line all."""
-ACROSS_VOXELS, DEEP_VOXELS = 4, 9
-"""Blocks of a depth, whose speckle is averaged, and the running median over depth: a line of up
-to four voxels is gone."""
-ROUNDS = 3
+ACROSS_VOXELS, DEEP_MM = 4, 0.3
+"""Blocks of a depth, whose speckle is averaged, and the running median over depth: a line less
+than half as deep is gone."""
+ROUNDS = 20
+"""At most: it ends when no place becomes sure."""
 REACH_MM = (0.25, 0.4, 0.4)
 """The level's neighbourhood (standard deviations), z, y, x."""
 COARSE_MM = 0.09
@@ -36,7 +37,7 @@ LEAST, MOST = 0.2, 5.0
 """The level is no further from the model's."""
 
 
-def without_glare(signal: FloatVolume) -> FloatVolume:
+def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
     """Return the signal (nz, ny, nx) with lines far brighter than the gel beside them cut off.
 
     Beside them is the brighter of what lies above and below: a line at a face has gel on one side.
@@ -44,19 +45,17 @@ def without_glare(signal: FloatVolume) -> FloatVolume:
     nz, ny, nx = signal.shape
     factor = (1, min(ACROSS_VOXELS, ny), min(ACROSS_VOXELS, nx))
     coarse = bin_mean(signal, factor, False, 0.0)
-    half = DEEP_VOXELS // 2
+    half = max(2, round(DEEP_MM / step_mm / 2))
     around = np.arange(-half, half + 1)
     middle = np.stack(
         [np.median(coarse[np.clip(z + around, 0, nz - 1)], axis=0) for z in range(nz)]
     )
-    beside = maximum_filter1d(middle, DEEP_VOXELS, axis=0, mode="nearest")
+    beside = maximum_filter1d(middle, 2 * half + 1, axis=0, mode="nearest")
     return _at_most(signal, np.float32(GLARE) * np.maximum(beside, np.float32(0.0)), factor)
 
 
 @pjit
-def _at_most(
-    signal: FloatVolume, most: FloatVolume, factor: tuple[int, int, int]
-) -> FloatVolume:
+def _at_most(signal: FloatVolume, most: FloatVolume, factor: tuple[int, int, int]) -> FloatVolume:
     """Lesser of a volume and a level known at every `factor`-th voxel."""
     nz, ny, nx = signal.shape
     out = np.empty_like(signal)
@@ -82,13 +81,17 @@ def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVo
     wanted = np.maximum(1, np.round(COARSE_MM / voxel)).astype(int)
     z, y, x = np.minimum(wanted, signal.shape).tolist()
     sigma = np.array(REACH_MM) / (voxel * (z, y, x))
-    total = np.ones(bin_mean(light, (z, y, x), False, 0.0).shape, dtype=np.float32)
+    back, sent = (bin_mean(one, (z, y, x), False, 0.0) for one in (signal, light))
+    level, known = np.ones_like(back), -1
     for _ in range(ROUNDS):
-        share = _over(signal / light, total, (z, y, x))
+        share = back / (sent * level)
         gel = share_of_gel(share, 1.0) > SURE
-        total *= local_level(share, gel, (z, y, x), sigma, 1.0, True)
-        np.clip(total, LEAST, MOST, out=total)
-    return np.asarray(light / _over(np.ones_like(light), total, (z, y, x)))
+        if np.count_nonzero(gel) == known:
+            break
+        known = int(np.count_nonzero(gel))
+        level *= local_level(share, gel, (1, 1, 1), sigma, 1.0, False)
+        np.clip(level, LEAST, MOST, out=level)
+    return np.asarray(light / _over(np.ones_like(light), level, (z, y, x)))
 
 
 def _over(values: FloatVolume, level: FloatVolume, factor: tuple[int, int, int]) -> FloatVolume:

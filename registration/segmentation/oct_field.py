@@ -68,7 +68,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
-    dull = without_glare(signal)
+    dull = without_glare(signal, step)
     light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
     light = evened(dull, light, working)
