@@ -1,4 +1,4 @@
-"""What the subcommands of `printctl calibrate` share."""
+"""Options shared by the subcommands of `printctl calibrate`."""
 
 from __future__ import annotations
 

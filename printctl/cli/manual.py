@@ -1,4 +1,4 @@
-"""What the help of every command ends with: examples, and what its exit codes mean."""
+"""End of every command's help: examples, and the meaning of exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user marks in a film once: where known points of the design are seen, and the inlet."""
+"""A user's marks in a film: known points of the design, and the inlet."""
 
 from __future__ import annotations
 

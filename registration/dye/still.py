@@ -1,4 +1,4 @@
-"""What a film has besides dye: camera shake and drifting light, both told off the vessels."""
+"""Camera shake and drifting light of a film, both measured off the vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much dye each station shows over the film."""
+"""Dye at each station over the film."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether what was found is the pattern: its sides' scales, and ink that isn't its own."""
+"""Check a found pattern: its sides' scales, and ink that isn't its own."""
 
 from __future__ import annotations
 

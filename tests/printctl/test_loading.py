@@ -1,4 +1,4 @@
-"""What keeps a printer or serves a page begins without libraries that it doesn't need."""
+"""Printing and serving start without libraries that they don't need."""
 
 from __future__ import annotations
 
