@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import numpy as np
 import typer
 
@@ -26,7 +27,6 @@ from printctl.cli.calibrate_files import Measured, write_measured
 from printctl.cli.calibrate_options import Write, numbers_of, tell
 from printctl.cli.options import JsonFlag, messages, print_lines
 from printctl.errors import UsageError
-from registration.microscope import opencv
 
 _CORNERS = 4
 
@@ -135,7 +135,7 @@ def _from_picture(seen: Seen, written: Written, known: Known) -> Answer:
 def _keep(file: Path, seen: Seen) -> None:
     """Write the annotated picture and the filled sheet beside the picture."""
     drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
-    _, data = opencv(file).imencode(".png", seen.picture)
+    _, data = cv2.imencode(".png", seen.picture)
     write_bytes(drawn, data.tobytes())
     write_text(table, seen.table)
     messages().print(f"wrote {drawn} (judge by it) and {table}", markup=False)

@@ -16,6 +16,7 @@ from printctl.pipeline.sequences import WHOLE
 from printctl.web.rooms import ROOMS
 
 HEAVY = (
+    "cv2",
     "manifold3d",
     "matplotlib",
     "meshio",
@@ -24,6 +25,7 @@ HEAVY = (
     "numba",
     "scipy",
     "shapely",
+    "skimage",
     "sim.gcode",
     "trimesh",
 )

@@ -32,7 +32,6 @@ from registration.microscope import (
     marked_view,
     measure_gaps,
     measure_lines,
-    opencv,
     read_picture,
 )
 
@@ -101,25 +100,25 @@ def look(path: Path, written: Written, given: Given) -> Seen:
             "whether a bridge sagged can't be seen from above; look from the side and type 1 or 0 "
             "into the sheet (.csv)"
         )
-    cv2, picture = opencv(path), read_picture(path)
+    picture = read_picture(path)
     target = _target(pattern, written.mounted.swell_factor or 1.0)
     if given.marks_px is None:
-        view = find_view(cv2, picture, target)
+        view = find_view(picture, target)
     else:
-        view = marked_view(cv2, picture, target, given.marks_px)
+        view = marked_view(picture, target, given.marks_px)
     scale, notes = _scale(view, given.um_per_px)
     gaps = [Crossing(one.number, one.lines) for one in pattern.questions]
-    lines, shade = measure_lines(cv2, picture, view, _lines(pattern, bool(gaps)))
+    lines, shade = measure_lines(picture, view, _lines(pattern, bool(gaps)))
     notes += _told(view, shade, pattern)
     if not gaps:
-        drawn = annotated(cv2, picture, view, target, lines, [])
+        drawn = annotated(picture, view, target, lines, [])
         widths = _widths(lines, scale, shade)
         return Seen(widths, None, _table_of_widths(written, widths), drawn, notes)
     bead = float(np.nanmedian(np.concatenate([one.width_mm for one in lines])))
     contrast = float(np.nanmedian(np.concatenate([one.height for one in lines])))
     wider = bead - float(shade.half_width(np.array([bead]))[0])
-    found = measure_gaps(cv2, picture, view, gaps, contrast, wider)
-    drawn = annotated(cv2, picture, view, target, [], list(zip(gaps, found, strict=True)))
+    found = measure_gaps(picture, view, gaps, contrast, wider)
+    drawn = annotated(picture, view, target, [], list(zip(gaps, found, strict=True)))
     replies = _replies(found, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
     return Seen(None, replies, _table_of_gaps(written, replies), drawn, notes)
 
