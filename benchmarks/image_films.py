@@ -1,4 +1,4 @@
-"""Films of dye: camera shake, the mask off the vessels, the simulated camera's moves."""
+"""Films of dye: camera shake."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from skimage.registration import phase_cross_correlation
 
 from benchmarks.image_timing import against, cpu_ms
@@ -17,7 +16,7 @@ from registration.dye.marks import Marks
 from registration.dye.still import Steadier, off_vessels
 from registration.dye.view import View, find_view
 from sim.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
-from sim.dye.film import _moved, _shake, film_frames
+from sim.dye.film import _shake, film_frames
 
 FloatArray = NDArray[np.float64]
 FLOW_UL_S = 0.25 * 1000.0 / 60.0
@@ -28,8 +27,6 @@ def film_rows(quick: bool) -> Iterator[dict[str, Any]]:
     """Rows of all films."""
     for texture in (0.03, 0.005):
         yield shake(12 if quick else 40, texture)
-    yield mask()
-    yield moved()
 
 
 def seen_by(camera: DyeCamera) -> tuple[Any, View]:
@@ -52,7 +49,7 @@ def shake(count: int, texture: float) -> dict[str, Any]:
     true = true_shake(film)
     first = np.maximum(frames[0].astype(np.float32), 1.0)
     off = off_vessels(network, view, first.shape[:2])
-    steadier = Steadier(cv2, first, off)
+    steadier = Steadier(first, off)
     rim = np.zeros_like(off)
     rim[12:-12, 12:-12] = off[12:-12, 12:-12]
     logs = [
@@ -101,66 +98,3 @@ def true_shake(film: DyeFilm) -> FloatArray:
         generator.standard_normal((film.camera.height, film.camera.width))
     generator.uniform(0, 2 * np.pi)
     return np.asarray(_shake(film, film.times(), generator))
-
-
-def mask() -> dict[str, Any]:
-    """Pixels off the vessels, of 640 by 360: share that differs from ours."""
-    network, view = seen_by(CAMERA)
-    shape = (CAMERA.height, CAMERA.width)
-
-    def painted() -> NDArray[np.bool_]:
-        start, end, r0, r1, _ = network.pieces()
-        off = np.ones(shape, np.uint8)
-        for a, b, ra, rb in zip(
-            view.pixels(start), view.pixels(end),
-            r0 * view.scales(start) + 5, r1 * view.scales(end) + 5, strict=True,
-        ):  # fmt: skip
-            way = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
-            side = np.array([-way[1], way[0]])
-            quad = np.array([a + ra * side, b + rb * side, b - rb * side, a - ra * side])
-            cv2.fillConvexPoly(off, np.round(quad * 256).astype(np.int32), 0, shift=8)
-            for at, radius in ((a, ra), (b, rb)):
-                cv2.circle(
-                    off,
-                    np.round(at * 256).astype(int).tolist(),
-                    round(radius * 256),
-                    0,
-                    -1,
-                    shift=8,
-                )
-        return off > 0
-
-    def ours() -> NDArray[np.bool_]:
-        return off_vessels(network, view, shape)
-
-    return against(
-        "pixels off the vessels", "share that differs", (0.0, cpu_ms(ours)),
-        **{"cv2.fillConvexPoly": (float((painted() != ours()).mean()), cpu_ms(painted))},
-    )  # fmt: skip
-
-
-def moved() -> dict[str, Any]:
-    """A picture moved by part of a pixel: difference from ours, levels."""
-    picture = np.random.default_rng(5).uniform(0, 255, (360, 640, 3)).astype(np.float32)
-    by = np.array([3.3, -2.71])
-
-    def ours() -> Any:
-        return _moved(picture, by)
-
-    def by_scipy() -> Any:
-        return ndimage.shift(picture, (by[1], by[0], 0), order=1, mode="nearest")
-
-    def by_cv2() -> Any:
-        matrix = np.array([[1, 0, by[0]], [0, 1, by[1]]])
-        return cv2.warpAffine(picture, matrix, (640, 360), borderMode=cv2.BORDER_REPLICATE)
-
-    def off(found: Any) -> float:
-        return float(np.abs(found - ours()).max())
-
-    return against(
-        "simulated camera's move", "levels", (0.0, cpu_ms(ours)),
-        **{
-            "scipy.ndimage.shift": (off(by_scipy()), cpu_ms(by_scipy)),
-            "cv2.warpAffine": (off(by_cv2()), cpu_ms(by_cv2)),
-        },
-    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Labelled volumes and their surfaces: Euler number, specks, level surfaces."""
+"""Labelled volumes and their surfaces: Euler number, level surfaces."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from skimage.measure import euler_number as skimage_euler
 from skimage.measure import marching_cubes
-from skimage.morphology import remove_small_holes, remove_small_objects
 
 from benchmarks.image_timing import against, cpu_ms
 from design.tissue.isosurface import isosurface
 from registration.segmentation.nets import surface
-from registration.topology.euler import euler_number, without_specks
+from registration.topology.euler import euler_number
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +25,6 @@ def volume_rows(quick: bool) -> Iterator[dict[str, Any]]:
     side = 100 if quick else 200
     voxels = np.pad(gaussian_filter(np.random.default_rng(1).normal(size=(side,) * 3), 3) > 0.02, 1)
     yield euler(voxels)
-    yield specks(voxels)
     yield level_surface(side)
     yield tissue_surface(side // 2)
 
@@ -43,22 +41,6 @@ def euler(voxels: NDArray[np.bool_]) -> dict[str, Any]:
                 cpu_ms(lambda: skimage_euler(voxels, connectivity=3), 2),
             )
         },
-    )  # fmt: skip
-
-
-def specks(voxels: NDArray[np.bool_]) -> dict[str, Any]:
-    """Parts and hollows below 300 voxels taken out: voxels that differ."""
-
-    def library() -> NDArray[np.bool_]:
-        kept = remove_small_objects(voxels, max_size=299, connectivity=3)
-        return np.asarray(remove_small_holes(kept, max_size=299, connectivity=1))
-
-    def ours() -> NDArray[np.bool_]:
-        return without_specks(voxels, 300)
-
-    return against(
-        "specks and hollows taken out", "voxels that differ", (0.0, cpu_ms(ours, 2)),
-        **{"skimage.remove_small": (float((library() != ours()).sum()), cpu_ms(library, 2))},
     )  # fmt: skip
 
 
