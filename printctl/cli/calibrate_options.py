@@ -19,6 +19,10 @@ Gcode = Annotated[
 At = Annotated[
     str, typer.Option("--at", metavar="X,Y,Z", help="Where the tip stands, printer's frame, mm.")
 ]
+CameraFile = Annotated[
+    Path | None,
+    typer.Option("--camera", help="File of `printctl calibrate camera`: scale and distortion."),
+]
 Write = Annotated[
     Path | None, typer.Option("--write", help="Write a profile with the result to this file.")
 ]

@@ -16,6 +16,7 @@ from registration.dye.stations import Stations, place_stations
 from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sampled
 from registration.dye.view import View
 from registration.errors import DyeError
+from registration.lens import Lens
 
 BASELINE_S, BASELINE_FRAMES, END_SHARE = 0.5, 5, 0.1
 """Frames before dye are the first half second, five at least; the end is the last tenth."""
@@ -54,15 +55,21 @@ class Traces:
     corrected: bool
 
 
-def read_traces(path: Path, network: VesselNetwork, view: View) -> tuple[Stations, Traces]:
-    """Read a film once, frame by frame.
+def read_traces(
+    path: Path, network: VesselNetwork, view: View, lens: Lens | None = None
+) -> tuple[Stations, Traces]:
+    """Read a film once, frame by frame; the distortion of a ``lens`` is taken out of them.
 
     Raises
     ------
     DyeError
         A film that can't be read, or vessels outside its picture.
+    PictureError
+        Frames of another size than the lens was calibrated at.
     """
     frames = film_frames(path)
+    if lens is not None:
+        frames = ((time, lens.straighten(frame, path)) for time, frame in frames)
     time, frame = next(frames)
     reader = _Reader(path, network, view, frame)
     reader.read(time, frame)

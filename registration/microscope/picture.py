@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import PictureError
+from registration.lens.decode import decoded
+from registration.lens.lens import Lens
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
@@ -18,7 +20,6 @@ BoolImage = NDArray[np.bool_]
 
 COARSE_PX: Final = 900
 """Longest side of the small copy in which the pattern is looked for."""
-_LEAST_PX: Final = 100
 _GROUND: Final = 0.22
 """Side of the median that takes the ink away, of the small copy's shorter side."""
 _LEAST_CONTRAST: Final = 5.0
@@ -46,30 +47,19 @@ class Picture:
     shrunk: float
 
 
-def read_picture(path: Path) -> Picture:
-    """Read a picture (PNG, TIFF, JPEG, BMP; 8 or 16 bits), and find what is ink in it.
+def read_picture(path: Path, lens: Lens | None = None) -> Picture:
+    """Read a picture (`decoded`), and find what is ink in it.
 
-    Of several channels that is taken in which ink and ground differ most.
+    Of several channels that is taken in which ink and ground differ most. The distortion of a
+    ``lens`` is taken out.
 
     Raises
     ------
     PictureError
         When it can't be read, or nothing stands out in it.
     """
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as exc:
-        raise PictureError(f"{path} can't be read: {exc.strerror}; check the path") from exc
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    found = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
-    if found is None:
-        raise PictureError(f"{path} isn't a picture that OpenCV reads; give PNG, TIFF or JPEG")
-    if min(found.shape[:2]) < _LEAST_PX:
-        raise PictureError(
-            f"{path}: {found.shape[1]} x {found.shape[0]} px is too small to measure in; take a "
-            "picture with more pixels"
-        )
-    return _chosen(found, path)
+    found = decoded(path)
+    return _chosen(found if lens is None else lens.straighten(found, path), path)
 
 
 def _chosen(found: NDArray[Any], path: Path) -> Picture:
