@@ -1,4 +1,4 @@
-"""What a registration found, and its JSON form."""
+"""Result of a registration, and its JSON form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a print says of each vessel: how much too wide it came out, and where its axis went.
+"""A print's excess width and axis shift at each vessel.
 
 Defects (occlusions, leaks, missing vessels, local bulges and stenoses) are accidents of one print
 or faults to be mended. Their places are left out.

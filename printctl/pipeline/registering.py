@@ -1,4 +1,4 @@
-"""What `printctl register` makes of a registration: its numbers, its page, files for others."""
+"""Files of `printctl register`: its numbers, its page, exports for other programs."""
 
 from __future__ import annotations
 

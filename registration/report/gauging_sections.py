@@ -1,4 +1,4 @@
-"""What the page says of defects, topology and flow as printed; all of it optional."""
+"""Sections on defects, topology and flow as printed; all of it optional."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says, section by section, out of report.json's dict; all of it optional."""
+"""Sections of the page from report.json's dict; all of it optional."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an SVG says in attributes: paths, styles, transforms."""
+"""Parse an SVG's attributes: paths, styles, transforms."""
 
 from __future__ import annotations
 

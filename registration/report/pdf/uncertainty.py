@@ -1,4 +1,4 @@
-"""How sure the registration is of what it fitted, as rows and facts."""
+"""Uncertainty of the fitted registration, as rows and facts."""
 
 from __future__ import annotations
 
