@@ -41,10 +41,13 @@ from registration.exports import (
     write_tables,
 )
 from registration.judging import judge
+from registration.optics import relaid
 from registration.result import SIGN, scaled_vertices
+from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+VIEWS = "views.npz"
 SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
 
 _MOST_VOXELS = 8_000_000
@@ -84,14 +87,17 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if isinstance(part, FileScan):
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
+    add_scan_places(summary, scan, found)
     add_traces(summary, context, found)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
+    views = take_views(scan, model, found, summary, not relaid(scan))
+    save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
-    return summary, [NUMBERS, DEVIATION, *names]
+    return summary, [NUMBERS, DEVIATION, VIEWS, *names]
 
 
 def _options(context: RunContext) -> RegistrationOptions:
