@@ -78,6 +78,8 @@ def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None =
         optical_depth=False,
         space=None,
         depth_standard=calibration.depth_standard,
+        lateral_error=calibration.relative_error("scale_x", "scale_y"),
+        depth_error=calibration.relative_error("refractive_index"),
         notes=(*scan.notes, note),
     )
 
