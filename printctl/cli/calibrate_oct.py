@@ -132,9 +132,7 @@ def _step(
     )
 
 
-def _grid(
-    scans: list[Scan], pitches: tuple[float | None, float], base: OctCalibration
-) -> GridFit:
+def _grid(scans: list[Scan], pitches: tuple[float | None, float], base: OctCalibration) -> GridFit:
     pitch_um, u_um = pitches
     if pitch_um is None:
         raise UsageError("--grid needs the distance of its dots: give --pitch-um")

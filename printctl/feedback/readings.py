@@ -1,7 +1,7 @@
 """What a print says of each vessel: how much too wide it came out, and where its axis went.
 
-Sections whose number was withdrawn are left out. Defects (occlusions, leaks, missing vessels, local bulges and stenoses) are accidents of one print
-or faults to be mended. Their places are left out.
+Sections whose number was withdrawn are left out. Defects (occlusions, leaks, missing vessels, local
+bulges and stenoses) are accidents of one print or faults to be mended. Their places are left out.
 """
 
 from __future__ import annotations

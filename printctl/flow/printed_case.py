@@ -161,9 +161,7 @@ def _with_ends(steady: Pair, pair: Pair) -> Pair:
     return replace(pair, ends=carried(steady.ends, steady.printed, pair.printed))
 
 
-def _steady(
-    case: PrintedCase, design: VesselNetwork, part: OpenPart, errors: LumenErrors
-) -> Pair:
+def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart, errors: LumenErrors) -> Pair:
     conditions, count = _conditions(case, design), design.vessel_count
     printed = lumped(part.network, part.steady(conditions))
     ends = flow_intervals(part, part.steady(conditions), errors, count)

@@ -233,6 +233,7 @@ def printed_table(
 
 def _block(design: VesselNetwork, printed: Printed, name: str, pair: Pair) -> dict[str, Any]:
     count, one, other = design.vessel_count, pair.designed, pair.printed
+    ends = _known(pair, count)
     wide, found = 2e3 * design.mean_radius(), 2e3 * printed.network.mean_radius()
     found = np.where(printed.closed, 0.0, found)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -246,30 +247,33 @@ def _block(design: VesselNetwork, printed: Printed, name: str, pair: Pair) -> di
             "diameter_off_percent": 100.0 * (found / wide - 1.0),
             "designed_resistance_pa_s_ul": one.resistance,
             "resistance_pa_s_ul": other.resistance,
-            **_low_high("resistance_pa_s_ul", pair.ends and pair.ends.resistance, 1.0, count),
+            **_low_high("resistance_pa_s_ul", ends.resistance),
             "resistance_ratio": other.resistance / one.resistance,
             "designed_flow_ml_min": one.flow / UL_S_PER_ML_MIN,
             "flow_ml_min": other.flow / UL_S_PER_ML_MIN,
-            **_low_high("flow_ml_min", pair.ends and pair.ends.flow, 1 / UL_S_PER_ML_MIN, count),
+            **_low_high("flow_ml_min", ends.flow / UL_S_PER_ML_MIN),
             "designed_share": one.share,
             "share": other.share,
-            **_low_high("share", pair.ends and pair.ends.share, 1.0, count),
+            **_low_high("share", ends.share),
             "share_off_percent_of_inflow": 100.0 * (other.share - one.share),
             "designed_wall_shear_dyn_cm2": one.wall_shear * DYN_CM2_PER_PA,
             "wall_shear_dyn_cm2": other.wall_shear * DYN_CM2_PER_PA,
-            **_low_high(
-                "wall_shear_dyn_cm2", pair.ends and pair.ends.wall_shear, DYN_CM2_PER_PA, count
-            ),
+            **_low_high("wall_shear_dyn_cm2", ends.wall_shear * DYN_CM2_PER_PA),
             "wall_shear_ratio": other.wall_shear / one.wall_shear,
         }
 
 
-def _low_high(
-    name: str, ends: FloatArray | None, factor: float, count: int
-) -> dict[str, FloatArray]:
-    """Columns of a quantity's 95 % interval; NaN where it isn't known."""
-    found = np.full((2, count), np.nan) if ends is None else factor * ends
-    return {f"{name}_low": found[0], f"{name}_high": found[1]}
+def _known(pair: Pair, count: int) -> FlowIntervals:
+    """A pair's intervals; NaN where they aren't known."""
+    if pair.ends is not None:
+        return pair.ends
+    each, whole = np.full((2, count), np.nan), np.full(2, np.nan)
+    return FlowIntervals(each, each, each, each, whole, whole)
+
+
+def _low_high(name: str, ends: FloatArray) -> dict[str, FloatArray]:
+    """Columns of a quantity's 95 % interval."""
+    return {f"{name}_low": ends[0], f"{name}_high": ends[1]}
 
 
 def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand | None) -> Any:
@@ -283,21 +287,20 @@ def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand
 
 
 def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
-    one, other, ends = pair.designed, pair.printed, pair.ends
+    one, other = pair.designed, pair.printed
+    ends = _known(pair, len(one.flow))
     change = 100.0 * (other.share - one.share)
     worst = int(np.argmax(np.abs(np.nan_to_num(change))))
     told: dict[str, Any] = {
         "designed_pressure_drop_mmhg": one.drop_pa / PA_PER_MMHG,
         "pressure_drop_mmhg": other.drop_pa / PA_PER_MMHG,
-        "pressure_drop_mmhg_interval_95": _interval(ends and ends.drop_pa / PA_PER_MMHG),
+        "pressure_drop_mmhg_interval_95": _interval(ends.drop_pa / PA_PER_MMHG),
         "pressure_drop_ratio": other.drop_pa / one.drop_pa,
-        "pressure_drop_ratio_interval_95": _interval(ends and ends.drop_pa / one.drop_pa),
+        "pressure_drop_ratio_interval_95": _interval(ends.drop_pa / one.drop_pa),
         "inflow_ratio": other.inflow_ul_s / one.inflow_ul_s,
-        "inflow_ratio_interval_95": _interval(ends and ends.inflow_ul_s / one.inflow_ul_s),
+        "inflow_ratio_interval_95": _interval(ends.inflow_ul_s / one.inflow_ul_s),
         "worst_share_off_percent_of_inflow": float(change[worst]),
-        "worst_share_off_interval_95": _interval(
-            ends and 100.0 * (ends.share[:, worst] - one.share[worst])
-        ),
+        "worst_share_off_interval_95": _interval(100.0 * (ends.share[:, worst] - one.share[worst])),
         "worst_share_vessel": worst,
     }
     if band is not None:
@@ -306,9 +309,9 @@ def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
     return told
 
 
-def _interval(ends: FloatArray | None) -> list[float] | None:
+def _interval(ends: FloatArray) -> list[float] | None:
     """A 95 % interval as JSON; None where it isn't known."""
-    if ends is None or not np.isfinite(ends).all():
+    if not np.isfinite(ends).all():
         return None
     return [float(f"{end:.5g}") for end in ends]
 

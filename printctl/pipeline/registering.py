@@ -21,6 +21,7 @@ from printctl.pipeline.stages.registration import (
     NUMBERS,
     design_facts,
     scan_facts,
+    surface_facts,
     write_deviation,
     write_exports,
 )
@@ -84,6 +85,7 @@ class Registered:
             "sign_convention": SIGN,
             "design": design_facts(self.network),
             "measured_by": scan_facts(self.scan),
+            "by_surface": surface_facts(self.found, self.vessels),
         }
         add_scan_places(numbers, self.scan, self.found)
         return {

@@ -115,7 +115,7 @@ class FitErrors:
                     np.inf,
                     "depth, or its standard's interval",
                 ),
-                Term("voxel size", "B", lateral, np.inf, "as the file states it, or its calibration"),
+                Term("voxel size", "B", lateral, np.inf, "the file, or its calibration"),
             )
         )
 

@@ -95,7 +95,13 @@ def fit_grid(
     left = best.fun.reshape(-1, 3)
     found = _calibration(np.concatenate([best.x[:count], _identity()[count:]]), base)
     return GridFit(
-        replace(found, intervals={**base.intervals, **_certified(_intervals(best, count), pitch_u_mm / pitch_mm)}),
+        replace(
+            found,
+            intervals={
+                **base.intervals,
+                **_certified(_intervals(best, count), pitch_u_mm / pitch_mm),
+            },
+        ),
         float(1e3 * np.sqrt(np.mean(np.sum(left[:, :2] ** 2, axis=1)))),
         float(1e3 * np.sqrt(np.mean(left[:, 2] ** 2))),
         float(1e3 * np.sqrt(np.mean(np.sum(plain.fun.reshape(-1, 3) ** 2, axis=1)))),

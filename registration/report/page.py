@@ -141,6 +141,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
+        "surface_rows": sections.surface_rows(registration),
         "budget_table": budget_table(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),

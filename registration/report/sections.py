@@ -148,6 +148,28 @@ def fit_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return [(row[0], row[1], row[2]) for row in rows]
 
 
+def surface_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """Statistics of lumens and outer faces apart: label, rigid and scaled of each."""
+    parts = mapping(registration, "by_surface")
+    fits = [
+        mapping(mapping(parts, name), fit)
+        for name in ("lumens", "outer_faces")
+        for fit in ("rigid", "scaled")
+    ]
+    if not any(fits):
+        return []
+    rows = []
+    for key in FIT_KEYS:
+        label, unit = label_and_unit(key)
+        a, b, c, d = (fixed(fit.get(key), 1) for fit in fits)
+        rows.append((f"{label} / {unit}", a, b, c, d))
+    for bound in next((fit["within"] for fit in fits if "within" in fit), {}):
+        shares = [mapping(fit, "within").get(bound) for fit in fits]
+        a, b, c, d = (fixed(100 * s if is_number(s) else None, 1) for s in shares)
+        rows.append((f"Within ± {bound} µm / %", a, b, c, d))
+    return rows
+
+
 def vessel_summary(registration: Mapping[str, Any]) -> list[Fact]:
     """The vessels together: how many are open, how far off they are at most and on average."""
     rows = records(registration, "vessels")

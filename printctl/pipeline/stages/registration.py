@@ -40,6 +40,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.gauging.near_lumen import apart
 from registration.judging import judge
 from registration.optics import relaid
 from registration.result import SIGN, scaled_vertices
@@ -81,6 +82,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         **judge(report_dict(found), context.recipe.registration.all_tolerances()),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
+        "by_surface": surface_facts(found, context.network),
         "design": design_facts(context.folder / NETWORK),
     }
     part = context.scan_part
@@ -112,6 +114,17 @@ def _options(context: RunContext) -> RegistrationOptions:
 def design_facts(network: Path) -> dict[str, str]:
     """What tells this design's registrations from another's, for a comparison of prints."""
     return {"network_sha256": digest_file(network)}
+
+
+def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+    """Deviations of lumens and of outer faces apart."""
+    seen = found.seen
+    return apart(
+        scaled_vertices(found)[seen],
+        network,
+        found.deviation_um[seen],
+        found.scaled_deviation_um[seen],
+    )
 
 
 def scan_facts(scan: Scan) -> dict[str, Any]:

@@ -21,7 +21,13 @@ from registration.report.pdf.provenance import digest_facts, meta_line, origin_f
 from registration.report.pdf.tables import data_table, fact_lines, grid
 from registration.report.pdf.uncertainty import fitted_rows, pose_doubts, sure_facts
 from registration.report.record import record_facts
-from registration.report.sections import fit_rows, mapping, vessel_summary, vessel_table
+from registration.report.sections import (
+    fit_rows,
+    mapping,
+    surface_rows,
+    vessel_summary,
+    vessel_table,
+)
 from registration.report.wording import plain
 from registration.views import Views
 
@@ -103,7 +109,17 @@ def _deviation(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable
     scaled, rigid = (_drawn(drawn, "histogram", HALF) + [[], []])[:2]
     left = [table, text(said, SMALL), Spacer(0, 6), *rigid]
     right = [*scaled, *_flat(_drawn(drawn, "curve", HALF))]
-    return [text("Deviation", HEADING), pair(left, right)]
+    return [text("Deviation", HEADING), pair(left, right), *_apart(registration)]
+
+
+def _apart(registration: Mapping[str, Any]) -> list[Flowable]:
+    """Lumens and outer faces in a table of their own."""
+    rows = surface_rows(registration)
+    if not rows:
+        return []
+    heads = ["", "Lumens,\nrigid", "Lumens,\nscaled", "Outer faces,\nrigid", "Outer faces,\nscaled"]
+    table = grid(heads, rows, [False, True, True, True, True])
+    return [KeepTogether([text("Lumens and outer faces apart", MINOR), table])]
 
 
 def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:

@@ -316,7 +316,7 @@ def test_a_withdrawn_diameter_leaves_no_interval_of_any_flow() -> None:
 
 
 def test_a_vessel_that_was_not_measured_errs_more_than_those_that_were() -> None:
-    found = with_intervals(rows(ladder(), {k: 0.9 for k in range(6)}), 0.2, 0.0)
+    found = with_intervals(rows(ladder(), dict.fromkeys(range(6), 0.9)), 0.2, 0.0)
     for k, row in enumerate(found):
         row["error_percent"] = None if k == 6 else -10.0 + 4.0 * (k % 2)
     errors = lumen_errors(found)
