@@ -66,6 +66,14 @@ def test_arcs_and_counts_set_anew_offer_the_first_that_may_be_open():
     assert find_stood(anew, 1, 5, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
 
 
+def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
+    same = [*PLACED[:3], b"G92 Z1", *PLACED[3:]]
+    found = find_stood(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
+    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+    moved = [*PLACED[:3], b"G92 Z2", *PLACED[3:]]
+    assert find_stood(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+
+
 def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
     """Length and plunger travel of what is written sideways, all in all."""
     sideways = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
