@@ -60,6 +60,16 @@ def test_nothing_that_moves_beyond_heats_beyond_or_sets_passes_a_console(typed):
         assert refusal(typed, known)
 
 
+@pytest.mark.parametrize("door", Door)
+@pytest.mark.parametrize(
+    "typed",
+    ["M117 {1} M104 S250", "M117 {1} G1 Z-50 F6000", "M117 (a) {1} M500", "M117 {}", "M117 {1}{2}"]
+    + ['M117 "{1}" M500', "M118 {1} M500", 'echo {1} M500', 'M291 P{1} M500', "M105 {1} M500"],
+)  # fmt: skip
+def test_no_command_hides_behind_a_text_that_the_board_works_out(typed, door):
+    assert refusal(typed, Known(Bounds(DUET, trusted=True), Phase.STANDING, AT), door)
+
+
 @pytest.mark.parametrize("typed", ["G1 X0 Y0 Z2 F6000", "G1 Z50", "G0 X100", "G28", "M400"])
 def test_nothing_moves_by_hand_while_a_print_goes_on(typed):
     assert refusal(typed, PRINTING)
