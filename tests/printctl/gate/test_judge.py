@@ -194,7 +194,27 @@ def test_another_acceleration_is_refused_with_the_profile_s_key():
     + [(KLIPPER, "SET_IDLE_TIMEOUT FOO=5"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=5 FOO=5")],
 )  # fmt: skip
 def test_a_switch_off_that_never_comes_is_refused(printer, line):
-    assert "from 0 to 3600 s passes" in refusal(line, Known.of_job(printer), Door.JOB)
+    assert "from 60 to 3600 s" in refusal(line, Known.of_job(printer), Door.JOB)
+
+
+@pytest.mark.parametrize(
+    ("printer", "line"),
+    [(MARLIN, f"M85 S{seconds}") for seconds in ("0.5", "1", "59")]
+    + [(KLIPPER, f"SET_IDLE_TIMEOUT TIMEOUT={seconds}") for seconds in ("0", "0.001", "59.9")],
+)  # fmt: skip
+def test_a_switch_off_that_strikes_in_a_pause_is_refused_with_what_it_must_be(printer, line):
+    """M85 S1 killed a print 1.2 s after its pause (real board, 2026-11-22)."""
+    told = refusal(line, Known.of_job(printer), Door.JOB)
+    assert "from 60 to 3600 s" in told
+    assert "pause" in told
+    assert "change of syringe" in told
+
+
+@pytest.mark.parametrize("line", ["M84 S5", "M18 S5", "M84 S0", "M84 S600 X"])
+@pytest.mark.parametrize("printer", [MARLIN, DUET], ids=["marlin", "duet"])
+def test_a_time_of_the_motors_that_no_firmware_tells_is_set_by_no_job(printer, line):
+    assert "take S out" in refusal(line, Known.of_job(printer), Door.JOB)
+    assert allowed(line[:3], Known.of_job(printer), Door.JOB)
 
 
 def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():
