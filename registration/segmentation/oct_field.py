@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.filters import bin_mean, normalise
-from registration.segmentation.light import light_left, share_of_gel
+from registration.segmentation.light import light_left, share_above, softened, usual_by_depth
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.volume import GelField, Strength
@@ -104,7 +104,8 @@ def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
 
 
 def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
-    share = share_of_gel(signal / light, typical)
+    soft = softened(signal / light, typical)
+    share = share_above(soft, 0.5 * usual_by_depth(soft, typical))
     return Sides(share > 0.97, share < 0.03)
 
 
