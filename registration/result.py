@@ -71,7 +71,7 @@ class RegistrationReport:
     faces : (m, 3) int32
         Facing out of the gel.
     deviation_um, scaled_deviation_um : (n,) float64, µm
-        At each vertex after the rigid and the scaled fit.
+        At each vertex after the rigid and the scaled fit; NaN where it wasn't seen.
     seen : (n,) bool
         Vertices that count.
     histogram_edges_um, histogram_counts, histogram_counts_rigid : arrays

@@ -183,7 +183,10 @@ def write_exports(
 
 
 def write_deviation(path: Path, found: RegistrationReport) -> None:
-    """The scanned surface after the scaled fit, in the part's frame, with its signed deviation."""
+    """Write the scanned surface after the scaled fit, part frame, with its signed deviation.
+
+    The deviation is NaN (grey in viewers) where the surface wasn't seen.
+    """
     surface = Solid(scaled_vertices(found), found.faces)
     write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
 
