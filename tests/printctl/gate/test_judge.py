@@ -1,4 +1,4 @@
-"""What passes the gate, by each door and in each state."""
+"""Passes of the gate, by each door and in each state."""
 
 from __future__ import annotations
 

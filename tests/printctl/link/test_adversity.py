@@ -1,4 +1,4 @@
-"""What goes wrong around a print: ports that go at a bad moment, full disks and wires, clocks."""
+"""Adversity around a print: ports lost, full disks and wires, clocks."""
 
 from __future__ import annotations
 
