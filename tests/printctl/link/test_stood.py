@@ -1,4 +1,4 @@
-"""Where in a job a stopped printer stood, and the rest that `recover` makes of it."""
+"""Place in a job of a stopped printer, and the rest by `recover`."""
 
 from __future__ import annotations
 

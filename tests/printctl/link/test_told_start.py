@@ -1,4 +1,4 @@
-"""Where a job's first lines tell that the tip stands: what is told later moves no check."""
+"""Declared start of the tip in a job's first lines; later ones move no check."""
 
 from __future__ import annotations
 
