@@ -34,6 +34,7 @@ from typing import Annotated, Final, Literal, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from sim.errors import ServeError
 from sim.gauges import Gauge
@@ -181,7 +182,7 @@ def load_faults(path: Path) -> FaultFile:
         raise ServeError(f"fault file {path} isn't YAML: {exc}") from exc
     except ValidationError as exc:
         problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {problem['msg']}"
+            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {wording(problem)}"
             for problem in exc.errors()
         )
         raise ServeError(f"fault file {path}: {problems}") from exc

@@ -9,6 +9,7 @@ from typing import Any, Final
 import yaml
 from pydantic import ValidationError
 
+from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import UsageError
 from printctl.recipe.parts import FlowPart
@@ -52,7 +53,7 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
         first = exc.errors()[0]
         where = [str(key) for key in first["loc"] if key != "pulse"]
         name = ".".join(where) or ("pulsatile flow" if waves else "flow")
-        raise UsageError(f"{name}: {first['msg'].removeprefix('Value error, ')}") from exc
+        raise UsageError(f"{name}: {wording(first)}") from exc
 
 
 def _outlet(asked: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from design.files import write_text
 from design.hemodynamics import FlowSolution, solve_flow, vessel_resistance
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
+from firmware_profiles.wrong_values import wording
 from printctl.cli.measure import tissue_around
 from printctl.cli.network_options import (
     SourceArg,
@@ -119,7 +120,7 @@ def _part(**given: Any) -> OxygenPart:
     except ValidationError as exc:
         first = exc.errors()[0]
         option = "--" + ".".join(map(str, first["loc"])).replace("_", "-")
-        raise UsageError(f"{option}: {first['msg']} (is {first['input']!r})") from exc
+        raise UsageError(f"{option}: {wording(first)} (is {first['input']!r})") from exc
 
 
 def known_flow(source: Source) -> FlowSolution | None:

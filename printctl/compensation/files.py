@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from design.files import write_text
 from design.toolpath.correction import Corrections, Stretch
+from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from printctl.compensation.schema import CompensationFile
 from printctl.errors import UsageError
@@ -81,7 +82,7 @@ def _wrong(path: Path, exc: ValidationError) -> str:
     more = f" ({exc.error_count() - 1} more)" if exc.error_count() > 1 else ""
     value = first["input"]
     shown = "" if isinstance(value, dict | list) else f" (is {value!r})"
-    return f"{path}: {place}: {first['msg']}{shown}{more}; make the file anew"
+    return f"{path}: {place}: {wording(first)}{shown}{more}; make the file anew"
 
 
 def corrections_of_file(made: CompensationFile) -> Corrections:

@@ -112,10 +112,13 @@ def run_strokes(
         motion = as_plunger(motion, spans, flow_ul_s)
         dose = motion.plunger_end - motion.plunger_start
         writes = dose > 0
+        # A line that waits for the wire with the valve open stays one line.
+        unbroken = writes
     else:
         dose = (motion.plunger_end - motion.plunger_start) * ul_per_mm
         # A move too short for a step of the plunger writes all the same.
         writes = np.append(run.doses, False)[row[motion.line]]
+        unbroken = np.zeros(len(writes), dtype=bool)
     length = np.linalg.norm((motion.end - motion.start)[:, : 2 if level else 3], axis=1)
     wrote = writes & (length > LEAST_MM)
     chosen = np.flatnonzero(wrote)
@@ -124,7 +127,7 @@ def run_strokes(
         motion.start[chosen],
         motion.end[chosen],
         np.maximum(dose[chosen], 0.0),
-        np.cumsum(~wrote)[chosen],
+        np.cumsum(~(wrote | unbroken))[chosen],
         lines[row[motion.line[chosen]]],
     )
 

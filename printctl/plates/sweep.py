@@ -10,6 +10,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from firmware_profiles import Ink
+from firmware_profiles.wrong_values import wording
 from printctl.errors import RecipeError
 from printctl.recipe import Recipe
 from printctl.recipe.override import overridden
@@ -125,5 +126,5 @@ def varied_ink(ink: Ink, changes: Mapping[str, Any]) -> Ink:
         wrong = exc.errors()[0]
         key = ".".join(str(part) for part in wrong["loc"])
         raise RecipeError(
-            f"plate.sweep: ink.{key}: {wrong['msg']} (is {wrong['input']!r})"
+            f"plate.sweep: ink.{key}: {wording(wrong)} (is {wrong['input']!r})"
         ) from exc

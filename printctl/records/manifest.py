@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from firmware_profiles.wrong_values import wording
 from printctl.records.errors import BundleError
 
 MANIFEST, SIGNATURE, PUBLIC_KEY = "manifest.json", "manifest.sig", "public_key.pem"
@@ -89,4 +90,4 @@ def read_manifest(data: bytes) -> Manifest:
     except ValidationError as exc:
         first = exc.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise BundleError(f"{MANIFEST} can't be read: {where}: {first['msg']}") from exc
+        raise BundleError(f"{MANIFEST} can't be read: {where}: {wording(first)}") from exc

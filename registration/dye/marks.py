@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.network import VesselNetwork
+from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from registration.errors import DyeError
 
@@ -72,7 +73,7 @@ def read_marks(path: Path) -> Marks:
         first = exc.errors()[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise DyeError(
-            f"{path}: {place}: {first['msg']}; write marks: [{{node: 0, pixel: [u, v]}}, ...], "
+            f"{path}: {place}: {wording(first)}; write marks: [{{node: 0, pixel: [u, v]}}, ...], "
             "two at least (docs/dye.md)"
         ) from exc
 

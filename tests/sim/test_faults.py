@@ -48,8 +48,8 @@ def test_file_is_read_whole(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nois: 1", "nois: Extra inputs"),
-        ("noise: 2", "noise: Input should be less"),
+        ("nois: 1", "nois: is no key here"),
+        ("noise: 2", "noise: must be at most 1"),
         ("noise_on: left", "noise_on"),
         ("at: [{fault: melt, line: 3}]", "at.0.fault"),
         ("at: [{fault: reset}]", "give one of line, time_s and bytes"),

@@ -108,5 +108,4 @@ def test_the_lines_hold_the_ink_that_the_deposit_model_lays() -> None:
     laid = pneumatic_deposit(run.executed, file, PRINTER, FLOW, 0.03)
     length = np.linalg.norm(ran.end - ran.start, axis=1)
     held = (ran.width * length * (ran.high - ran.low)[ran.layer]).sum()
-    # Ink also leaves while the head stands between the valve's line and the move's, on the wire.
-    assert held == pytest.approx(laid.written_ul, rel=2e-3)
+    assert held == pytest.approx(laid.written_ul, rel=1e-9)

@@ -53,7 +53,7 @@ def test_a_wrong_mark_is_told_in_mm() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "marks: Field required"),
+        ("", "marks: is missing"),
         ("marks: [", "not YAML"),
         ("marks: [{node: 0, pixel: [1, 2]}]", "at least 2"),
         ("marks: [{node: 0, pixel: [1, .nan]}, {node: 1, pixel: [3, 4]}]", "finite"),

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 from pydantic import ValidationError
 
+from firmware_profiles.wrong_values import wording
 from printctl.web.scan.answers import ScanSaid
 
 Said = Callable[[ScanSaid], Awaitable[None]]
@@ -70,7 +71,7 @@ class SaidForm:
             )
         except ValidationError as exc:
             first = exc.errors()[0]
-            ui.notify(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", type="negative")
+            ui.notify(f"{'.'.join(map(str, first['loc']))}: {wording(first)}", type="negative")
             return
         await self._said(said)
 
