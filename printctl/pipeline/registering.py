@@ -12,11 +12,10 @@ from typing import Any
 from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.feedback import NO_ORIGIN, keep_origin
 from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
-from printctl.pipeline.stages.registration import (
+from printctl.pipeline.registration_files import (
     DEVIATION,
     NUMBERS,
     design_facts,
@@ -98,7 +97,7 @@ class Registered:
         with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
             judged = self.found, data["registration"]
             exports = beside.submit(write_exports, out, self.scan, self.vessels, judged)
-            made = self._origin(out)
+            made, why_not = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.
             drawn = all_figures(data, self.vessels) if pdf else None
@@ -107,9 +106,7 @@ class Registered:
                 origin = scan_origin(self.source, self.network)
                 write_report_pdf(out / PDF, {**data, "provenance": origin}, self.vessels, drawn)
             exports.result()
-        if NO_ORIGIN not in made:
-            return []
-        return [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
+        return why_not
 
     def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None) -> None:
         write_deviation(out / DEVIATION, self.found)
@@ -120,9 +117,17 @@ class Registered:
         ]
         write_report_html(out / HTML, data, shown, self.vessels, drawn)
 
-    def _origin(self, out: Path) -> dict[str, Any]:
-        """How the part was made, where the model is a run; a compensation needs it."""
-        return keep_origin(self.model, self.source, out) if self.model.is_dir() else {}
+    def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:
+        """How the part was made, where the model is a run, and why a compensation can't use it."""
+        if not self.model.is_dir():
+            return {}, []
+        # All that makes a run; a lone STL doesn't wait for it.
+        from printctl.feedback import NO_ORIGIN, keep_origin
+
+        made = keep_origin(self.model, self.source, out)
+        if NO_ORIGIN not in made:
+            return made, []
+        return made, [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
 
 
 def _json(data: dict[str, Any]) -> str:
