@@ -39,8 +39,12 @@ def corrected_scan(
     RegistrationError
         When a file can't be used, or no surface under air is found where there should be one.
     """
-    scan = read_mosaic(path, said) if is_mosaic(path) else read_scan(path, said)
-    if calibration is None and not air_above:
+    as_it_is = calibration is None and not air_above
+    if is_mosaic(path):
+        scan = read_mosaic(path, said)
+    else:
+        scan = read_scan(path, said, keep_counts=as_it_is)
+    if as_it_is:
         return replace(scan, notes=(*scan.notes, _UNCORRECTED)) if scan.modality == "oct" else scan
     device = OctCalibration() if calibration is None else read_calibration(calibration)
     return undistort(scan, device, find_surface(scan) if air_above else None)

@@ -147,5 +147,6 @@ def trilinear(scan: Scan, points: FloatArray) -> NDArray[np.float32]:
     for a, b, c in np.ndindex(2, 2, 2):
         total += u[a] * v[b] * w[c] * scan.volume[k + c, j + b, i + a]
     out = np.full(where.shape[:-1], np.nan, np.float32)
-    out[inside] = total
+    # A line of counts is as straight as the interpolation between them.
+    out[inside] = total if scan.counts is None else scan.counts.decibels(total)
     return out

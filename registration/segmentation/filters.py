@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +46,51 @@ def bin_mean(
                             row[x] += value
             for x in range(nx):
                 out[z, y, x] = row[x] * share - np.float32(offset)
+    return out
+
+
+@pjit
+def bin_counts(
+    raw: NDArray[np.generic],
+    bins: tuple[int, int, int],
+    intensities: NDArray[np.float32],
+    first: int,
+) -> FloatVolume:
+    """Mean of what counts stand for, over blocks of ``bins`` (z, y, x) voxels.
+
+    ``intensities[count - first]`` is that of a count.
+    """
+    bz, by, bx = bins
+    nz, ny, nx = raw.shape[0] // bz, raw.shape[1] // by, raw.shape[2] // bx
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    share = np.float32(1.0 / (bz * by * bx))
+    for z in numba.prange(nz):
+        row = np.empty(nx, dtype=np.float32)
+        for y in range(ny):
+            row[:] = 0.0
+            for k in range(z * bz, (z + 1) * bz):
+                for j in range(y * by, (y + 1) * by):
+                    for x in range(nx):
+                        total = np.float32(0.0)
+                        for i in range(x * bx, (x + 1) * bx):
+                            total += intensities[np.int64(raw[k, j, i]) - first]
+                        row[x] += total
+            for x in range(nx):
+                out[z, y, x] = row[x] * share
+    return out
+
+
+def binned(scan: Scan, bins: tuple[int, int, int]) -> FloatVolume:
+    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, read slab by slab."""
+    counts = [size // of for size, of in zip(scan.volume.shape, bins, strict=True)]
+    out = np.empty(counts, dtype=np.float32)
+    table = scan.intensities
+    least = int(np.iinfo(scan.volume.dtype.name).min) if table is not None else 0
+    for slab in scan.slabs(bins):
+        if table is None:
+            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db", 0.0)
+        else:
+            out[slab.where] = bin_counts(slab.voxels, bins, table, least)
     return out
 
 

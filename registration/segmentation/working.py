@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.scan import Scan
-from registration.segmentation.filters import Weights, bin_mean, gaussian_weights, smooth
+from registration.segmentation.filters import Weights, binned, gaussian_weights, smooth
 from registration.segmentation.volume import Volume
 
 FloatArray = NDArray[np.float64]
@@ -53,11 +53,7 @@ class Working:
 
     def binned(self, scan: Scan) -> FloatVolume:
         """Mean linear intensity on the working grid, read slab by slab."""
-        counts = [size // of for size, of in zip(scan.volume.shape, self.bins, strict=True)]
-        out = np.empty(counts, dtype=np.float32)
-        for slab in scan.slabs(self.bins):
-            out[slab.where] = bin_mean(slab.voxels, self.bins, scan.scale == "db", 0.0)
-        return out
+        return binned(scan, self.bins)
 
     def smoothed(self, values: FloatVolume, part: float = 1.0) -> FloatVolume:
         """Gaussian-smoothed copy, by a `part` of the standard deviation."""
