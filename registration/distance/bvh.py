@@ -2,7 +2,8 @@
 
 Triangles that are long against the whole (flat faces, straight tubes) make boxes that overlap. They
 are cut into pieces with boxes of their own (Ernst & Greiner 2007, 10.1109/RT.2007.4342593); what is
-asked at a piece is still its whole triangle. A block with lumens is asked in two thirds of the time.
+asked at a piece is still its whole triangle. Points near a block with lumens take two thirds of the
+time.
 """
 
 from __future__ import annotations
