@@ -11,7 +11,7 @@ import typer
 from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
-from printctl.ahead import import_ahead
+from printctl.ahead import call_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
@@ -149,7 +149,7 @@ def register(
             mirrored,
             counts,
         )
-        import_ahead(REGISTERING)
+        drawn = call_ahead(REGISTERING, "network_drawing", vessels)
         measured = corrected_scan(scan, said, oct_calibration, air_above)
         for note in measured.notes:
             messages().print(f"note: {note}", markup=False)
@@ -164,7 +164,7 @@ def register(
         done = Corrections(_text(oct_calibration), air_above, _text(walls))
         made.add_record(data, stated, done, datetime.now(UTC))
         steps.begin("writing")
-        for note in made.write(out, data, pdf):
+        for note in made.write(out, data, pdf, drawn.result()):
             messages().print(f"note: {note}", markup=False)
     if as_json:
         print_json(data)

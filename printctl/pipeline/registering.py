@@ -27,10 +27,17 @@ from printctl.pipeline.verdict import verdict
 from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
-from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report import (
+    ReportSurface,
+    all_figures,
+    network_drawing,
+    write_report_html,
+)
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
 from registration.result import SIGN, scaled_vertices
+
+__all__ = ["Registered", "network_drawing"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +98,13 @@ class Registered:
             "registration": numbers,
         }
 
-    def write(self, out: Path, data: dict[str, Any], pdf: bool) -> list[str]:
-        """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve."""
+    def write(
+        self, out: Path, data: dict[str, Any], pdf: bool, drawn: dict[str, bytes]
+    ) -> list[str]:
+        """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve.
+
+        `drawn`: figures that are drawn already (`network_drawing`).
+        """
         out.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
             judged = self.found, data["registration"]
@@ -100,7 +112,8 @@ class Registered:
             made, why_not = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.
-            drawn = all_figures(data, self.vessels) if pdf else None
+            if pdf:
+                drawn = all_figures(data, self.vessels, drawn)
             self._write_page(out, data, drawn)
             if pdf:
                 origin = scan_origin(self.source, self.network)
@@ -108,7 +121,7 @@ class Registered:
             exports.result()
         return why_not
 
-    def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None) -> None:
+    def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes]) -> None:
         write_deviation(out / DEVIATION, self.found)
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
         shown = [
