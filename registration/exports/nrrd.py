@@ -57,7 +57,7 @@ def _binned(
     edges = np.array(scan.geometric_voxel_mm)
     if voxel_mm is None:
         # NRRD has no bool and no half floats; everything else goes as it is.
-        volume = np.ascontiguousarray(scan.volume)
+        volume: NDArray[np.generic] = np.ascontiguousarray(scan.volume)
         if scan.counts is not None:
             volume = scan.counts.decibels(volume)
         if volume.dtype.kind not in "iu" and volume.dtype not in (np.float32, np.float64):
@@ -66,7 +66,7 @@ def _binned(
     bins = np.maximum(1, np.round(voxel_mm / edges)).astype(int)
     bins = np.minimum(bins, scan.volume.shape)
     bz, by, bx = bins.tolist()
-    volume: NDArray[np.generic] = binned(scan, (bz, by, bx))
+    volume = binned(scan, (bz, by, bx))
     if scan.volume.dtype.kind in "iu" and scan.scale != "db":
         # Back to whole numbers: half the file, and less noise to compress.
         volume = np.round(volume).astype(scan.volume.dtype)

@@ -42,14 +42,11 @@ class Working:
     @staticmethod
     def of(scan: Scan, voxel_mm: float, smoothing_mm: float) -> Working:
         """Average to voxels of about `voxel_mm`, smooth by `smoothing_mm`."""
-        voxel = np.array(scan.geometric_voxel_mm)
-        most = np.array(scan.volume.shape) // 8
-        bins = np.clip(np.round(voxel_mm / voxel), 1, most).astype(int)
-        origin = ((bins - 1) / 2 * voxel)[::-1]
-        bz, by, bx = bins.tolist()
-        blur = float(np.sqrt(smoothing_mm**2 + np.mean((voxel * bins) ** 2) / 12))
-        sigma = smoothing_mm / (voxel * bins)
-        return Working((bz, by, bx), sigma, (voxel * bins)[::-1], origin, blur)
+        voxel, counts = np.array(scan.geometric_voxel_mm), bins(scan, voxel_mm)
+        size = voxel * counts
+        origin = ((size - voxel) / 2)[::-1]
+        blur = float(np.sqrt(smoothing_mm**2 + np.mean(size**2) / 12))
+        return Working(counts, smoothing_mm / size, size[::-1], origin, blur)
 
     def binned(self, scan: Scan) -> FloatVolume:
         """Mean linear intensity on the working grid, read slab by slab."""
@@ -70,6 +67,14 @@ class Working:
     def _weights(self, part: float) -> Weights:
         z, y, x = (gaussian_weights(part * float(sigma)) for sigma in self.sigma)
         return z, y, x
+
+
+def bins(scan: Scan, voxel_mm: float) -> tuple[int, int, int]:
+    """How many of a scan's voxels along z, y, x make one of about `voxel_mm`."""
+    most = np.array(scan.volume.shape) // 8
+    counts = np.clip(np.round(voxel_mm / np.array(scan.geometric_voxel_mm)), 1, most)
+    bz, by, bx = counts.astype(int).tolist()
+    return bz, by, bx
 
 
 def probe(values: Volume) -> FloatArray:
