@@ -13,12 +13,17 @@ Flags, and why:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import numba
+# Threads that wait for a kernel's next loop would spin and keep their core from what goes on
+# beside; OpenMP reads this once, when numba loads it.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from kernels.stored import KernelStore
+import numba  # noqa: E402
+
+from kernels.stored import KernelStore  # noqa: E402
 
 F = TypeVar("F", bound=Callable[..., Any])
 
