@@ -21,9 +21,9 @@ from typing import Any, TypeVar
 # beside; OpenMP reads this once, when numba loads it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import numba  # noqa: E402
+import numba
 
-from kernels.stored import KernelStore  # noqa: E402
+from kernels.stored import KernelStore
 
 F = TypeVar("F", bound=Callable[..., Any])
 
