@@ -82,6 +82,9 @@ class Scan:
     counts : CountLine or None
         How the volume's numbers become dB; None where they are the intensity. Only
         ``read_scan(..., keep_counts=True)`` leaves counts.
+    lateral_error, depth_error : float or None
+        Relative standard uncertainty of lengths across and along the light by the device's
+        calibration (`registration.optics`), its targets' certificates included; None without one.
     """
 
     volume: NDArray[np.generic]
@@ -97,6 +100,8 @@ class Scan:
     notes: tuple[str, ...] = ()
     space: Space | None = None
     depth_standard: bool = False
+    lateral_error: float | None = None
+    depth_error: float | None = None
     counts: CountLine | None = None
 
     @property

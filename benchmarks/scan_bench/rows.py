@@ -169,6 +169,8 @@ def faces(lines: list[Line]) -> Iterator[Row]:
             "<= 50",
             max(worst) <= 50,
         )
+        single = [f["beyond_percent"] for f in seen]
+        yield row("points of a face called seen beyond 50 um, worst face", max(single), "%")
         middle = [abs(f["median_um"]) for f in seen]
         yield row("median of a face, worst", max(middle), "um", "<= 50", max(middle) <= 50)
 

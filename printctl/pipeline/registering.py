@@ -1,4 +1,4 @@
-"""What `printctl register` makes of a registration: its numbers, its page, files for others."""
+"""Files of `printctl register`: its numbers, its page, exports for other programs."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from printctl.pipeline.registration_files import (
     NUMBERS,
     design_facts,
     scan_facts,
+    surface_facts,
     write_deviation,
     write_exports,
 )
@@ -27,6 +28,7 @@ from printctl.pipeline.verdict import verdict
 from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
+from registration.optics import relaid
 from registration.report import (
     ReportSurface,
     all_figures,
@@ -36,6 +38,7 @@ from registration.report import (
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
 from registration.result import SIGN, scaled_vertices
+from registration.views import Views, add_scan_places, take_views
 
 __all__ = ["Registered", "network_drawing"]
 
@@ -88,7 +91,9 @@ class Registered:
             "sign_convention": SIGN,
             "design": design_facts(self.network),
             "measured_by": scan_facts(self.scan),
+            "by_surface": surface_facts(self.found, self.vessels),
         }
+        add_scan_places(numbers, self.scan, self.found)
         return {
             "schema": 1,
             "recipe": self.source.stem,
@@ -112,23 +117,31 @@ class Registered:
             made, why_not = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.
+            views = self._views(data["registration"])
             if pdf:
-                drawn = all_figures(data, self.vessels, drawn)
-            self._write_page(out, data, drawn)
+                drawn = all_figures(data, self.vessels, drawn, views)
+            self._write_page(out, data, drawn, views)
             if pdf:
                 origin = scan_origin(self.source, self.network)
-                write_report_pdf(out / PDF, {**data, "provenance": origin}, self.vessels, drawn)
+                write_report_pdf(
+                    out / PDF, {**data, "provenance": origin}, self.vessels, drawn, views
+                )
             exports.result()
         return why_not
 
-    def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes]) -> None:
+    def _views(self, numbers: dict[str, Any]) -> Views:
+        return take_views(self.scan, self.surface, self.found, numbers, not relaid(self.scan))
+
+    def _write_page(
+        self, out: Path, data: dict[str, Any], drawn: dict[str, bytes], views: Views
+    ) -> None:
         write_deviation(out / DEVIATION, self.found)
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
         shown = [
             *split_surfaces(vertices, self.found.faces, deviation_um, self.vessels),
             ReportSurface("As designed", self.surface.vertices, self.surface.faces),
         ]
-        write_report_html(out / HTML, data, shown, self.vessels, drawn)
+        write_report_html(out / HTML, data, shown, self.vessels, drawn, views=views)
 
     def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:
         """How the part was made, where the model is a run, and why a compensation can't use it."""

@@ -21,9 +21,11 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.gauging.near_lumen import apart
 from registration.result import scaled_vertices
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+VIEWS = "views.npz"
 SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
 
 _MOST_VOXELS = 8_000_000
@@ -33,6 +35,17 @@ _MOST_VOXELS = 8_000_000
 def design_facts(network: Path) -> dict[str, str]:
     """What tells this design's registrations from another's, for a comparison of prints."""
     return {"network_sha256": digest_file(network)}
+
+
+def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+    """Deviations of lumens and of outer faces apart."""
+    seen = found.seen
+    return apart(
+        scaled_vertices(found)[seen],
+        network,
+        found.deviation_um[seen],
+        found.scaled_deviation_um[seen],
+    )
 
 
 def scan_facts(scan: Scan) -> dict[str, Any]:
@@ -68,7 +81,10 @@ def write_exports(
 
 
 def write_deviation(path: Path, found: RegistrationReport) -> None:
-    """The scanned surface after the scaled fit, in the part's frame, with its signed deviation."""
+    """Write the scanned surface after the scaled fit, part frame, with its signed deviation.
+
+    The deviation is NaN (grey in viewers) where the surface wasn't seen.
+    """
     surface = Solid(scaled_vertices(found), found.faces)
     write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
 

@@ -22,7 +22,8 @@ _VTK_TYPE = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "u1
 def write_surface_vtp(path: Path, report: RegistrationReport) -> None:
     """The scanned surface after the scaled fit, part frame, mm, as VTK XML PolyData.
 
-    Point data: ``deviation_um`` (scaled fit), ``rigid_deviation_um``, ``seen`` (0 or 1).
+    Point data: ``deviation_um`` (scaled fit) and ``rigid_deviation_um``, NaN where the surface
+    wasn't seen; ``seen`` (0 or 1).
 
     Raises
     ------

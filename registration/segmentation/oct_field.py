@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
+from registration.segmentation.even_light import evened, without_glare
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
@@ -67,9 +68,12 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
-    light, typical = light_left(signal, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
-    sides = _sides(signal, light, typical)
+    dull = without_glare(signal, step)
+    light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
+    light = evened(dull, light, working)
+    sides = _sides(dull, light)
+    del dull
     _, fy, fx = _coarse(working, signal)
     share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
     before = float(share.sum(dtype=np.float64))
@@ -103,8 +107,8 @@ def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
     return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 
 
-def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
-    share = share_of_gel(signal / light, typical)
+def _sides(signal: FloatVolume, light: FloatVolume) -> Sides:
+    share = share_of_gel(signal / light, 1.0)
     return Sides(share > 0.97, share < 0.03)
 
 

@@ -183,14 +183,18 @@ def _threshold(met: int, step: float, false_alarm: float) -> float:
 def _scores(length: FloatArray, share: FloatArray) -> FloatArray:
     """Standard deviations below the ways of about the same length.
 
-    Median and upper quartile tell the scatter: what is below may be ways that aren't chance.
+    Median and upper quartile tell the scatter: what is below may be ways that aren't chance. The
+    longest ways are often all of them such, for fronts come so far through real ways alone: where
+    a length's median lies more than a deviation below the shorter ones', theirs count.
     """
     order = np.argsort(length, kind="stable")
     bins = int(np.clip(len(order) // _LEAST, 1, _BINS))
-    out = np.empty(len(order))
+    out, middle, spread = np.empty(len(order)), -np.inf, 0.0
     for part in np.array_split(order, bins):
-        middle, upper = np.percentile(share[part], [50, 84.134])
-        out[part] = (middle - share[part]) / max(upper - middle, 1e-3)
+        own, upper = np.percentile(share[part], [50, 84.134])
+        if own >= middle - spread:
+            middle, spread = own, max(upper - own, 1e-3)
+        out[part] = (middle - share[part]) / spread
     return out
 
 

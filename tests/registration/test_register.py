@@ -1,4 +1,4 @@
-"""Whole registrations on simulated scans of analytic parts."""
+"""Complete registrations on simulated scans of analytic parts."""
 
 from __future__ import annotations
 
@@ -74,6 +74,15 @@ def test_shrunken_outer_faces_deviate_positively(
     _, report = planar
     end = (report.vertices[:, 0] < 0.3) & report.seen & (report.vertices[:, 2] < 2.7)
     assert np.median(report.deviation_um[end]) > 30
+
+
+def test_only_a_seen_surface_has_a_deviation(planar: tuple[Scanned, RegistrationReport]) -> None:
+    scan = as_scan(planar[0])
+    cropped = replace(scan, volume=scan.volume[:, :, : scan.volume.shape[2] * 3 // 4].copy())
+    report = register_scan(cropped, planar_construct(), planar_network(), FAST)
+    assert 0 < (~report.seen).sum() < 0.5 * len(report.seen)
+    np.testing.assert_array_equal(np.isfinite(report.deviation_um), report.seen)
+    np.testing.assert_array_equal(np.isfinite(report.scaled_deviation_um), report.seen)
 
 
 def test_report_is_json_with_the_promised_keys(planar: tuple[Scanned, RegistrationReport]) -> None:

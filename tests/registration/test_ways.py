@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
 from registration.segmentation.volume import Strength
+from registration.topology.ways import _scores
 from tests.registration.phantom import CHANNEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 
@@ -61,3 +62,12 @@ def test_levels_nearer_than_four_deviations_arent_told_apart() -> None:
     assert told_apart(1.0, 0.15, 0.06)
     assert not told_apart(1.0, 0.86, 0.06)
     assert not told_apart(1.0, 0.15, np.nan)
+
+
+def test_longest_ways_that_are_all_real_stand_out_still() -> None:
+    rng = np.random.default_rng(1)
+    length = np.concatenate([rng.uniform(0.2, 1.4, 7000), rng.uniform(1.45, 3.0, 1000)])
+    share = np.concatenate([rng.normal(0.97, 0.02, 7000), rng.normal(0.4, 0.1, 1000)])
+    score = _scores(length, share)
+    assert np.median(score[7000:]) > 10
+    assert score[:7000].max() < 6

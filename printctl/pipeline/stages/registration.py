@@ -18,8 +18,10 @@ from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.registration_files import (
     DEVIATION,
     NUMBERS,
+    VIEWS,
     design_facts,
     scan_facts,
+    surface_facts,
     write_deviation,
     write_exports,
 )
@@ -37,7 +39,9 @@ from registration import (
     report_dict,
 )
 from registration.judging import judge
+from registration.optics import relaid
 from registration.result import SIGN
+from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
 
 
@@ -68,20 +72,24 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         **judge(report_dict(found), context.recipe.registration.all_tolerances()),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
+        "by_surface": surface_facts(found, context.network),
         "design": design_facts(context.folder / NETWORK),
     }
     part = context.scan_part
     if isinstance(part, FileScan):
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
+    add_scan_places(summary, scan, found)
     add_traces(summary, context, found)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
+    views = take_views(scan, model, found, summary, not relaid(scan))
+    save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
-    return summary, [NUMBERS, DEVIATION, *names]
+    return summary, [NUMBERS, DEVIATION, VIEWS, *names]
 
 
 def _options(context: RunContext) -> RegistrationOptions:
