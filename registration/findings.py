@@ -26,7 +26,7 @@ from registration.gauging import (
     with_interval,
     withdrawn,
 )
-from registration.segmentation import Segmentation, gel_evidence
+from registration.segmentation import GelEvidence, Segmentation
 from registration.topology import (
     Faults,
     LeakSearch,
@@ -86,6 +86,8 @@ class Inspection:
         What drives the printed network.
     errors : ScanErrors
         What all measurements of the scan share.
+    evidence : GelEvidence
+        Of the scan.
     """
 
     network: VesselNetwork
@@ -98,6 +100,7 @@ class Inspection:
     false_alarm: float
     flow: FlowConditions | None
     errors: ScanErrors
+    evidence: GelEvidence
 
 
 def inspect(case: Inspection) -> Findings:
@@ -106,7 +109,7 @@ def inspect(case: Inspection) -> Findings:
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
     margin = _margin(case)
     grid = _grid(case, margin)
-    evidence = gel_evidence(field, case.segmentation.strength)
+    evidence = case.evidence
     liquid = liquid_level(traces, evidence, fit)
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdrawn(traces, evidence, liquid)
