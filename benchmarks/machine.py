@@ -1,4 +1,4 @@
-"""What a benchmark ran on, and the one form in which all of them print."""
+"""The machine that a benchmark ran on, and the JSON form of all benchmarks."""
 
 from __future__ import annotations
 

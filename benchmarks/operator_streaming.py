@@ -1,4 +1,4 @@
-"""What the page costs the streaming while a print goes as fast as it can, for `operator.py`."""
+"""Cost of the page to streaming at full speed, for `operator.py`."""
 
 from __future__ import annotations
 

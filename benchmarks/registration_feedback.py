@@ -1,4 +1,4 @@
-"""How much less a print deviates that is made with what earlier prints asked for.
+"""Reduction of a print's deviation by corrections from earlier prints.
 
 Simulated prints shrink by 2.5 %, and their lines hold more ink than they were dosed (a quarter, or
 a tenth). Through the command line: run, compensate, run, compensate, run. What each print is off by

@@ -1,4 +1,4 @@
-"""How exact and how fast a prepared tissue answers, against its exact surface."""
+"""Accuracy and speed of a prepared tissue's answers, against its exact surface."""
 
 from __future__ import annotations
 

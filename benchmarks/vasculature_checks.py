@@ -1,4 +1,4 @@
-"""What the checkers find in one exported file, as rows."""
+"""The checkers' findings in one exported file, as rows."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What makes pages of the user guide: not part of the product."""
+"""Makers of the user guide's pages: not part of the product."""

@@ -1,4 +1,4 @@
-"""What a file's rounding of E is, and over how much way it averages out."""
+"""Rounding of E in a file, and the length over which it averages out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which version of our own sources made something."""
+"""Version of our own sources behind a result."""
 
 from __future__ import annotations
 

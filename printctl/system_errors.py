@@ -1,4 +1,4 @@
-"""What the system refuses (disk, rights, files, memory), in a sentence with a remedy."""
+"""The system's refusals (disk, rights, files, memory), in a sentence with a remedy."""
 
 from __future__ import annotations
 

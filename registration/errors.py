@@ -7,7 +7,7 @@
     ├── SegmentationError       empty, saturated or contrastless volume
     ├── AlignmentError          scan and model don't fit each other
     ├── DyeError                a film of dye, or its marks, that can't be used
-    └── PictureError            a picture of a printed pattern that can't be used
+    └── PictureError            a picture of a printed pattern or a board that can't be used
 """
 
 from __future__ import annotations
@@ -34,4 +34,4 @@ class DyeError(RegistrationError):
 
 
 class PictureError(RegistrationError):
-    """A picture of a printed pattern that can't be read, or shows something else."""
+    """A picture of a pattern or a board that can't be read, or shows something else."""

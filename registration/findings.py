@@ -1,4 +1,4 @@
-"""What the aligned scan says of the print: vessels, defects, topology, overlap, perfusion."""
+"""Findings of the aligned scan: vessels, defects, topology, overlap, perfusion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reader must know before trusting a registration's numbers."""
+"""Notes that a reader needs before trusting a registration's numbers."""
 
 from __future__ import annotations
 

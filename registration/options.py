@@ -1,4 +1,4 @@
-"""How a scan is registered, and how it is segmented for that."""
+"""Options of a registration and of its segmentation."""
 
 from __future__ import annotations
 

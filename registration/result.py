@@ -1,4 +1,4 @@
-"""What a registration found, and its JSON form."""
+"""Result of a registration, and its JSON form."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def _budget(report: RegistrationReport) -> list[dict[str, Any]]:
 
 def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     plain = {f.name: getattr(vessel, f.name) for f in fields(vessel)}
-    for name in ("budget", "errors"):
+    for name in ("budget", "errors", "outlines"):
         del plain[name]
     for name, told in _INTERVALS.items():
         plain[told] = plain.pop(name)

@@ -76,6 +76,9 @@ class Scan:
     depth_standard : bool
         Whether a step of known height in the sample's medium stands behind the depth. Without
         one shrinkage along depth and an error of the index look the same.
+    lateral_error, depth_error : float or None
+        Relative standard uncertainty of lengths across and along the light by the device's
+        calibration (`registration.optics`), its targets' certificates included; None without one.
     """
 
     volume: NDArray[np.generic]
@@ -91,6 +94,8 @@ class Scan:
     notes: tuple[str, ...] = ()
     space: Space | None = None
     depth_standard: bool = False
+    lateral_error: float | None = None
+    depth_error: float | None = None
 
     @property
     def geometric_voxel_mm(self) -> tuple[float, float, float]:

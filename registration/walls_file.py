@@ -1,4 +1,4 @@
-"""How far off walls come out in scans of one kind: from a phantom of known channels, as a file.
+"""File of wall biases for one kind of scan, from a phantom of known channels.
 
 A segmentation moves every wall by about the same: the instrument's blur, the bright line where
 light meets gel, the level taken for halfway. On a part whose channels are known that offset is

@@ -1,4 +1,4 @@
-"""Whether a firmware lets the plunger move at each row of a program: there is no hot end."""
+"""Cold-extrusion check at each row of a program: there is no hot end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the ink lies after the simulated printer's motion.
+"""Deposited ink after the simulated printer's motion.
 
 Modelled
 --------

@@ -1,4 +1,4 @@
-"""Where a pneumatic head's ink lies: what flowed while each block ran, laid along it.
+"""Ink of a pneumatic head: what flowed while each block ran, laid along it.
 
 The flow is steady while the valve stands open, so a block gets flow times its time: a corner at
 which the head slows down gets more. Within one block ink is spread evenly, though the head slows

@@ -1,4 +1,4 @@
-"""What can be said of a program without planning it: bounds, speeds, plunger, unknown commands."""
+"""Checks of a program without planning: bounds, speeds, plunger, unknown commands."""
 
 from __future__ import annotations
 

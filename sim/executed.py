@@ -1,4 +1,4 @@
-"""What the simulated printer really did, as it would be seen by watching its motors."""
+"""Executed motion of the simulated printer, as seen at its motors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated printer and its cable can be told to have wrong, one by one or from a file.
+"""Faults of a simulated printer and its cable, one by one or from a file.
 
 A fault file is YAML::
 

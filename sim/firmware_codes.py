@@ -1,4 +1,4 @@
-"""Which commands a printer's firmware knows; what it doesn't is unknown to it.
+"""Commands known to a printer's firmware; all others are unknown to it.
 
 What a machine knows beyond its family's commands its profile names (`extra_commands`).
 """

@@ -1,4 +1,4 @@
-"""What a simulated printer tells when it is asked for a force or a pressure: a ramp over time."""
+"""Simulated gauge of force or pressure: a ramp over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a line of G-code means, given what was said before it: Marlin's modal state."""
+"""Meaning of a G-code line after those before it: Marlin's modal state."""
 
 from __future__ import annotations
 

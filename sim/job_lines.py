@@ -1,4 +1,4 @@
-"""Which command of a job's file a line is that a host sends, by what stands in it.
+"""Find the command of a job's file behind a sent line, by its text.
 
 A host puts in lines of its own (a checkpoint's question, a pause's lift), which have numbers too,
 so that a line's number alone doesn't tell the file's command. The text does: a host sends the

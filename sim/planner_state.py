@@ -1,4 +1,4 @@
-"""What Marlin's planner and stepper remember, as records that a kernel reads by name."""
+"""State of Marlin's planner and stepper, as records for kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a host finds the simulated printer: a pseudo-terminal, or TCP where there is none."""
+"""Port of the simulated printer: a pseudo-terminal, or TCP without one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which command of a file each executed block is of, found by where it ends.
+"""Find the file's command of each executed block by its end point.
 
 A printer counts the lines that it is sent, and a host puts in lines of its own (a checkpoint's
 question, a pause), so the count alone doesn't tell the file's command. The places do: blocks end,

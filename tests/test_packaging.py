@@ -1,4 +1,4 @@
-"""What an installed wheel holds."""
+"""Contents of an installed wheel."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""How evenly the terminals fill the tissue; volumes compare fairly only at equal coverage."""
+"""Evenness of the terminals over the tissue; compare volumes only at equal coverage."""
 
 from __future__ import annotations
 

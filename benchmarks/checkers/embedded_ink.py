@@ -1,4 +1,4 @@
-"""What lies in the bath: ink in the order in which it was written, by the G-code's own flow."""
+"""Ink in the bath in the order written, by the G-code's own flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether ink overlaps at every joint. Shares no code with the product.
+"""Check that ink overlaps at every joint. Shares no code with the product.
 
 At a node of the network, and wherever a vessel is cut between two passes, all that meets there must
 hold together: two visits of the needle do where the path of one runs at least half the thinner

@@ -1,4 +1,4 @@
-"""Where a network overlaps itself: filaments that are one body whatever order they're written in.
+"""Places where a network overlaps itself: filaments that are one body in any order.
 
 Shares no code with the product. Two vessels overlap where their axes come nearer than the sum of
 their radii, one of the two places further than J (see `embedded_shaft`) from every node that they

@@ -1,4 +1,4 @@
-"""Where the needle's shaft enters ink that was written before. Shares no code with the product.
+"""Find entries of the needle's shaft into written ink. Shares no code with the product.
 
 The shaft is a cylinder of the needle's outer radius R, without clearance, from the tip upward
 without end. It may touch what a joint means it to touch, within

@@ -1,4 +1,4 @@
-"""What viscosity takes of a network's power, by sums and integrals of this file's own."""
+"""Viscous loss of a network's power, by sums and integrals of this file's own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well the radii of a file keep Murray's law, and what radii would."""
+"""Fit of a file's radii to Murray's law, and the radii that keep it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a simulated print is off its design, from the ink itself: no scan, no registration.
+"""Deviation of a simulated print from its design, by the ink: no scan or registration.
 
 The ink that the simulator laid is shrunk as it shrinks after printing, put over the design as well
 as a shift can, and held against walls drawn from network.csv: balls swept along straight axes, and

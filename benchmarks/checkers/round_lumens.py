@@ -1,4 +1,4 @@
-"""How open upright round lumens are among written lines; exact on stadiums.
+"""Open share of upright round lumens among written lines; exact on stadiums.
 
 Shares no code with the product.
 """

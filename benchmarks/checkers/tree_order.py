@@ -1,4 +1,4 @@
-"""Who feeds whom in a network that is a forest."""
+"""Parents and children in a network that is a forest."""
 
 from __future__ import annotations
 

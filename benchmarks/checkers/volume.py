@@ -1,4 +1,4 @@
-"""How much room the lumens take."""
+"""Volume of the lumens."""
 
 from __future__ import annotations
 

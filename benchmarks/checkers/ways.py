@@ -1,4 +1,4 @@
-"""How far it is between two pieces along the vessels."""
+"""Distance between two pieces along the vessels."""
 
 from __future__ import annotations
 

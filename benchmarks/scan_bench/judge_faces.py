@@ -1,4 +1,4 @@
-"""How far the measured outer faces are off where they were called seen."""
+"""Error of the measured outer faces that are called seen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a part lies in a scan."""
+"""Pose of a part in a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is true of a scan: pose, defects, and diameters along every vessel."""
+"""Truth of a scan: pose, defects, and diameters along every vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where on a triangle surface the place nearest to a point is."""
+"""Nearest place on a triangle surface to a point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What drives a flow problem."""
+"""Boundary conditions of a flow problem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which lattice, and how wide."""
+"""Kind and width of a lattice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a vessel network is like, and how it serves the tissue around it."""
+"""Measures of a vessel network and of its service to the tissue."""
 
 from design.measures.junctions import MurrayResiduals, TerminalFlow
 from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network

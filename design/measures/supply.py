@@ -1,4 +1,4 @@
-"""How well a set of lumens reaches the tissue: distances, vessels per section, oxygen."""
+"""Supply of tissue by lumens: distances, vessels per section, oxygen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a network's terminals supply, over what the tissue around each asks for."""
+"""Supply of a network's terminals, over the demand of the tissue around each."""
 
 from __future__ import annotations
 

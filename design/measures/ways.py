@@ -1,4 +1,4 @@
-"""How deep a network is, and how far round its vessels go."""
+"""Depth of a network, and lengths round its loops."""
 
 from __future__ import annotations
 

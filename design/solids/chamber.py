@@ -1,4 +1,4 @@
-"""What a bioreactor's body is made to."""
+"""Dimensions of a bioreactor's body."""
 
 from __future__ import annotations
 

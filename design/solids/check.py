@@ -1,4 +1,4 @@
-"""Whether a mesh file holds a solid, judged on the file read back."""
+"""Check that a mesh file holds a solid, on the file read back."""
 
 from __future__ import annotations
 

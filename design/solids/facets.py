@@ -1,4 +1,4 @@
-"""How round things become polygons, such that what flows through them keeps its conductance."""
+"""Polygons for circles that keep the conductance of the flow through them."""
 
 from __future__ import annotations
 

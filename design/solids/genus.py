@@ -1,4 +1,4 @@
-"""How many handles a network says its solids should have.
+"""Number of handles that a network gives its solids.
 
 A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
 vessels - nodes + parts. Cut out of a body through p ports, each part of the lumen gives its g

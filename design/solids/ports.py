@@ -1,4 +1,4 @@
-"""Which of a network's ends open through the surface of a body."""
+"""Ends of a network that open through the surface of a body."""
 
 from __future__ import annotations
 

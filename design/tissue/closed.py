@@ -1,4 +1,4 @@
-"""Whether a triangle surface is closed and consistently oriented, and what it encloses."""
+"""Check that a triangle surface is closed and oriented; compute its volume."""
 
 from __future__ import annotations
 

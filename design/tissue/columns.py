@@ -1,4 +1,4 @@
-"""Where straight lines through a closed mesh enter and leave it: winding numbers, thickness.
+"""Crossings of straight lines with a closed mesh: winding numbers, thickness.
 
 The winding number of a point is the signed count of surface crossings on the way to it from
 outside. Along grid lines it costs one crossing list per line, is exact (an integer) for any closed,

@@ -1,4 +1,4 @@
-"""How much perfusion each place of a tissue asks for, relative to others.
+"""Relative demand of perfusion at each place of a tissue.
 
 Growth that accepts a point with the probability `Demand.weight` places terminals by demand,
 exactly; all terminals carry the same flow, so the tissue's total perfusion is as before and a

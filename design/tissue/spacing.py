@@ -1,4 +1,4 @@
-"""How thick a tissue's walls are, and how fine a grid they need."""
+"""Thickness of a tissue's walls, and the grid that it needs."""
 
 from __future__ import annotations
 

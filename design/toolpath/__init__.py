@@ -1,4 +1,4 @@
-"""What the needle does: moves as values, and the rooms that make and write them."""
+"""The needle's moves as values, and the rooms that plan and write them."""
 
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind, Toolpath, joined

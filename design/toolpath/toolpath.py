@@ -1,4 +1,4 @@
-"""What the needle does, move by move, before it becomes any firmware's language."""
+"""The needle's moves, before they become a firmware's language."""
 
 from __future__ import annotations
 

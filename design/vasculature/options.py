@@ -1,4 +1,4 @@
-"""What a user may ask of a grown tree."""
+"""Options of a grown tree."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class HeatNamed:
 
 @dataclass(frozen=True)
 class Timeout:
-    """Let the firmware's own switch-off pass that isn't too long.
+    """Let the firmware's own switch-off pass that is neither too short nor too long.
 
     Attributes
     ----------

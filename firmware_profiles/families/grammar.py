@@ -60,6 +60,8 @@ class Grammar:
     rest_codes : frozenset of str or None
         Codes whose text, without quotes, takes the rest of the line, where a line may hold several
         commands; None where it never does.
+    expressions : bool
+        Whether it works out what stands in braces, and reads on behind them.
     parentheses : bool
         Whether a text in parentheses is taken for a comment, which isn't sent.
     e_rule : str
@@ -78,6 +80,7 @@ class Grammar:
     crc16: bool = False
     powers_of_ten: bool = False
     rest_codes: frozenset[str] | None = None
+    expressions: bool = False
     parentheses: bool = True
     e_rule: ERule = "with_axes"
 

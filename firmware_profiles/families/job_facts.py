@@ -25,6 +25,10 @@ class IdleTimeout:
     key: str
     example: str
 
+    def command(self, seconds: str) -> str:
+        """Write the command that sets it."""
+        return f"{self.code} {self.key}={seconds}" if self.key else f"{self.code} S{seconds}"
+
 
 @dataclass(frozen=True)
 class ColdExtrusion:

@@ -1,4 +1,4 @@
-"""What a job will leave in the bath, in tables, pictures and voxels: `sim.bead` on files."""
+"""Tables, pictures and voxels of a job's predicted ink: `sim.bead` on files."""
 
 from printctl.bead.bundles import of_bundles
 from printctl.bead.filaments import written_filaments

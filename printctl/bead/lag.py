@@ -1,4 +1,4 @@
-"""Which lag is taken for an ink in a syringe and a needle, and how well it is known."""
+"""Choice of the lag for an ink, syringe and needle, and its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the prediction warns of, each with its line of the file."""
+"""Warnings of the prediction, each with its line of the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How level bed and bath are, and how deep the bath is."""
+"""Level of bed and bath, and depth of the bath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where one needle's tip stands against another's, from repeated touch-offs."""
+"""Offset of one needle's tip from another's, from repeated touch-offs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the printer does for a calibration, as toolpaths from where the tip stands.
+"""Toolpaths of a calibration, from the tip's present place.
 
 The G-code writer of every print turns them into the firmware's words.
 """

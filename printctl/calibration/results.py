@@ -1,4 +1,4 @@
-"""What readings say, as it is told: named numbers with their intervals, and notes in words."""
+"""Results of readings: named numbers with intervals, and notes in words."""
 
 from __future__ import annotations
 

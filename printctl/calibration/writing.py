@@ -1,4 +1,4 @@
-"""What a calibration writes: a test's G-code with a CSV to fill in, and a mended profile."""
+"""Files of a calibration: G-code with a CSV to fill in, and a mended profile."""
 
 from __future__ import annotations
 

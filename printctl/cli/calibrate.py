@@ -9,6 +9,7 @@ from __future__ import annotations
 import typer
 
 from printctl.cli.calibrate_backlash import backlash
+from printctl.cli.calibrate_camera import board, camera
 from printctl.cli.calibrate_lag import lag
 from printctl.cli.calibrate_level import level
 from printctl.cli.calibrate_oct import oct_device
@@ -29,5 +30,7 @@ calibrate.command("backlash")(backlash)
 calibrate.command("lag")(lag)
 calibrate.command("pattern")(pattern)
 calibrate.command("widths")(widths)
+calibrate.command("board")(board)
+calibrate.command("camera")(camera)
 calibrate.command("oct")(oct_device)
 calibrate.command("walls")(walls)

@@ -1,4 +1,4 @@
-"""What `printctl calibrate` writes, and tells of it: a test with its CSV, a mended profile."""
+"""Write and announce the files of `printctl calibrate`: test, CSV, mended profile."""
 
 from __future__ import annotations
 

@@ -42,12 +42,24 @@ def oct_device(
     pitch_um: Annotated[
         float | None, typer.Option("--pitch-um", min=10, help="Of the grid's dots.")
     ] = None,
+    pitch_u_um: Annotated[
+        float,
+        typer.Option(
+            "--pitch-u-um", min=0.0, help="U (k = 2) of the pitch by the grid's certificate."
+        ),
+    ] = 0.0,
     step: Annotated[
         Path | None, typer.Option("--step", help="Scan of a step of known height.")
     ] = None,
     height_um: Annotated[
         float | None, typer.Option("--height-um", min=10, help="Of the step.")
     ] = None,
+    height_u_um: Annotated[
+        float,
+        typer.Option(
+            "--height-u-um", min=0.0, help="U (k = 2) of the height by the step's certificate."
+        ),
+    ] = 0.0,
     immersed: Annotated[
         bool,
         typer.Option("--immersed/--in-air", help="The step lay in the medium of the prints."),
@@ -85,10 +97,11 @@ def oct_device(
         raise UsageError("give scans of a grid (--grid) or of a step (--step), or both")
     found, notes = OctCalibration(), []
     if step is not None:
-        measured, found = _step(_read(step, said), height_um, found, immersed)
-        notes.append(_told_step(measured, immersed))
+        heights = height_um, height_u_um
+        measured, found = _step(_read(step, said), heights, found, immersed)
+        notes.append(_told_step(measured, immersed, height_u_um))
     if grid:
-        fit = _grid([_read(path, said) for path in grid], pitch_um, found)
+        fit = _grid([_read(path, said) for path in grid], (pitch_um, pitch_u_um), found)
         found = fit.calibration
         notes.append(_told_grid(fit))
     if not found.depth_standard:
@@ -108,19 +121,23 @@ def _read(path: Path, said: ScanOverrides) -> Scan:
 
 
 def _step(
-    scan: Scan, height_um: float | None, base: OctCalibration, immersed: bool
+    scan: Scan, heights: tuple[float | None, float], base: OctCalibration, immersed: bool
 ) -> tuple[Step, OctCalibration]:
+    height_um, u_um = heights
     if height_um is None:
         raise UsageError("--step needs the step's height: give --height-um")
     measured = measure_step(scan)
-    return measured, with_step(base, measured, height_um * 1e-3, immersed=immersed)
+    return measured, with_step(
+        base, measured, height_um * 1e-3, immersed=immersed, height_u_mm=u_um * 1e-3
+    )
 
 
-def _grid(scans: list[Scan], pitch_um: float | None, base: OctCalibration) -> GridFit:
+def _grid(scans: list[Scan], pitches: tuple[float | None, float], base: OctCalibration) -> GridFit:
+    pitch_um, u_um = pitches
     if pitch_um is None:
         raise UsageError("--grid needs the distance of its dots: give --pitch-um")
     views = [find_grid(scan, pitch_um * 1e-3) for scan in scans]
-    return fit_grid(views, pitch_um * 1e-3, base)
+    return fit_grid(views, pitch_um * 1e-3, base, u_um * 1e-3)
 
 
 def _estimates(found: OctCalibration) -> dict[str, Estimate]:
@@ -140,12 +157,12 @@ def _estimates(found: OctCalibration) -> dict[str, Estimate]:
     return lines
 
 
-def _told_step(step: Step, immersed: bool) -> str:
+def _told_step(step: Step, immersed: bool, u_um: float) -> str:
     where = "in the medium" if immersed else "in air"
     return (
         f"step {where}: {1e3 * step.path_mm:.1f} µm of path, columns scatter by "
-        f"{1e3 * step.scatter_mm:.1f} µm, tilted by {step.tilt_deg:.1f}°; its height is taken as "
-        "exact"
+        f"{1e3 * step.scatter_mm:.1f} µm, tilted by {step.tilt_deg:.1f}°; its height is "
+        + (f"known to ± {u_um:g} µm by its certificate" if u_um else "taken as exact")
     )
 
 

@@ -1,4 +1,4 @@
-"""What the subcommands of `printctl calibrate` share."""
+"""Options shared by the subcommands of `printctl calibrate`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ Gcode = Annotated[
 ]
 At = Annotated[
     str, typer.Option("--at", metavar="X,Y,Z", help="Where the tip stands, printer's frame, mm.")
+]
+CameraFile = Annotated[
+    Path | None,
+    typer.Option("--camera", help="File of `printctl calibrate camera`: scale and distortion."),
 ]
 Write = Annotated[
     Path | None, typer.Option("--write", help="Write a profile with the result to this file.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import numpy as np
 import typer
 
@@ -23,10 +24,10 @@ from printctl.calibration.widths import (
     typed_widths,
 )
 from printctl.cli.calibrate_files import Measured, write_measured
-from printctl.cli.calibrate_options import Write, numbers_of, tell
+from printctl.cli.calibrate_options import CameraFile, Write, numbers_of, tell
 from printctl.cli.options import JsonFlag, messages, print_lines
 from printctl.errors import UsageError
-from registration.microscope import opencv
+from registration.lens import read_lens
 
 _CORNERS = 4
 
@@ -54,6 +55,7 @@ def widths(
             "upper right, upper left, as on the drawing.",
         ),
     ] = None,
+    camera: CameraFile = None,
     flow_factor: Annotated[
         float | None,
         typer.Option("--flow-factor", min=0.2, max=5, help="Weighed; the swelling is told then."),
@@ -69,8 +71,12 @@ def widths(
     Of a picture it writes, beside it, NAME.measured.png to judge by, and NAME.widths.csv.
     """
     typed = file.suffix.lower() == ".csv"
-    if typed and (um_per_px is not None or marks is not None):
-        raise UsageError("--um-per-px and --marks are of a picture; a sheet has its widths in mm")
+    if typed and (um_per_px is not None or marks is not None or camera is not None):
+        raise UsageError(
+            "--um-per-px, --marks and --camera are of a picture; a sheet has its widths in mm"
+        )
+    if um_per_px is not None and camera is not None:
+        raise UsageError("--camera has the scale: leave --um-per-px out, or --camera")
     written = _pattern(file, pattern)
     known = Known(flow_factor)
     if written.pattern.name not in ("lines", "spiral") and flow_factor is not None:
@@ -79,7 +85,11 @@ def widths(
     if typed:
         answer = _from_sheet(file, written, known)
     else:
-        seen = look(file, written, Given(um_per_px, _corners(marks)))
+        seen = look(
+            file,
+            written,
+            Given(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
+        )
         _keep(file, seen)
         notes = seen.notes
         answer = _from_picture(seen, written, known)
@@ -135,7 +145,7 @@ def _from_picture(seen: Seen, written: Written, known: Known) -> Answer:
 def _keep(file: Path, seen: Seen) -> None:
     """Write the annotated picture and the filled sheet beside the picture."""
     drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
-    _, data = opencv(file).imencode(".png", seen.picture)
+    _, data = cv2.imencode(".png", seen.picture)
     write_bytes(drawn, data.tobytes())
     write_text(table, seen.table)
     messages().print(f"wrote {drawn} (judge by it) and {table}", markup=False)

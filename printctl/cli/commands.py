@@ -1,4 +1,4 @@
-"""What the subcommands are, and where each stands.
+"""List of the subcommands and their modules.
 
 A command's module is imported when it is asked for, not before: `printctl pause` shouldn't wait
 for the mesh library that `printctl solid` needs.

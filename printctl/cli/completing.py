@@ -1,4 +1,4 @@
-"""What the shell offers when a word is completed: commands, options, choices, profile names.
+"""Shell completion: commands, options, choices, profile names.
 
 Options and choices come from typer, files from the shell itself. Profiles are offered by the
 option's name, which nearly always means the same.

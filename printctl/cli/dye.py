@@ -13,6 +13,7 @@ from design.hemodynamics.dye import DYE_DIFFUSIVITY
 from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.units import UL_S_PER_ML_MIN
+from printctl.cli.calibrate_options import CameraFile
 from printctl.cli.dye_predict import Foreseen, predict_front
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
@@ -26,6 +27,7 @@ from registration.dye import (
     read_marks,
 )
 from registration.exports.tables import as_csv
+from registration.lens import read_lens
 from registration.report.dye_page import write_dye_html
 
 NUMBERS, PLACES, PAGE = "dye.json", "dye.csv", "dye.html"
@@ -57,6 +59,7 @@ def dye(
         float,
         typer.Option("--tolerance-percent", min=0.1, help="Of the predicted way from the inlet."),
     ] = 40.0,
+    camera: CameraFile = None,
     predict: Annotated[
         bool, typer.Option("--predict", help="No film yet: when dye will come to each vessel.")
     ] = False,
@@ -100,6 +103,7 @@ def dye(
     options = DyeOptions(
         flow_ul_s=None if flow_ml_min is None else flow_ml_min * UL_S_PER_ML_MIN,
         start_s=start_s,
+        lens=None if camera is None else read_lens(camera),
     )
     report = measure_dye(video, read_marks(marks), network, options)
     data = dye_dict(report, tolerance_percent)

@@ -1,4 +1,4 @@
-"""How failures leave the command line.
+"""Exit codes and messages of failures.
 
 Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed.
 """

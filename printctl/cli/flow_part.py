@@ -1,4 +1,4 @@
-"""What was typed after `printctl flow` as a recipe's section, checked as it would be."""
+"""Options of `printctl flow` as a recipe's section, checked as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `printctl flow` solves and writes, a function a fidelity."""
+"""Solve and write for `printctl flow`, a function a fidelity."""
 
 from __future__ import annotations
 

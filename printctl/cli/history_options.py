@@ -1,4 +1,4 @@
-"""Which prints a command of `printctl history` is about."""
+"""Options of `printctl history` that choose prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `printctl lumens` is asked about: how the file becomes ink, and where lumens should be."""
+"""Read the arguments of `printctl lumens`: the file's ink, the designed lumens."""
 
 from __future__ import annotations
 

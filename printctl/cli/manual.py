@@ -1,4 +1,4 @@
-"""What the help of every command ends with: examples, and what its exit codes mean."""
+"""End of every command's help: examples, and the meaning of exit codes."""
 
 from __future__ import annotations
 
@@ -154,6 +154,10 @@ MANUAL: Final[Mapping[str, Manual]] = {
     ),
     "calibrate widths": Manual(
         ("printctl calibrate widths seen.png --pattern lines.json --write my_ink.yaml",)
+    ),
+    "calibrate board": Manual(("printctl calibrate board board.png --square-mm 2 --dpi 1200",)),
+    "calibrate camera": Manual(
+        ("printctl calibrate camera board_seen.png --square-mm 2.003 --write camera.yaml",)
     ),
     "calibrate oct": Manual(
         ("printctl calibrate oct --grid low.oct --grid high.oct --pitch-um 500",)

@@ -1,4 +1,4 @@
-"""What a dry run says of time, ink and needle, as lines for people."""
+"""A dry run's time, ink and needle as lines for people."""
 
 from __future__ import annotations
 

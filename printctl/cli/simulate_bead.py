@@ -1,4 +1,4 @@
-"""What `printctl simulate` says and writes of the ink in the bath."""
+"""Print and write the ink in the bath for `printctl simulate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the subcommands of `printctl station` share."""
+"""Options shared by the subcommands of `printctl station`."""
 
 from __future__ import annotations
 

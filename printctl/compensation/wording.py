@@ -1,4 +1,4 @@
-"""What a compensation changes, in a line."""
+"""A compensation's change in a line of words."""
 
 from __future__ import annotations
 

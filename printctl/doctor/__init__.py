@@ -1,4 +1,4 @@
-"""What `printctl doctor` looks at: this machine, and what keeps printctl from working on it."""
+"""Checks of `printctl doctor`: this machine, and obstacles to printctl on it."""
 
 from printctl.doctor.look import Examined, examine
 

@@ -1,4 +1,4 @@
-"""Which of the optional parts are installed."""
+"""List of the optional parts that are installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether z may be corrected: only where something of known height stands behind the scans."""
+"""Check that z may be corrected: a known height must stand behind the scans."""
 
 from __future__ import annotations
 

@@ -126,8 +126,9 @@ def unknown_bias(prints: Sequence[Print], voxel_mm: float) -> Mean:
     halves = []
     for print_ in prints:
         rows = [row["budget"] for row in print_.found["vessels"] if row.get("budget")]
+        known = [terms for terms in rows if all(t["standard"] is not None for t in terms)]
         shared = [
-            math.hypot(*(t["standard"] or 0.0 for t in terms if t["type"] == "B")) for terms in rows
+            math.hypot(*(t["standard"] for t in terms if t["type"] == "B")) for terms in known
         ]
         half = NORMAL_95 * 1e-3 * statistics.median(shared) if shared else BIAS_VOXELS * voxel_mm
         halves.append(half)

@@ -1,7 +1,7 @@
-"""What a print says of each vessel: how much too wide it came out, and where its axis went.
+"""A print's excess width and axis shift at each vessel.
 
-Defects (occlusions, leaks, missing vessels, local bulges and stenoses) are accidents of one print
-or faults to be mended. Their places are left out.
+Sections whose number was withdrawn are left out. Defects (occlusions, leaks, missing vessels, local
+bulges and stenoses) are accidents of one print or faults to be mended. Their places are left out.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _reading(
     along = np.array(row["along_mm"], dtype=np.float64)
     measured = np.array(row["diameter_um"], dtype=np.float64) * 1e-3
     noise = np.nan_to_num(np.array(row["noise_um"], dtype=np.float64) * 1e-3)
-    kept = np.isfinite(measured) & (measured > 0) & ~left_out
+    kept = np.isfinite(measured) & (measured > 0) & ~left_out & _not_withdrawn(row)
     if not kept.any():
         return None
     designed, way = _designed(print_.network, vessel, along[kept])
@@ -119,6 +119,13 @@ def _reading(
         ends_mm=ends,
         ends_error_mm=ends_error,
     )
+
+
+def _not_withdrawn(row: dict[str, Any]) -> BoolArray:
+    """Sections whose diameter has an interval: a number that was withdrawn corrects nothing."""
+    count = len(row["along_mm"])
+    halves = row.get("interval_95_um") or [0.0] * count  # an older registration's
+    return np.array([half is not None for half in halves], dtype=np.bool_)
 
 
 def _worth(along: FloatArray, diameter: float) -> float:

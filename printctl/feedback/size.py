@@ -1,4 +1,4 @@
-"""How large a print came out: from where its lumens lie, and only else from its surface.
+"""Size of a print: from its lumens' places, else from its surface.
 
 A scale that is fitted to the surface takes walls that moved (lines that spread, a scanner's bias)
 for size: 20 um on either face of 8 mm are half a percent. A lumen's axis stays where it is when its
@@ -25,6 +25,9 @@ the one opposite (`registration.alignment.intervals`), by 2 to 5 um at 25 um."""
 GOOD_ENOUGH = 0.003
 """Half width of the interval up to which lumens decide."""
 _SHIFT_PRIOR_MM, _SIZE_PRIOR = 0.1, 0.05
+
+UNKNOWN = 0.1
+"""Half width for a scale whose interval was withdrawn: what is off by more is refused."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def size_of(print_: Print, found: dict[int, Reading], about: FloatArray, voxel_m
     voxel_mm : float, mm
     """
     scale = np.array(print_.facts.scale)
-    surface = np.array([half or 0.0 for half in print_.facts.scale_interval_95])
+    surface = _surface_half(print_)
     low, high = np.array(print_.design.bounds_mm)
     if "budget" not in print_.found:
         surface = np.hypot(surface, BIAS_VOXELS * voxel_mm / ((high - low) / 2))
@@ -81,6 +84,17 @@ def size_of(print_: Print, found: dict[int, Reading], about: FloatArray, voxel_m
         shift_mm=best[:3],
         growth=growth,
     )
+
+
+def _surface_half(print_: Print) -> FloatArray:
+    """Half widths of the fitted scales' intervals, (3,).
+
+    A scale that was fitted without an interval isn't known; one that wasn't fitted is 1 by decree.
+    """
+    return np.array([
+        half if half is not None else 0.0 if scale == 1.0 else UNKNOWN
+        for scale, half in zip(print_.facts.scale, print_.facts.scale_interval_95, strict=True)
+    ])  # fmt: skip
 
 
 def less(reading: Reading, print_: Print, size: Size, about: FloatArray) -> Reading:

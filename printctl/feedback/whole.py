@@ -1,4 +1,4 @@
-"""What is alike all over the part: its scale along each axis, and the lumens' radial offset."""
+"""Corrections of the whole part: scale along each axis, the lumens' radial offset."""
 
 from __future__ import annotations
 

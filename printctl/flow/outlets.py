@@ -1,4 +1,4 @@
-"""What lies behind outlets, from a recipe's words or a CSV."""
+"""Conditions behind outlets, from a recipe's words or a CSV."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,13 @@ from printctl.flow.printed_fidelities import (
     mesh_of,
     printed_summary,
     printed_table,
+)
+from printctl.flow.printed_intervals import (
+    DRAWS,
+    LumenErrors,
+    carried,
+    flow_intervals,
+    lumen_errors,
 )
 from printctl.flow.scanned import scanned_lumen
 from printctl.flow.steady import shear_band
@@ -113,15 +120,19 @@ def solve_as_printed(
     if case.part.three_d is not None:
         load_engine()  # Missing, it is better told before minutes of work.
     design = read_network_csv(case.folder / NETWORK, unit="mm")
-    printed = printed_lumens(design, read_rows(case.folder))
+    rows = read_rows(case.folder)
+    printed = printed_lumens(design, rows)
     part = open_part(printed, design)
-    pairs = {"0D": _steady(case, design, part)}
+    tell("intervals of 0D flow")
+    pairs = {"0D": _steady(case, design, part, lumen_errors(rows))}
     if case.part.one_d is not None:
         tell("1D flow")
         pairs["1D"] = _waves(case, case.part.one_d, design, part)
     if case.part.three_d is not None:
         pairs["3D"] = _space(case, case.part.three_d, design, (printed, part), tell)
+    pairs |= {name: _with_ends(pairs["0D"], pair) for name, pair in pairs.items() if name != "0D"}
     summary = printed_summary(printed, pairs, shear_band(case.part))
+    summary["interval_95"] = _intervals_said(pairs["0D"])
     summary["lumens_3d"] = _lumens_said(case)
     out.mkdir(parents=True, exist_ok=True)
     write_columns(out / AS_PRINTED, printed_table(design, printed, pairs))
@@ -135,10 +146,26 @@ def _lumens_said(case: PrintedCase) -> str:
     return "the scan's surface" if case.scanned else "round, of the measured diameters"
 
 
-def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart) -> Pair:
-    conditions = _conditions(case, design)
+def _intervals_said(pair: Pair) -> str:
+    if pair.ends is None:
+        return "not known: a measured lumen has no 95 % interval; register the scan again"
+    return (
+        f"95 %, {DRAWS} draws of the lumens within their measured intervals, solved in 0D and "
+        "carried to the other fidelities in proportion"
+    )
+
+
+def _with_ends(steady: Pair, pair: Pair) -> Pair:
+    if steady.ends is None:
+        return pair
+    return replace(pair, ends=carried(steady.ends, steady.printed, pair.printed))
+
+
+def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart, errors: LumenErrors) -> Pair:
+    conditions, count = _conditions(case, design), design.vessel_count
     printed = lumped(part.network, part.steady(conditions))
-    return Pair(lumped(design, conditions), printed.of_design(part, design.vessel_count))
+    ends = flow_intervals(part, part.steady(conditions), errors, count)
+    return Pair(lumped(design, conditions), printed.of_design(part, count), ends)
 
 
 def _waves(case: PrintedCase, how: OneDPart, design: VesselNetwork, part: OpenPart) -> Pair:

@@ -75,11 +75,31 @@ class VesselFlow:
 
 
 @dataclass(frozen=True)
+class FlowIntervals:
+    """Low and high end of what a `VesselFlow` says: (2, v), and (2,) of the whole network."""
+
+    resistance: FloatArray
+    flow: FloatArray
+    wall_shear: FloatArray
+    share: FloatArray
+    drop_pa: FloatArray
+    inflow_ul_s: FloatArray
+
+
+@dataclass(frozen=True)
 class Pair:
-    """A fidelity's answers for the same vessels."""
+    """A fidelity's answers for the same vessels.
+
+    Attributes
+    ----------
+    designed, printed : VesselFlow
+    ends : FlowIntervals or None
+        95 % intervals of the printed one; None where a lumen's isn't known.
+    """
 
     designed: VesselFlow
     printed: VesselFlow
+    ends: FlowIntervals | None = None
 
 
 def lumped(network: VesselNetwork, conditions: FlowConditions) -> VesselFlow:
@@ -213,6 +233,7 @@ def printed_table(
 
 def _block(design: VesselNetwork, printed: Printed, name: str, pair: Pair) -> dict[str, Any]:
     count, one, other = design.vessel_count, pair.designed, pair.printed
+    ends = _known(pair, count)
     wide, found = 2e3 * design.mean_radius(), 2e3 * printed.network.mean_radius()
     found = np.where(printed.closed, 0.0, found)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -226,16 +247,33 @@ def _block(design: VesselNetwork, printed: Printed, name: str, pair: Pair) -> di
             "diameter_off_percent": 100.0 * (found / wide - 1.0),
             "designed_resistance_pa_s_ul": one.resistance,
             "resistance_pa_s_ul": other.resistance,
+            **_low_high("resistance_pa_s_ul", ends.resistance),
             "resistance_ratio": other.resistance / one.resistance,
             "designed_flow_ml_min": one.flow / UL_S_PER_ML_MIN,
             "flow_ml_min": other.flow / UL_S_PER_ML_MIN,
+            **_low_high("flow_ml_min", ends.flow / UL_S_PER_ML_MIN),
             "designed_share": one.share,
             "share": other.share,
+            **_low_high("share", ends.share),
             "share_off_percent_of_inflow": 100.0 * (other.share - one.share),
             "designed_wall_shear_dyn_cm2": one.wall_shear * DYN_CM2_PER_PA,
             "wall_shear_dyn_cm2": other.wall_shear * DYN_CM2_PER_PA,
+            **_low_high("wall_shear_dyn_cm2", ends.wall_shear * DYN_CM2_PER_PA),
             "wall_shear_ratio": other.wall_shear / one.wall_shear,
         }
+
+
+def _known(pair: Pair, count: int) -> FlowIntervals:
+    """A pair's intervals; NaN where they aren't known."""
+    if pair.ends is not None:
+        return pair.ends
+    each, whole = np.full((2, count), np.nan), np.full(2, np.nan)
+    return FlowIntervals(each, each, each, each, whole, whole)
+
+
+def _low_high(name: str, ends: FloatArray) -> dict[str, FloatArray]:
+    """Columns of a quantity's 95 % interval."""
+    return {f"{name}_low": ends[0], f"{name}_high": ends[1]}
 
 
 def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand | None) -> Any:
@@ -250,20 +288,32 @@ def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand
 
 def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
     one, other = pair.designed, pair.printed
+    ends = _known(pair, len(one.flow))
     change = 100.0 * (other.share - one.share)
     worst = int(np.argmax(np.abs(np.nan_to_num(change))))
     told: dict[str, Any] = {
         "designed_pressure_drop_mmhg": one.drop_pa / PA_PER_MMHG,
         "pressure_drop_mmhg": other.drop_pa / PA_PER_MMHG,
+        "pressure_drop_mmhg_interval_95": _interval(ends.drop_pa / PA_PER_MMHG),
         "pressure_drop_ratio": other.drop_pa / one.drop_pa,
+        "pressure_drop_ratio_interval_95": _interval(ends.drop_pa / one.drop_pa),
         "inflow_ratio": other.inflow_ul_s / one.inflow_ul_s,
+        "inflow_ratio_interval_95": _interval(ends.inflow_ul_s / one.inflow_ul_s),
         "worst_share_off_percent_of_inflow": float(change[worst]),
+        "worst_share_off_interval_95": _interval(100.0 * (ends.share[:, worst] - one.share[worst])),
         "worst_share_vessel": worst,
     }
     if band is not None:
         told["designed_in_shear_band"] = _inside(one, band)
         told["in_shear_band"] = _inside(other, band)
     return told
+
+
+def _interval(ends: FloatArray) -> list[float] | None:
+    """A 95 % interval as JSON; None where it isn't known."""
+    if not np.isfinite(ends).all():
+        return None
+    return [float(f"{end:.5g}") for end in ends]
 
 
 def _inside(flow: VesselFlow, band: ShearBand) -> float:

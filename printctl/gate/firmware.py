@@ -14,7 +14,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from printctl.gate.speeds import speeds_apart
+from printctl.gate.speeds import same_corner, speeds_apart
 
 Answers = Mapping[str, Sequence[str]]
 
@@ -24,9 +24,8 @@ _FLAGS: Final = re.compile(r"DEBUG:(.*)", re.I)
 _SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)")
 _WORD: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 _OFFSETS: Final = re.compile(r"[XYZ]:? ?(-?\d+\.\d+)")
-_COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled")
-_NOT_TOLD_WHOLE: Final = {"M205": "J"}
-"""Words of which M503 leaves digits out (0.013 is told as 0.01)."""
+_COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled(?: \(min temp (\d+))?")
+_TIMEOUT: Final = re.compile(r"(?:Inactivity timeout|Timeout set to) (\d+(?:\.\d+)?) s")
 
 
 @dataclass(frozen=True)
@@ -79,19 +78,36 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     return [*found, *_speeds(settings, printer)]
 
 
-def told_settings(answers: Answers) -> dict[str, str]:
-    """Settings that a job may change, as the commands that set them back, by code."""
+def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
+    """Settings that a job may change, as the commands that set them back, by code.
+
+    A junction deviation that is the profile's, as far as it is told, is left out: a job sets no
+    other, and its last digits aren't told.
+    """
     found: dict[str, str] = {}
     for code, words in _settings(answers.get("M503 S0", ())).items():
         if code in ("M201", "M203", "M204", "M205"):
-            left_out = _NOT_TOLD_WHOLE.get(code, "")
-            told = (f"{key}{value}" for key, value in words.items() if key not in left_out)
+            told = [
+                f"{key}{value}"
+                for key, value in words.items()
+                if (code, key) != ("M205", "J") or not same_corner(float(value), printer)
+            ]
             found[code] = " ".join([code, *told])
     for text in answers.get("M302", ()):
         cold = _COLD.search(text)
         if cold:
-            found["M302"] = f"M302 P{int(cold[1] == 'en')}"
-    return found
+            least = "" if cold[2] is None else f"S{cold[2]} "  # S sets P, too: it stands first
+            found["M302"] = f"M302 {least}P{int(cold[1] == 'en')}"
+    return found | _told_timeout(answers, printer)
+
+
+def _told_timeout(answers: Answers, printer: Printer) -> dict[str, str]:
+    """The firmware's own switch-off as the command that sets it back, by its code."""
+    timeout = family_of(printer).timeout
+    if timeout is None:
+        return {}
+    told = [_TIMEOUT.search(text) for text in answers.get(timeout.code, ())]
+    return dict([(timeout.code, timeout.command(said[1])) for said in told if said][:1])
 
 
 def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -146,11 +162,11 @@ def _flags(answers: Answers) -> list[Difference]:
 
 
 def _speeds(settings: dict[str, dict[str, str]], printer: Printer) -> list[Difference]:
-    """An alarm; a refusal where ink flows by time and the moves are slower than was checked."""
+    """An alarm; a refusal where ink flows by time and lines would be other than was checked."""
     remedy = "say so in a copy of the profile and check the job again, or set the firmware right"
     return [
-        Difference(what, remedy=remedy, tolerated=not (slower and printer.pneumatic))
-        for what, slower in speeds_apart(settings, printer)
+        Difference(what, remedy=remedy, tolerated=not (wrong and printer.pneumatic))
+        for what, wrong in speeds_apart(settings, printer)
     ]
 
 

@@ -14,6 +14,8 @@ from sim.reading import GcodeLine
 Judge = Callable[[GcodeLine, Known], Allowed]
 Planned = Callable[[Known, str], tuple[float, str]]
 """Value of a letter by the profile, and the key that says it."""
+LEAST_TIMEOUT_S: Final = 60.0
+"""Three times the interval of the link's sign of life in a pause (`printctl.link.pauses`)."""
 LONGEST_TIMEOUT_S: Final = 3600.0
 _SAME: Final = 1e-4
 """Share by which a value may differ from the profile's: some programs write few digits."""
@@ -101,22 +103,32 @@ def undone(words: str) -> Judge:
     return judge
 
 
-def timeout(key: str) -> Judge:
-    """Let the firmware's own switch-off pass below `LONGEST_TIMEOUT_S`, or the profile's if longer.
+def timeout(key: str, *, zero_is_off: bool = False) -> Judge:
+    """Let the firmware's own switch-off pass that strikes in no pause; the job's end undoes it.
 
-    ``key`` is the word or key of its seconds; without any word it asks.
+    From `LEAST_TIMEOUT_S` to `LONGEST_TIMEOUT_S`, or the profile's if longer.
+
+    Parameters
+    ----------
+    key : str
+        Word or key of its seconds; without any word it asks.
+    zero_is_off : bool
+        Whether 0 is none at all, which preflight judges.
     """
 
     def judge(line: GcodeLine, known: Known) -> Allowed:
         given = {**line.words, **{name: as_number(text) for name, text in line.parameters.items()}}
         most = max(LONGEST_TIMEOUT_S, known.printer.idle_timeout_s)
         for name, seconds in given.items():
-            if name != key or seconds is None or not 0 <= seconds <= most:
+            off = zero_is_off and seconds == 0
+            if name != key or seconds is None or not (off or LEAST_TIMEOUT_S <= seconds <= most):
                 raise NotAllowed(
-                    f"only {line.code} with {key} from 0 to {most:g} s passes: it is what switches "
-                    "the heaters off when the host is dead (profile: idle_timeout_s)"
+                    f"only {line.code} with {key} from {LEAST_TIMEOUT_S:g} to {most:g} s passes "
+                    "(profile: idle_timeout_s): it switches the heaters off when the host is dead, "
+                    "and a shorter one ends the print in a pause, a change of syringe or a wait, "
+                    "in which the link gives a sign of life every 20 s"
                 )
-        return Allowed(line.text.decode("ascii"))
+        return Allowed(line.text.decode("ascii"), undo=(line.code,) if given else ())
 
     return judge
 

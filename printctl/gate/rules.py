@@ -94,6 +94,16 @@ def _offset_taken_back(head: str) -> Judge:
     return judge
 
 
+def _power_off(line: GcodeLine, known: Known) -> Allowed:
+    """Motors that lose their power at once."""
+    if "S" in line.words:
+        raise NotAllowed(
+            "S sets a time for all that comes later, which no firmware tells, so that it couldn't "
+            f"be set back; take S out ({line.code} alone cuts the power at once)"
+        )
+    return passes("XYZE")(line, known)
+
+
 def _head(line: GcodeLine, known: Known) -> Allowed:
     """A head that the printer has, chosen without the macros of a change of tools."""
     own = family_of(known.printer).heads
@@ -146,20 +156,19 @@ _JOB: Final[Rules] = {
             "G28",
             "G92",
             "M17",
-            "M18",
             "M73",
             "M75",
             "M76",
             "M77",
-            "M84",
             "M117",
         ]
     },
     **{code: passes("") for code in ["G17", "G21", "G90", "M82", "M400"]},
     **dict.fromkeys(["M104", "M109", "M140", "M190", "M141", "M191"], wait_for),
     **_ASKED,
+    **dict.fromkeys(["M18", "M84"], _power_off),
     "G4": passes("PS"),
-    "M85": timeout("S"),
+    "M85": timeout("S", zero_is_off=True),
     "M106": _FAN,
     "M107": passes("P"),
     "M200": only_with({"D": 0, "S": 0}, "T", "E is the plunger's travel in mm"),

@@ -1,8 +1,10 @@
-"""Speeds and accelerations that the firmware tells (M503), against the profile's.
+"""Speeds, accelerations and corners that the firmware tells (M503), against the profile's.
 
 A firmware that is slower than its profile stretches every move: the dry run's times are wrong, and
 a valve that is open for a time writes a thicker line. One that is faster accelerates harder than
-was planned. Marlin tells M201 and M203 by axis, M204 P for moves that write and T for travel.
+was planned. Marlin tells M201 and M203 by axis, M204 P for moves that write and T for travel. M205
+tells the corners (J), the least time of a segment (B), and the speeds below which no move is made
+(S, T): what is planned as slower is then made faster, and no check counts on that.
 """
 
 from __future__ import annotations
@@ -16,10 +18,17 @@ Settings = Mapping[str, Mapping[str, str]]
 
 _SAME: Final = 0.01
 """Share by which told and profile's value may differ: M503 rounds to two decimals."""
+_ROUNDED: Final = 0.005 + 1e-9
+"""What two decimals hide of a junction deviation, mm (0.013 is told as 0.01)."""
+
+
+def same_corner(told_mm: float, printer: Printer) -> bool:
+    """Whether a junction deviation, mm, is the profile's, as far as M503 tells it."""
+    return abs(told_mm - printer.junction_deviation_mm) <= _ROUNDED
 
 
 def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bool]]:
-    """Yield each difference in words, with value and the profile's key, and if it is a slower one.
+    """Yield each difference in words, and whether a line that ink is pressed into by time is wrong.
 
     Parameters
     ----------
@@ -33,6 +42,28 @@ def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bo
             way = "slower" if slower else "faster"
             text = f"{name} is {told:g} {unit}, {way} than the profile's {wanted:g} ({key})"
             yield text, slower
+    yield from _advanced_apart(settings.get("M205", {}), printer)
+
+
+def _advanced_apart(told: Mapping[str, str], printer: Printer) -> Iterator[tuple[str, bool]]:
+    """Yield the same for what M205 tells."""
+    wanted = printer.junction_deviation_mm
+    corner = float(told.get("J", wanted))
+    if not same_corner(corner, printer):
+        way = "slower" if corner < wanted else "faster"
+        text = f"junction deviation (M205 J) is {corner:g} mm, {way} than the profile's {wanted:g}"
+        yield f"{text} (junction_deviation_mm)", corner < wanted
+    wanted_us = printer.min_segment_time_s * 1e6
+    segment = float(told.get("B", wanted_us))
+    if abs(segment - wanted_us) > _SAME * wanted_us:
+        way = "slower" if segment > wanted_us else "faster"
+        text = f"least time of a segment (M205 B) is {segment:g} µs, {way} than the profile's"
+        yield f"{text} {wanted_us:g} (min_segment_time_s)", segment > wanted_us
+    for word, moves in (("S", "moves that write"), ("T", "travels")):
+        least = float(told.get(word, 0))
+        if least > 0:
+            text = f"least speed of {moves} (M205 {word}) is {least:g} mm/s, faster than the"
+            yield f"{text} profile's 0; M205 {word}0 takes it back", word == "S"
 
 
 def _pairs(settings: Settings, printer: Printer) -> Iterator[tuple[str, str, str, float, float]]:

@@ -1,4 +1,4 @@
-"""What slicers say in comments: kinds of lines, layer heights, the filament, their own name."""
+"""Slicers' comments: kinds of lines, layer heights, filament, the slicer's name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each row pushes out: from E and a bore, or from an open valve and a flow."""
+"""Volume of each row: from E and a bore, or an open valve and a flow."""
 
 from __future__ import annotations
 

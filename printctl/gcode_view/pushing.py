@@ -1,4 +1,4 @@
-"""What E counts: a bore, or an open valve and a flow."""
+"""Meaning of E: a bore, or an open valve and a flow."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> d
         raise HandshakeError(_refusal(found))
     for one in every:
         note(f"{one.what}: {one.remedy}")
-    return told_settings(answers)
+    return told_settings(answers, printer)
 
 
 def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:

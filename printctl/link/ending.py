@@ -107,6 +107,7 @@ class Ending:
         progress = self._logbook.progress
         all_made = self._excursion.going_on or stop.place == Modal()
         found = Stood(progress.done, None, True) if all_made else progress.stood(stop.place)
+        progress.stopped_at(found)
         self._logbook.record(
             "stood",
             done=progress.done,

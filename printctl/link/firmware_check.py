@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from typing import Final
+
+from firmware_profiles.families import family_of
 from printctl.link.agreeing import agree_settings
 from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
@@ -11,6 +15,9 @@ from printctl.link.gating import settings_changed_by
 from printctl.link.gauges import Gauges
 from printctl.link.position_check import RETRIES
 from printctl.link.valve import shut
+
+_TARGET: Final = re.compile(rb":-?[0-9.]+ */([0-9.]+)")
+"""Of each heater, as M105 tells it, °C."""
 
 
 class FirmwareCheck:
@@ -127,7 +134,27 @@ class FirmwareCheck:
         self._settings = settings
 
     def undo_settings(self) -> None:
-        """Set the firmware's settings as they were before the job, where it has changed them."""
+        """Set the firmware's settings as they were before the job, where it has changed them.
+
+        Where it had no switch-off of its own, the job's stays while a heater is on: nothing else
+        would switch that off, once this process has ended.
+        """
         for code in settings_changed_by(self._logbook.progress.taken, self._printer):
-            if code in self._settings:
-                self._channel.command(self._settings[code].encode("ascii"))
+            before = self._settings.get(code, "")
+            if before and self._ends_switch_off(before) and self._heats():
+                self._logbook.alarm(
+                    f"a heater is on, so the firmware's own switch-off stays as the job set it "
+                    f"({code}); {before} takes it back"
+                )
+            elif before:
+                self._channel.command(before.encode("ascii"))
+
+    def _ends_switch_off(self, command: str) -> bool:
+        """Whether with this command the firmware would never switch off by itself."""
+        timeout = family_of(self._printer).timeout
+        return timeout is not None and command == timeout.command("0")
+
+    def _heats(self) -> bool:
+        """Whether a heater has a target."""
+        answer = self._channel.command(b"M105")
+        return any(float(target) for text in answer for target in _TARGET.findall(text))

@@ -24,18 +24,12 @@ class IdleMotors:
         self._timeouts = (timeout.code.encode("ascii"),) if timeout else ()
 
     def hold(self) -> None:
-        """Keep the firmware from cutting the motors' power while the needle waits."""
+        """Keep the firmware from cutting the motors' power while the needle waits.
+
+        No firmware tells the time that was in force, so that it isn't set back: they stay powered.
+        """
         if self._m84_sets_timeout:
             self._channel.command(b"M84 S0")
-
-    def release(self) -> None:
-        """Set the time again after which they lose their power, where the job gave one.
-
-        No firmware tells which was in force: a job that gave none leaves them powered.
-        """
-        given = self._last_of((b"M84", b"M18"))
-        if self._m84_sets_timeout and given is not None and b"S" in given:
-            self._channel.command(given)
 
     def sign_of_life(self) -> None:
         """Show that the printer is there, and begin its own switch-off time anew.

@@ -4,24 +4,9 @@ from __future__ import annotations
 
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
+from printctl.link.job_frame import renamings
 from printctl.link.modal import places_told
 from sim.reading import code_of, is_motion
-
-
-def declared_start(job: Job, begin: int) -> tuple[float, float, float] | None:
-    """Where the job tells the firmware that the tip stands, before its first move."""
-    places = [k for k, line in enumerate(job.lines[:begin]) if places_told(line)]
-    moves = (k for k, line in enumerate(job.lines) if is_motion(line))
-    if not places:
-        return None
-    first = next(moves, begin)
-    words = places_told(job.lines[places[0]])
-    if len(places) > 1 or places[0] > first or set(words) != set("XYZ"):
-        raise LinkError(
-            f"line {job.file_lines[places[-1]]} moves the job's frame ({job.lines[places[-1]]!r}); "
-            "the rest can't be placed by a machine"
-        )
-    return words["X"], words["Y"], words["Z"]
 
 
 def told_start(job: Job) -> tuple[float, float, float] | None:
@@ -45,7 +30,8 @@ def told_start(job: Job) -> tuple[float, float, float] | None:
         found = places_told(line) | found
     if set(found) == set("XYZ"):
         return found["X"], found["Y"], found["Z"]
-    late = next((k for k, line in enumerate(job.lines) if places_told(line)), None)
+    named = (one for one in renamings(job.lines) if one.declared or one.moved)
+    late = next((one.index for one in named), None)
     if late is None:
         return None
     raise LinkError(

@@ -72,6 +72,10 @@ class Made:
         """Take notice that the moves which were ahead won't be made: no more lines will be."""
         self._dropped = True
 
+    def stood(self, line: int) -> None:
+        """Take notice that the printer stood in the line after so many: those were made."""
+        self._sure = max(self._sure, line)
+
     def back(self, taken: int) -> None:
         """Take notice that lines after these weren't taken after all."""
         self._sure = min(self._sure, taken)

@@ -147,7 +147,6 @@ class Pauses:
             self.changer.count(at, new or NewSyringe())
         self.heads.take()
         self.returning.come_back(at, self.heads.retreat.prime_mm)
-        self.motors.release()
         self.change.end()
         self.requests.alive()
         logbook.enter(LinkState.PRINTING, "printing")

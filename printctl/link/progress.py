@@ -84,6 +84,11 @@ class JobProgress:
         done = self.done
         return find_stood(self.job.lines, self.executed(done), done, place)
 
+    def stopped_at(self, found: Stood) -> None:
+        """Take notice of where the printer stood: the lines before a certain place were made."""
+        if found.certain:
+            self._made.stood(found.line)
+
     @property
     def speed_mm_s(self) -> float:
         """How fast the needle may be, mm/s: by the feed rates of moves that may be under way.

@@ -10,7 +10,8 @@ from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import JournalError, LinkError
-from printctl.link.job import load_job
+from printctl.link.families import link_facts
+from printctl.link.job import Job, load_job
 from printctl.link.journal import History, read_journal
 from printctl.link.locking import lock
 from printctl.link.made import moves_ahead, surely_moved
@@ -64,10 +65,21 @@ def _places(record: LinkRecord, history: History) -> dict[str, int]:
         return {}
     if job.sha256 != history.job.get("sha256"):
         return {}
-    made = surely_moved(job.lines, history.done, moves_ahead(printer))
-    if history.end is not None and history.end.get("position_known"):
-        made = history.done  # it stood still
-    return {"file_line": job.file_line(history.done), "lines_executed": made}
+    return {
+        "file_line": job.file_line(history.done),
+        "lines_executed": _made(job, history, printer),
+    }
+
+
+def _made(job: Job, history: History, printer: Printer) -> int:
+    """Lines surely made; at an end that dropped moves, those before the place where it stood."""
+    sure = surely_moved(job.lines, history.done, moves_ahead(printer))
+    if history.end is None or not history.end.get("position_known"):
+        return sure
+    if history.stood is not None:
+        return int(history.stood["line"]) if history.stood["certain"] else sure
+    dropped = history.state is not LinkState.DONE and bool(link_facts(printer).quickstop)
+    return sure if dropped else history.done
 
 
 def stays_alive(folder: Path, held: str = LOCK) -> bool:

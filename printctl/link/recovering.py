@@ -16,7 +16,7 @@ from printctl.link.errors import LinkError
 from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
-from printctl.link.job_start import declared_start
+from printctl.link.job_frame import JobFrame, frame_at
 from printctl.link.journal import History, Record
 from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
@@ -24,7 +24,7 @@ from printctl.link.modal import Modal, modal_state, places_told, relieved_mm
 from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut
-from sim.reading import code_of, is_motion, read_sent
+from sim.reading import code_of
 
 CLEARANCE_MM: Final = 5.0
 TRAVEL_MM_S: Final = 20.0
@@ -99,10 +99,10 @@ def plan_recovery(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
-    start = declared_start(job, begin)
-    gcode = _way_in(job, found, printer, retreat, start) + _rest(job, data, begin)
-    steps = (*_by_hand(job, printer, start), *_what_is_there(job, history, found, printer))
-    return Recovery(begin, gcode, steps, start)
+    frame = frame_at(job, begin)
+    gcode = _way_in(job, found, printer, retreat, frame) + _rest(job, data, begin)
+    steps = (*_by_hand(job, printer, frame.start), *_what_is_there(job, history, found, printer))
+    return Recovery(begin, gcode, steps, frame.start)
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def _way_in(
     found: _Beginning,
     printer: Printer,
     retreat: Retreat,
-    start: tuple[float, float, float] | None,
+    frame: JobFrame,
 ) -> bytes:
     """Settings of the job so far; then up, across, down and prime.
 
@@ -214,13 +214,13 @@ def _way_in(
     head = head_at(job.lines, begin) if printer.heads else None
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
-    moves = (line for line in job.lines if b"Z" in line and is_motion(line))
-    heights = [height for line in moves if (height := read_sent(line).number("Z")) is not None]
-    top = max([z, *heights])
-    high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, start[2] if start else top)
+    shift = frame.shift[2]
+    top = max(z - shift, frame.top)
+    touched_off = top if frame.start is None else frame.start[2]
+    high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, touched_off) + shift
     speed = printer.max_speed_mm_s
     level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
-    commands = [*shut(printer), *_settings(job, begin, printer)]
+    commands = [*shut(printer), *_settings(job, begin, printer, frame.lines)]
     if head is not None:
         commands += [*all_raised(printer), choose(printer, head)]
     if not printer.pneumatic:
@@ -238,8 +238,10 @@ def _way_in(
     return b"\n".join([title.encode("ascii", "replace"), *commands]) + b"\n"
 
 
-def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
-    """Modes, temperatures and the like as they stand, each as it was last given.
+def _settings(
+    job: Job, begin: int, printer: Printer, placed: tuple[bytes, ...] = ()
+) -> list[bytes]:
+    """Modes, temperatures and the like as they stand, each as it was last given; then ``placed``.
 
     The valve isn't one of them: it would open before the needle is in place. Nor are the heads'
     own commands; what is told of each head stands for itself.
@@ -252,14 +254,11 @@ def _settings(job: Job, begin: int, printer: Printer) -> list[bytes]:
         if of_head:
             last.pop(of_head, None)
             last[of_head] = line
-        elif places_told(line):
-            words = line.split(b" ")
-            last[b"placed"] = b" ".join(word for word in words if word[:1] != b"E")
-        elif code_of(line) not in _NO_SETUP:
+        elif code_of(line) not in _NO_SETUP and not places_told(line):
             word = code_of(line)
             last.pop(word, None)  # the order in which they were last given
             last[word] = line
-    return list(last.values())
+    return [*last.values(), *placed]
 
 
 def _told_of_head(line: bytes) -> bytes:

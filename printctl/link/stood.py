@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from printctl.link.modal import Modal, modal_state, places_told
-from sim.reading import code_of, is_motion
+from printctl.link.modal import AXES, Modal, modal_state, places_told
+from sim.reading import code_of, is_motion, read_sent
 
 NEAR_MM: Final = 0.02
 """Distance of a place of two decimals and whole steps from the move that it is on."""
@@ -63,7 +63,7 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
     """
     sure = next((k for k in range(sure, done) if is_motion(lines[k])), done)
     window = range(sure, done)
-    if any(_tells_place(lines[k]) or code_of(lines[k]) in _ARCS for k in window):
+    if any(_moves_frame(lines, k) or code_of(lines[k]) in _ARCS for k in window):
         return Stood(sure, None, False)
     if not window:
         return Stood(done, None, True)
@@ -80,9 +80,15 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
     return Stood(line, at, len(spots) == 1)
 
 
-def _tells_place(line: bytes) -> bool:
+def _moves_frame(lines: Sequence[bytes], index: int) -> bool:
     """Whether a line calls a place another: M114 may have been answered in either count."""
-    return code_of(line) in (b"G92", b"G28") or bool(places_told(line))
+    line = lines[index]
+    told = places_told(line)
+    if code_of(line) == b"G92":
+        told |= {axis: mm for axis in AXES if (mm := read_sent(line).number(axis)) is not None}
+    at = modal_state(lines, index).place() if told else {}
+    renamed = any(at.get(axis.lower()) != mm for axis, mm in told.items())
+    return renamed or code_of(line) == b"G28"
 
 
 def _passes(lines: Sequence[bytes], index: int, place: Modal) -> _On | None:

@@ -1,4 +1,4 @@
-"""What several heads write, each at its own tip's place, put together."""
+"""Ink of several heads, each at its own tip's place, put together."""
 
 from __future__ import annotations
 

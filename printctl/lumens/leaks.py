@@ -1,4 +1,4 @@
-"""Where a lumen opens into the outside, or into another tree."""
+"""Places where a lumen opens to the outside, or into another tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the part stands in the printer's frame, found from what is written."""
+"""Place of the part in the printer's frame, found from what is written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the sections say of each lumen."""
+"""Report of each lumen's sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file writes, stroke by stroke: of a plunger or a valve, as said or as motors do it."""
+"""Strokes of a file, of a plunger or a valve, as written or as executed."""
 
 from __future__ import annotations
 

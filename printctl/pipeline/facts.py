@@ -1,4 +1,4 @@
-"""What the manifest says of a run besides its stages: versions, seeds, profile, frames."""
+"""Facts of the manifest besides its stages: versions, seeds, profile, frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of several heads writes what, by what the recipe says of them."""
+"""Assignment of work to several heads, by the recipe."""
 
 from __future__ import annotations
 

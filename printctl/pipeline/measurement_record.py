@@ -86,9 +86,13 @@ def _corrections(scan: Scan, done: Corrections) -> tuple[list[str], list[str]]:
         (done.air_above, refraction, refraction),
         (scan.optical_depth, index, "depth by the index (the file's depth counts as geometric)"),
         (scan.depth_standard, "depth by a standard of known height", "depth by a standard"),
+        (True, "bright lines of reflections at walls, as far as they were seen", ""),
     ] if light else []  # fmt: skip
+    rows.append((True, "diameters by the blur of the segmentation", ""))
     rows.append((done.walls is not None, f"place of the walls, by {done.walls}",
                  "place of the walls"))  # fmt: skip
+    rows.append((False, "", "temperature (lengths are those of the part as it was scanned)"))
+    rows.append((False, "", "shrinkage: the rigid fit shows it, the scaled fit takes it out"))
     return [yes for was, yes, _ in rows if was], [no for was, _, no in rows if not was]
 
 

@@ -1,4 +1,4 @@
-"""What `printctl overlay` writes: a picture a layer, the numbers, and the page."""
+"""Files of `printctl overlay`: a picture a layer, the numbers, and the page."""
 
 from __future__ import annotations
 

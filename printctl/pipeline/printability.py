@@ -1,4 +1,4 @@
-"""What needle, bath and method can print: lumens from the smallest to the widest, and walls."""
+"""Limits of needle, bath and method: smallest and widest lumens, and walls."""
 
 from __future__ import annotations
 

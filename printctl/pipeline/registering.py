@@ -1,4 +1,4 @@
-"""What `printctl register` makes of a registration: its numbers, its page, files for others."""
+"""Files of `printctl register`: its numbers, its page, exports for other programs."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from printctl.pipeline.stages.registration import (
     NUMBERS,
     design_facts,
     scan_facts,
+    surface_facts,
     write_deviation,
     write_exports,
 )
@@ -28,10 +29,12 @@ from printctl.pipeline.verdict import verdict
 from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
+from registration.optics import relaid
 from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
 from registration.result import SIGN, scaled_vertices
+from registration.views import Views, add_scan_places, take_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,9 @@ class Registered:
             "sign_convention": SIGN,
             "design": design_facts(self.network),
             "measured_by": scan_facts(self.scan),
+            "by_surface": surface_facts(self.found, self.vessels),
         }
+        add_scan_places(numbers, self.scan, self.found)
         return {
             "schema": 1,
             "recipe": self.source.stem,
@@ -101,24 +106,32 @@ class Registered:
             made = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.
-            drawn = all_figures(data, self.vessels) if pdf else None
-            self._write_page(out, data, drawn)
+            views = self._views(data["registration"])
+            drawn = all_figures(data, self.vessels, None, views) if pdf else None
+            self._write_page(out, data, drawn, views)
             if pdf:
                 origin = scan_origin(self.source, self.network)
-                write_report_pdf(out / PDF, {**data, "provenance": origin}, self.vessels, drawn)
+                write_report_pdf(
+                    out / PDF, {**data, "provenance": origin}, self.vessels, drawn, views
+                )
             exports.result()
         if NO_ORIGIN not in made:
             return []
         return [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
 
-    def _write_page(self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None) -> None:
+    def _views(self, numbers: dict[str, Any]) -> Views:
+        return take_views(self.scan, self.surface, self.found, numbers, not relaid(self.scan))
+
+    def _write_page(
+        self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None, views: Views
+    ) -> None:
         write_deviation(out / DEVIATION, self.found)
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
         shown = [
             *split_surfaces(vertices, self.found.faces, deviation_um, self.vessels),
             ReportSurface("As designed", self.surface.vertices, self.surface.faces),
         ]
-        write_report_html(out / HTML, data, shown, self.vessels, drawn)
+        write_report_html(out / HTML, data, shown, self.vessels, drawn, views=views)
 
     def _origin(self, out: Path) -> dict[str, Any]:
         """How the part was made, where the model is a run; a compensation needs it."""

@@ -1,4 +1,4 @@
-"""What a recipe's ``solid`` section makes of a network and a tissue."""
+"""Build a recipe's ``solid`` section from a network and a tissue."""
 
 from __future__ import annotations
 

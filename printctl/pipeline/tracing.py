@@ -1,4 +1,4 @@
-"""Which part of the job made a place of the print: layers or vessels, and lines of the G-code.
+"""Find the job's layers, vessels and G-code lines behind a place of the print.
 
 Registration knows the part's frame only. Here its deviations and defects are joined with the run
 folder's line map, and, for a defect, with the moves of the G-code itself that wrote around it.

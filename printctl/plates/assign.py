@@ -1,4 +1,4 @@
-"""Which variant goes into which well."""
+"""Assignment of variants to wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a plate stands on the printer, and with it each of its wells."""
+"""Place of a plate on the printer, and of each of its wells."""
 
 from __future__ import annotations
 

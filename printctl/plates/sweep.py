@@ -1,4 +1,4 @@
-"""What is varied from well to well: the points of a sweep, and the recipe of each."""
+"""Points of a sweep over wells, and the recipe of each."""
 
 from __future__ import annotations
 

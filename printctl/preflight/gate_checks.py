@@ -14,8 +14,7 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
     """A row where motors lose their power before the last move: their place is lost with it.
 
     Klipper refuses the next move, and the needle stays where it is; others go on from wherever
-    the axes came to rest. With S it is a time of standing still after which they lose it, which
-    the link alone sets: a pause or a wait may last longer.
+    the axes came to rest.
     """
     if not printer.streamed:
         return []
@@ -32,8 +31,7 @@ def motor_checks(run: DryRun, printer: Printer) -> list[Check]:
             "",
             False,
             f"line {first}",
-            "move M84 or M18 to the end of the file, with S too (the link sets the time itself): "
-            "an axis without power loses its place",
+            "move M84 or M18 to the end of the file: an axis without power loses its place",
         )
     ]
 

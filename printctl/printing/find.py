@@ -1,4 +1,4 @@
-"""Whether a job is printing, has been printed or was interrupted in a folder; start it if not."""
+"""Find a job's print (going on, ended, interrupted) in a folder, or start one."""
 
 from __future__ import annotations
 

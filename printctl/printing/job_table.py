@@ -1,4 +1,4 @@
-"""What a job has done after each of its commands: time, layer, vessel and ink, looked up at once.
+"""Progress of a job after each command: time, layer, vessel and ink.
 
 Made once per job from the dry run; an update of the progress then only reads one row.
 """

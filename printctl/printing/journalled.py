@@ -1,4 +1,4 @@
-"""What the journal of a print says that its status doesn't: time without pauses, new syringes."""
+"""Facts of a print's journal beyond its status: time without pauses, new syringes."""
 
 from __future__ import annotations
 

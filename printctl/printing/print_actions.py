@@ -1,4 +1,4 @@
-"""What may be done to a print now, and why the rest may not."""
+"""Actions allowed on a print now, and reasons against the rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is true of a print: the one value that page, API, command line and history tell."""
+"""State of a print: one value for page, API, command line and history."""
 
 from __future__ import annotations
 

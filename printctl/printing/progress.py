@@ -1,4 +1,4 @@
-"""How far a print has come, by time, layer, vessel and ink."""
+"""Progress of a print by time, layer, vessel and ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long a print still takes: the dry run's time, corrected by what has happened.
+"""Remaining time of a print: the dry run's, corrected by the time taken.
 
 The printed part is cut into stretches of equal time in the dry run. Of each the ratio of real to
 predicted time is kept, pauses left out; what remains is taken to go on like their mean. Were the

@@ -1,4 +1,4 @@
-"""What each firmware family is asked, and how its answers read.
+"""Questions to each firmware family, and readers of its answers.
 
 Only questions: none of these commands sets anything. Answers are read as
 

@@ -1,4 +1,4 @@
-"""What each of a printer's heads holds, and which vessels it writes."""
+"""Ink and vessels of each of a printer's heads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a lattice of channels is told in a recipe, as the network itself or beside one."""
+"""A recipe's lattice of channels: the network itself, or beside one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a text in a recipe names: a profile, or a file of the user's. For forms and checks."""
+"""Meaning of a recipe's text: profile or user's file, for forms and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the inside of a FRESH part is filled, as a whole and in regions of it."""
+"""Filling of a FRESH part, as a whole and in regions of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What there still is of a print: its G-code, its run, its report, what was noted beside it.
+"""Remaining evidence of a print: G-code, run, report, and notes.
 
 Files beside a print may be of a later one: the G-code counts only with the hash that the journal
 has, a run only if it wrote that G-code, a report only if it was written after the print began.

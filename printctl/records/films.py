@@ -1,4 +1,4 @@
-"""Where the time-lapse of a print is kept: beside its journal, by when the print began."""
+"""Place of a print's time-lapse: beside its journal, by the print's begin."""
 
 from __future__ import annotations
 

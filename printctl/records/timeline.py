@@ -1,4 +1,4 @@
-"""What happened in a print, in order: states, pauses, alarms, changes of syringe, its end."""
+"""Events of a print in order: states, pauses, alarms, syringes, its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of each candidate, by the names that a search file uses."""
+"""Measured quantities of each candidate, by the names in a search file."""
 
 from __future__ import annotations
 

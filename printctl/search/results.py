@@ -1,4 +1,4 @@
-"""What a search leaves for people: table, plot, page, and the best candidate's recipe."""
+"""Results of a search: table, plot, page, and the best candidate's recipe."""
 
 from __future__ import annotations
 

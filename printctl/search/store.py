@@ -1,4 +1,4 @@
-"""What is known of candidates: one small file each, written as it comes, named by its key."""
+"""Store of candidates: one small file each, written at once, named by its key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where candidates are grown: in this process, on this machine's cores, or on a Dask cluster."""
+"""Workers that grow candidates: this process, this machine's cores, or a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a print is set up with, and a check's answer: values, known without any mesh or kernel.
+"""Set-up of a print and a check's answer: values without mesh or kernel.
 
 The checks themselves, which look at G-code, are in `printctl.preflight`.
 """

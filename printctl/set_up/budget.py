@@ -1,4 +1,4 @@
-"""How long the cells in the ink have: said by the ink's profile or the user, never guessed."""
+"""Time limit of the cells in the ink, by profile or user, never guessed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is mounted and filled for a print."""
+"""Mounted needles and filled syringes of a print."""
 
 from __future__ import annotations
 

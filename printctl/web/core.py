@@ -1,4 +1,4 @@
-"""What every room of the page's server is given."""
+"""Shared services of every room of the page's server."""
 
 from __future__ import annotations
 

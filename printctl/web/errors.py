@@ -1,4 +1,4 @@
-"""What the page's server refuses; each has the HTTP status that it is answered with.
+"""Refusals of the page's server, each with its HTTP status.
 
 WebError
 ├── NotAllowedError         401 or 403: no session, wrong token, foreign origin

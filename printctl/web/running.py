@@ -1,4 +1,4 @@
-"""Which server runs in a workspace: its lock, and where scripts and other servers find it."""
+"""The server of a workspace: its lock, and its address for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `printctl serve` is told."""
+"""Settings of `printctl serve`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the scanned part lies: search, exact refinement, and how sure the pose is."""
+"""Align a scanned part: search, exact refinement, and certainty of the pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of two poses is right: compared where they can be told apart."""
+"""Choice between two poses, compared where they can be told apart."""
 
 from __future__ import annotations
 

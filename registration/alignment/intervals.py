@@ -113,9 +113,9 @@ class FitErrors:
                     "B",
                     depth * errors.depth if scale else 0.0,
                     np.inf,
-                    "depth, unless a depth standard was scanned",
+                    "depth, or its standard's interval",
                 ),
-                Term("voxel size", "B", lateral, np.inf, "as the file states it"),
+                Term("voxel size", "B", lateral, np.inf, "the file, or its calibration"),
             )
         )
 

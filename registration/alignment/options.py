@@ -1,4 +1,4 @@
-"""What an alignment searches, and its limits."""
+"""Options and limits of an alignment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison found, in sentences and as JSON."""
+"""Findings of a comparison, in sentences and as JSON."""
 
 from __future__ import annotations
 

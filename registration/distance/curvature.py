@@ -1,4 +1,4 @@
-"""How a triangle mesh bends."""
+"""Curvature of a triangle mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When dye comes to a station: half of its final level."""
+"""Arrival of dye at a station: half of its final level."""
 
 from __future__ import annotations
 

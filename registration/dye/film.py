@@ -7,30 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.errors import DyeError, ScanFileError
-from registration.readers.extras import need
+from registration.errors import DyeError
 
 Frame = NDArray[np.uint8]
 FEWEST_FRAMES = 20
-
-
-def opencv(path: Path) -> Any:
-    """The module ``cv2``.
-
-    Raises
-    ------
-    DyeError
-        When it isn't installed.
-    """
-    # What ffmpeg has to say of a broken file is said by our message; it reads this once.
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    try:
-        return need("cv2", path, "dye")
-    except ScanFileError as exc:
-        raise DyeError(str(exc)) from exc
 
 
 def film_frames(path: Path) -> Iterator[tuple[float, Frame]]:
@@ -42,11 +26,12 @@ def film_frames(path: Path) -> Iterator[tuple[float, Frame]]:
     Raises
     ------
     DyeError
-        When OpenCV is missing, or the file isn't there, isn't a film, or has no rate.
+        When the file isn't there, isn't a film, or has no rate.
     """
     if not path.is_file():
         raise DyeError(f"{path} doesn't exist; give a film (.mp4, .avi, .mov)")
-    cv2 = opencv(path)
+    # What ffmpeg has to say of a broken file is said by our message; it reads this once.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     film = cv2.VideoCapture(str(path))
     try:

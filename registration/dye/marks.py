@@ -1,4 +1,4 @@
-"""What a user marks in a film once: where known points of the design are seen, and the inlet."""
+"""A user's marks in a film: known points of the design, and the inlet."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from design.network import VesselNetwork
 from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from registration.errors import DyeError
+from registration.lens import Lens
 
 FloatArray = NDArray[np.float64]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -76,6 +77,16 @@ def read_marks(path: Path) -> Marks:
             f"{path}: {place}: {wording(first)}; write marks: [{{node: 0, pixel: [u, v]}}, ...], "
             "two at least (docs/dye.md)"
         ) from exc
+
+
+def straight_marks(marks: Marks, lens: Lens) -> Marks:
+    """The same marks in pictures without the lens' distortion."""
+    pixels = lens.straight_pixels(np.array([mark.pixel for mark in marks.marks]))
+    moved = [
+        mark.model_copy(update={"pixel": (float(u), float(v))})
+        for mark, (u, v) in zip(marks.marks, pixels, strict=True)
+    ]
+    return marks.model_copy(update={"marks": moved})
 
 
 def marked_points(marks: Marks, network: VesselNetwork) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from design.hemodynamics.dye import check_frames, dye_front
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals, find_arrivals
 from registration.dye.fit import Prediction, predict
-from registration.dye.marks import FloatArray, Marks, checked_node
+from registration.dye.marks import FloatArray, Marks, checked_node, straight_marks
 from registration.dye.patency import VesselDye, find_patency, timed_beside
 from registration.dye.perspective import FEWEST
 from registration.dye.predict import carried, carried_beside
@@ -20,6 +20,7 @@ from registration.dye.stations import Stations
 from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, View, find_view
 from registration.errors import DyeError
+from registration.lens import Lens
 
 _STRONG_DRIFT = 0.3
 
@@ -34,6 +35,8 @@ class DyeOptions:
         Into the network; None fits it.
     start_s : float or None, s
         When dye passes the inlet, film's clock; None fits it.
+    lens : Lens or None
+        Of the camera: its distortion is taken out of the frames and the marks.
 
     Raises
     ------
@@ -43,6 +46,7 @@ class DyeOptions:
 
     flow_ul_s: float | None = None
     start_s: float | None = None
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
         for name in ("flow_ul_s", "start_s"):
@@ -123,8 +127,9 @@ def measure_dye(
     inlet = marks.inlet
     if inlet is not None:
         _check_inlet(checked_node(inlet, network, "inlet"), network)
+    marks = marks if given.lens is None else straight_marks(marks, given.lens)
     view, flow = find_view(marks, network), carried(network, inlet)
-    stations, traces = read_traces(film, network, view)
+    stations, traces = read_traces(film, network, view, given.lens)
     arrivals = find_arrivals(traces, stations.radius)
     if not arrivals.dyed.any():
         raise DyeError(

@@ -9,8 +9,8 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Final
 
+import cv2
 import numpy as np
-from scipy.optimize import least_squares
 
 from registration.dye.marks import FloatArray
 
@@ -60,48 +60,28 @@ def find_homography(places: FloatArray, pixels: FloatArray) -> tuple[FloatArray,
     Returns
     -------
     (3, 3) float64
-        With a last element of 1 about the places' middle.
     (9, 9) float64
         Covariance of its elements, row by row, for pixels read to a deviation of 1 px.
     """
-    into, onto = _normaliser(places), _normaliser(pixels)
-    a, b = mapped(into, places), mapped(onto, pixels)
-    one, none = np.ones((len(a), 1)), np.zeros((len(a), 3))
-    whole = np.hstack([a, one])
-    rows = np.vstack([
-        np.hstack([whole, none, -b[:, :1] * whole]), np.hstack([none, whole, -b[:, 1:] * whole]),
-    ])  # fmt: skip
-    first = np.linalg.svd(rows)[2][-1]
-    free = (first / first[-1])[:8]
-
-    def misfit(values: FloatArray) -> FloatArray:
-        return np.asarray((mapped(np.append(values, 1.0).reshape(3, 3), a) - b).ravel())
-
-    solved = least_squares(misfit, free, x_scale="jac")
-    found = np.append(solved.x, 1.0).reshape(3, 3)
-    back = np.linalg.inv(onto)
-    # One pixel is onto[0, 0] normalised; elements are linear in those of the normalised matrix.
-    spread = np.zeros((9, 9))
-    spread[:8, :8] = onto[0, 0] ** 2 * np.linalg.pinv(solved.jac.T @ solved.jac)
-    turn = np.kron(back, into.T)
-    return back @ found @ into, turn @ spread @ turn.T
+    matrix = np.asarray(cv2.findHomography(places, pixels, 0)[0])
+    by_u, by_v = _by_elements(matrix, places)
+    # The scale of the elements changes nothing seen: of nine unknowns eight are determined.
+    inverse = np.linalg.pinv(np.concatenate([by_u, by_v]), rcond=1e-11)
+    return matrix, inverse @ inverse.T
 
 
 def reading_error(matrix: FloatArray, spread: FloatArray, places: FloatArray) -> FloatArray:
     """Deviation in px at places (n, 2) of a view whose marks are read to 1 px, (n,)."""
+    by_u, by_v = _by_elements(matrix, places)
+    variance = sum(np.einsum("ni,ij,nj->n", by, spread, by) for by in (by_u, by_v))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _by_elements(matrix: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of u and of v at places (n, 2) by the matrix's elements, (n, 9) each."""
     whole = np.hstack([places, np.ones((len(places), 1))])
     weight = (whole @ matrix[2])[:, None]
     seen, none = mapped(matrix, places), np.zeros_like(whole)
     by_u = np.hstack([whole, none, -seen[:, :1] * whole]) / weight
     by_v = np.hstack([none, whole, -seen[:, 1:] * whole]) / weight
-    variance = sum(np.einsum("ni,ij,nj->n", by, spread, by) for by in (by_u, by_v))
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _normaliser(places: FloatArray) -> FloatArray:
-    """Moves the places' middle to 0 and scales their mean distance from it to √2, (3, 3)."""
-    middle = places.mean(axis=0)
-    scale = np.sqrt(2.0) / max(float(np.hypot(*(places - middle).T).mean()), 1e-12)
-    return np.array([
-        [scale, 0.0, -scale * middle[0]], [0.0, scale, -scale * middle[1]], [0.0, 0.0, 1.0],
-    ])  # fmt: skip
+    return by_u, by_v

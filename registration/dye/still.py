@@ -1,16 +1,14 @@
-"""What a film has besides dye: camera shake and drifting light, both told off the vessels."""
+"""Camera shake and drifting light of a film, both measured off the vessels."""
 
 from __future__ import annotations
 
-from typing import Any
-
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from design.network import VesselNetwork
 from registration.dye.marks import FloatArray
-from registration.dye.stations import within_piece
 from registration.dye.view import View
 
 FloatImage = NDArray[np.float32]
@@ -18,6 +16,8 @@ FloatImage = NDArray[np.float32]
 _MARGIN_PX, _MOST_PIXELS, _ROUNDS, _RIM = 5.0, 12_000, 3, 12
 _SMALL_PX, _SLOW_PX, _FARTHEST_PX = 480, 8.0, 3.0
 _LEAST_OFF = 0.02
+_SHIFT = 8
+"""Drawing counts in so many binary places of a pixel."""
 
 
 class Steadier:
@@ -25,14 +25,12 @@ class Steadier:
 
     Parameters
     ----------
-    cv2 : module
     first : (height, width, 3) float32
     off : (height, width) bool
         Pixels off the vessels.
     """
 
-    def __init__(self, cv2: Any, first: FloatImage, off: NDArray[np.bool_]):
-        self._cv2 = cv2
+    def __init__(self, first: FloatImage, off: NDArray[np.bool_]):
         self._small = min(1.0, _SMALL_PX / max(first.shape[:2]))
         self._off = self._reduced(off.astype(np.float32)) > 0.99
         grey = cv2.cvtColor(first, cv2.COLOR_BGR2GRAY)
@@ -55,7 +53,7 @@ class Steadier:
 
     def _reduced(self, image: FloatImage) -> FloatImage:
         size = [max(round(self._small * n), 1) for n in image.shape[1::-1]]
-        return np.asarray(self._cv2.resize(image, size, interpolation=self._cv2.INTER_AREA))
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
     def _ground(self, grey: FloatImage) -> FloatImage:
         """A small grey picture with the vessels painted over, so that dye doesn't pull.
@@ -67,7 +65,7 @@ class Steadier:
         return np.where(self._off, small - slow / self._weight, 0.0).astype(np.float32)
 
     def _blurred(self, image: FloatImage) -> FloatImage:
-        return np.asarray(self._cv2.GaussianBlur(image, (0, 0), _SLOW_PX))
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), _SLOW_PX))
 
     def shift(self, frame: FloatImage) -> FloatArray:
         """How far right and down the picture has moved against the first, (2,), px.
@@ -75,8 +73,8 @@ class Steadier:
         From the last frame's place and from phase correlation by Gauss-Newton on log intensity
         off the vessels, with a plane of light of its own; what fits best counts.
         """
-        grey = self._cv2.cvtColor(frame, self._cv2.COLOR_BGR2GRAY)
-        moved, _ = self._cv2.phaseCorrelate(self._reference, self._ground(grey), self._window)
+        grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        moved, _ = cv2.phaseCorrelate(self._reference, self._ground(grey), self._window)
         tried = [
             self._refined(grey, start) for start in (self._last, np.array(moved) / self._small)
         ]
@@ -92,7 +90,7 @@ class Steadier:
         return float(np.median(np.abs(rest - self._moves @ (self._solve @ rest)))), shift
 
     def _changed(self, grey: FloatImage, shift: FloatArray) -> FloatArray:
-        there = sampled(self._cv2, grey[:, :, None], self._at + shift)[:, 0]
+        there = sampled(grey[:, :, None], self._at + shift)[:, 0]
         return np.asarray(np.log(np.maximum(there, 1.0)) - self._grey)
 
     def light(self, frame: FloatImage, shift: FloatArray) -> FloatArray:
@@ -101,7 +99,7 @@ class Steadier:
         Least squares, twice: what lies off by more than three median deviations (a hand, a
         bubble) is left out the second time.
         """
-        changed = np.log(sampled(self._cv2, frame, self._at + shift)) - self._colours
+        changed = np.log(sampled(frame, self._at + shift)) - self._colours
         plane = np.linalg.lstsq(self._basis, changed, rcond=None)[0]
         rest = np.abs(changed - self._basis @ plane).mean(axis=1)
         kept = rest <= 3.0 * np.median(rest)
@@ -113,7 +111,7 @@ class Steadier:
         return np.asarray(basis @ coefficients)
 
 
-def sampled(cv2: Any, frame: FloatImage, pixels: FloatArray) -> FloatImage:
+def sampled(frame: FloatImage, pixels: FloatArray) -> FloatImage:
     """A picture at pixels (n, 2) between its own, (n, colours); its rim goes on outside."""
     # OpenCV's remap refuses more than 2¹⁵ rows.
     wide = -(-len(pixels) // 1024)
@@ -126,24 +124,20 @@ def sampled(cv2: Any, frame: FloatImage, pixels: FloatArray) -> FloatImage:
 
 def off_vessels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels further than five from every vessel's projection."""
-    off = np.ones(shape, dtype=bool)
     start, end, r0, r1, _ = network.pieces()
     first, last = view.pixels(start), view.pixels(end)
-    size = np.array(shape[::-1])
     wide0, wide1 = r0 * view.scales(start) + _MARGIN_PX, r1 * view.scales(end) + _MARGIN_PX
-    for a, b, *wide in zip(first, last, wide0, wide1, strict=True):
-        radii = (float(wide[0]), float(wide[1]))
-        low = np.clip(np.floor(np.minimum(a, b) - max(radii)), 0, size).astype(int)
-        high = np.clip(np.ceil(np.maximum(a, b) + max(radii)) + 1, 0, size).astype(int)
-        u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
-        pixels = np.stack([u, v], axis=-1).astype(np.float64)
-        if pixels.size == 0:
-            continue
-        round_ends = (radii[0] > np.hypot(*(pixels - a).T).T) | (
-            radii[1] > np.hypot(*(pixels - b).T).T
-        )
-        off[low[1] : high[1], low[0] : high[0]] &= ~(within_piece(pixels, a, b, radii) | round_ends)
-    return off
+    off = np.ones(shape, np.uint8)
+    fine = 1 << _SHIFT
+    for a, b, ra, rb in zip(first, last, wide0, wide1, strict=True):
+        u, v = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
+        side = np.array([-v, u])
+        band = np.array([a + ra * side, b + rb * side, b - rb * side, a - ra * side])
+        cv2.fillConvexPoly(off, np.round(band * fine).astype(np.int32), 0, shift=_SHIFT)
+        for at, radius in ((a, ra), (b, rb)):
+            middle = np.round(at * fine).astype(int).tolist()
+            cv2.circle(off, middle, round(radius * fine), 0, cv2.FILLED, shift=_SHIFT)
+    return off > 0
 
 
 def enough_off(off: NDArray[np.bool_]) -> bool:

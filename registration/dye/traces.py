@@ -1,20 +1,22 @@
-"""How much dye each station shows over the film."""
+"""Dye at each station over the film."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from registration.dye.film import Frame, film_frames, opencv
+from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
 from registration.dye.stations import Stations, place_stations
 from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sampled
 from registration.dye.view import View
 from registration.errors import DyeError
+from registration.lens import Lens
 
 BASELINE_S, BASELINE_FRAMES, END_SHARE = 0.5, 5, 0.1
 """Frames before dye are the first half second, five at least; the end is the last tenth."""
@@ -53,15 +55,21 @@ class Traces:
     corrected: bool
 
 
-def read_traces(path: Path, network: VesselNetwork, view: View) -> tuple[Stations, Traces]:
-    """Read a film once, frame by frame.
+def read_traces(
+    path: Path, network: VesselNetwork, view: View, lens: Lens | None = None
+) -> tuple[Stations, Traces]:
+    """Read a film once, frame by frame; the distortion of a ``lens`` is taken out of them.
 
     Raises
     ------
     DyeError
         A film that can't be read, or vessels outside its picture.
+    PictureError
+        Frames of another size than the lens was calibrated at.
     """
     frames = film_frames(path)
+    if lens is not None:
+        frames = ((time, lens.straighten(frame, path)) for time, frame in frames)
     time, frame = next(frames)
     reader = _Reader(path, network, view, frame)
     reader.read(time, frame)
@@ -76,7 +84,7 @@ class _Reader:
     """What is kept of each frame: means over the stations, and what was taken out."""
 
     def __init__(self, path: Path, network: VesselNetwork, view: View, first: Frame):
-        self._cv2, self.shape = opencv(path), first.shape
+        self.shape = first.shape
         picture, size = _floating(first), (first.shape[0], first.shape[1])
         self.stations = place_stations(network, view, size)
         if not self.stations.seen.any():
@@ -85,7 +93,7 @@ class _Reader:
                 f"{size[0]} pixels; check the marks' pixels and side"
             )
         off, free = off_vessels(network, view, size), self.stations.free
-        self._steadier = Steadier(self._cv2, picture, off) if enough_off(off) else None
+        self._steadier = Steadier(picture, off) if enough_off(off) else None
         self._at = self.stations.samples.reshape(-1, 2)
         self._weight = free / np.maximum(free.sum(axis=1, keepdims=True), 1)
         self._times: list[float] = []
@@ -104,7 +112,7 @@ class _Reader:
             plane = steadier.light(picture, shift)
             gain = steadier.plane(self._at, plane)
             self._lights.append(plane[0])
-        seen = sampled(self._cv2, picture, self._at + shift)
+        seen = sampled(picture, self._at + shift)
         self._logs.append(self._mean(np.log(seen) - gain))
         self._levels.append(self._mean(seen * np.exp(-gain)))
         self._times.append(time)
@@ -119,9 +127,9 @@ class _Reader:
         times, seen = np.array(self._times), self.stations.seen
         dye, colour, glows = _chosen(times, np.array(self._logs), np.array(self._levels), seen)
         u, v = self._shifts[-1]
-        moved = self._cv2.warpAffine(
+        moved = cv2.warpAffine(
             last, np.array([[1.0, 0.0, -u], [0.0, 1.0, -v]]), last.shape[1::-1],
-            borderMode=self._cv2.BORDER_REPLICATE,
+            borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
         return Traces(
             times=times,

@@ -1,4 +1,4 @@
-"""Whether the part perfuses as designed, by the film."""
+"""Compare perfusion seen in a dye film with the design."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the design's points are seen in the picture, by the user's marks.
+"""Map of the design's points to pixels, by the user's marks.
 
 Two or three marks give a similarity (turn, scale, shift). Four or more that don't fit one give a
 homography: a tilted camera, and points in one plane.

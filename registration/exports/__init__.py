@@ -1,4 +1,4 @@
-"""What other programs read: tables (CSV), surfaces and axes (VTP), volumes (NRRD)."""
+"""Exports for other programs: tables (CSV), surfaces and axes (VTP), volumes (NRRD)."""
 
 from registration.exports.nrrd import nrrd_header, write_scan_nrrd
 from registration.exports.tables import vessel_rows, write_tables

@@ -1,4 +1,4 @@
-"""Where gel fills a lumen: occlusions, and vessels that aren't there."""
+"""Gel in lumens: occlusions, and missing vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a defect is."""
+"""A defect of a print."""
 
 from __future__ import annotations
 

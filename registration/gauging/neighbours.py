@@ -1,4 +1,4 @@
-"""Where a vessel's designed wall lies inside other lumens, so that there is no wall to measure."""
+"""Parts of a vessel's designed wall that lie inside other lumens."""
 
 from __future__ import annotations
 

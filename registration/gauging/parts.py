@@ -1,4 +1,4 @@
-"""What is left of a network when some of its vessels are closed."""
+"""Rest of a network when some of its vessels are closed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each vessel is cut, and which cuts lie clear of junctions."""
+"""Cutting planes of each vessel, and those clear of junctions."""
 
 from __future__ import annotations
 

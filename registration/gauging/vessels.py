@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit
+from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
@@ -82,6 +83,8 @@ class VesselGauge:
         Of `measured_um`, mm.
     errors : SectionErrors
         Of the sections, own and shared.
+    outlines : Outlines
+        Of the sections, to be drawn.
     """
 
     vessel: int
@@ -117,6 +120,7 @@ class VesselGauge:
     resistance_ratio_95: tuple[float, float]
     budget: Budget
     errors: SectionErrors
+    outlines: Outlines
 
 
 def gauge_vessels(
@@ -199,6 +203,7 @@ def _gauge(
         resistance_ratio_95=own.resistance_interval(summary["resistance_ratio"]),
         budget=mean,
         errors=own,
+        outlines=outlines(trace.planes, sections, trace.diameter, counted),
         **summary,
     )
 

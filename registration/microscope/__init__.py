@@ -2,7 +2,7 @@
 
 from registration.microscope.annotate import annotated
 from registration.microscope.gaps import Crossing, GapWidth, measure_gaps
-from registration.microscope.picture import Picture, opencv, read_picture
+from registration.microscope.picture import Picture, read_picture
 from registration.microscope.shade import Shade, shade_profile
 from registration.microscope.target import Target, View
 from registration.microscope.view import find_view, marked_view
@@ -22,7 +22,6 @@ __all__ = [
     "marked_view",
     "measure_gaps",
     "measure_lines",
-    "opencv",
     "read_picture",
     "shade_profile",
 ]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +19,12 @@ THINNEST_PX: Final = 3.0
 """Width of the frame's lines, full size; thinner ones can't be measured."""
 
 
-def first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
+def first_views(picture: Picture, target: Target) -> Iterator[FloatArray]:
     """Affine views that lay the L on each of the largest things, both ways round."""
     x, y = target.size_mm
     model = np.array([[0, y, 1], [0, 0, 1], [x, 0, 1]], dtype=np.float64)
     for closing in _CLOSINGS:
-        for pixels in _largest(cv2, picture.small.astype(np.uint8), closing):
+        for pixels in _largest(picture.small.astype(np.uint8), closing):
             ends = _ell(pixels)
             if ends is None:
                 continue
@@ -35,7 +36,7 @@ def first_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArr
                     yield view
 
 
-def _largest(cv2: Any, mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:
+def _largest(mask: NDArray[np.uint8], closing: float) -> Iterator[FloatArray]:
     """Pixels (n, 2) of the largest things, breaks up to a part of the picture closed."""
     side = max(3, round(max(mask.shape) * closing) | 1)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))

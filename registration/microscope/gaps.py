@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.dye.perspective import mapped
@@ -46,7 +47,6 @@ class GapWidth:
 
 
 def measure_gaps(
-    cv2: Any,
     picture: Picture,
     view: View,
     gaps: Sequence[Crossing],
@@ -57,7 +57,6 @@ def measure_gaps(
 
     Parameters
     ----------
-    cv2 : module
     picture, view, gaps
     contrast : float
         Between ink and ground, in the picture's units; ink is what each way begins in.
@@ -67,12 +66,12 @@ def measure_gaps(
     found = []
     for gap in gaps:
         wide = []
-        inks = sample(cv2, picture.ink, view, gap.lines[:, 0])
+        inks = sample(picture.ink, view, gap.lines[:, 0])
         level = float(np.median(inks)) - contrast / 2
         for begin, end in gap.lines:
             length = float(np.hypot(*(end - begin)))
             steps = max(8, round(length / (view.um_per_px * 1e-3 * _GAP_STEP_PX)))
-            seen = sample(cv2, picture.ink, view, np.linspace(begin, end, steps + 1))
+            seen = sample(picture.ink, view, np.linspace(begin, end, steps + 1))
             below = _open(seen, level) * length / steps
             wide.append(max(below - wider_mm, 0.0) if below > 0 else below)
         found.append(GapWidth(gap.number, np.array(wide)))
@@ -95,7 +94,7 @@ def _open(seen: FloatArray, level: float) -> float:
     return end - begin
 
 
-def sample(cv2: Any, image: FloatImage, view: View, places: FloatArray) -> FloatArray:
+def sample(image: FloatImage, view: View, places: FloatArray) -> FloatArray:
     """Brightness at places (n, 2), mm; NaN outside the picture."""
     seen = mapped(view.matrix, places)
     u, v = seen.astype(np.float32).T[:, None, :]

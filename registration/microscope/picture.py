@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.errors import PictureError, ScanFileError
-from registration.readers.extras import need
+from registration.errors import PictureError
+from registration.lens.decode import decoded
+from registration.lens.lens import Lens
 
 FloatArray = NDArray[np.float64]
 FloatImage = NDArray[np.float32]
@@ -18,7 +20,6 @@ BoolImage = NDArray[np.bool_]
 
 COARSE_PX: Final = 900
 """Longest side of the small copy in which the pattern is looked for."""
-_LEAST_PX: Final = 100
 _GROUND: Final = 0.22
 """Side of the median that takes the ink away, of the small copy's shorter side."""
 _LEAST_CONTRAST: Final = 5.0
@@ -46,48 +47,22 @@ class Picture:
     shrunk: float
 
 
-def opencv(path: Path) -> Any:
-    """The module ``cv2``.
+def read_picture(path: Path, lens: Lens | None = None) -> Picture:
+    """Read a picture (`decoded`), and find what is ink in it.
 
-    Raises
-    ------
-    PictureError
-        When it isn't installed.
-    """
-    try:
-        return need("cv2", path, "dye")
-    except ScanFileError as exc:
-        raise PictureError(str(exc)) from exc
-
-
-def read_picture(path: Path) -> Picture:
-    """Read a picture (PNG, TIFF, JPEG, BMP; 8 or 16 bits), and find what is ink in it.
-
-    Of several channels that is taken in which ink and ground differ most.
+    Of several channels that is taken in which ink and ground differ most. The distortion of a
+    ``lens`` is taken out.
 
     Raises
     ------
     PictureError
         When it can't be read, or nothing stands out in it.
     """
-    cv2 = opencv(path)
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as exc:
-        raise PictureError(f"{path} can't be read: {exc.strerror}; check the path") from exc
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    found = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
-    if found is None:
-        raise PictureError(f"{path} isn't a picture that OpenCV reads; give PNG, TIFF or JPEG")
-    if min(found.shape[:2]) < _LEAST_PX:
-        raise PictureError(
-            f"{path}: {found.shape[1]} x {found.shape[0]} px is too small to measure in; take a "
-            "picture with more pixels"
-        )
-    return _chosen(cv2, found, path)
+    found = decoded(path)
+    return _chosen(found if lens is None else lens.straighten(found, path), path)
 
 
-def _chosen(cv2: Any, found: NDArray[Any], path: Path) -> Picture:
+def _chosen(found: NDArray[Any], path: Path) -> Picture:
     """The channel with the best contrast, ink made high."""
     shrunk = min(1.0, COARSE_PX / max(found.shape[:2]))
     size = [max(1, round(side * shrunk)) for side in found.shape[1::-1]]
@@ -96,9 +71,9 @@ def _chosen(cv2: Any, found: NDArray[Any], path: Path) -> Picture:
     grey = all(np.array_equal(small[:, :, 0], small[:, :, other]) for other in (1, 2))
     for channel in range(1 if grey else 3):
         plain = np.ascontiguousarray(small[:, :, channel])
-        flat = plain - _ground(cv2, plain)
+        flat = plain - _ground(plain)
         sign = 1.0 if float((flat.astype(np.float64) ** 3).sum()) >= 0 else -1.0
-        contrast, mask = _split(cv2, sign * flat)
+        contrast, mask = _split(sign * flat)
         if contrast > best[0]:
             best = (contrast, channel, sign, mask)
     contrast, channel, sign, mask = best
@@ -111,7 +86,7 @@ def _chosen(cv2: Any, found: NDArray[Any], path: Path) -> Picture:
     return Picture(ink, _eight_bit(found), mask, shrunk)
 
 
-def _ground(cv2: Any, plain: FloatImage) -> FloatImage:
+def _ground(plain: FloatImage) -> FloatImage:
     """Light without ink: a wide median, at a quarter of the size for its speed."""
     low, high = float(plain.min()), float(plain.max())
     scaled = ((plain - low) / max(high - low, 1e-9) * 255).astype(np.uint8)
@@ -123,7 +98,7 @@ def _ground(cv2: Any, plain: FloatImage) -> FloatImage:
     return np.asarray(back / 255 * (high - low) + low)
 
 
-def _split(cv2: Any, flat: FloatImage) -> tuple[float, BoolImage]:
+def _split(flat: FloatImage) -> tuple[float, BoolImage]:
     """Contrast in deviations of the noise, and the ink's mask, by Otsu's threshold."""
     noise = 1.4826 * float(np.median(np.abs(flat - np.median(flat))))
     high = float(np.percentile(flat, 99.5))

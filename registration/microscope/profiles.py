@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
@@ -89,7 +90,6 @@ class Profiles:
 
 
 def profiles_along(
-    cv2: Any,
     image: FloatImage,
     matrix: FloatArray,
     way: Way,

@@ -1,4 +1,4 @@
-"""What is looked for in a picture, and where it was found."""
+"""A pattern sought in a picture, and its view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a printed pattern lies in a picture: found by its frame, scaled by it.
+"""Find a printed pattern in a picture by its frame, and scale it.
 
 The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
 two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its
@@ -11,12 +11,12 @@ straight lines, eight numbers.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
-from scipy.optimize import least_squares
 
-from registration.dye.perspective import find_homography, mapped, slopes
+from registration.dye.perspective import mapped, slopes
 from registration.errors import PictureError
 from registration.microscope.first_views import THINNEST_PX, first_views
 from registration.microscope.picture import FloatArray, Picture
@@ -35,7 +35,7 @@ _THEN: Final = (0.5, 0.35)
 """How far to either side of a frame's side is looked, of the frame's margin: at first, then."""
 
 
-def find_view(cv2: Any, picture: Picture, target: Target) -> View:
+def find_view(picture: Picture, target: Target) -> View:
     """Find the pattern.
 
     Raises
@@ -44,7 +44,7 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
         When no frame is there, or what is in it isn't this pattern.
     """
     share, matrix = 0.0, np.eye(3)
-    for tried in _bent_views(cv2, picture, target):
+    for tried in _bent_views(picture, target):
         on_ink = _on_ink(picture, tried, target)
         if on_ink > share:
             share, matrix = on_ink, tried
@@ -58,10 +58,10 @@ def find_view(cv2: Any, picture: Picture, target: Target) -> View:
             f"(--pattern), with {THINNEST_PX:g} pixels or more across a line? With the frame's "
             "corners marked by hand (--marks) it needn't be found"
         )
-    return refined(cv2, picture, target, matrix)
+    return refined(picture, target, matrix)
 
 
-def marked_view(cv2: Any, picture: Picture, target: Target, marks_px: FloatArray) -> View:
+def marked_view(picture: Picture, target: Target, marks_px: FloatArray) -> View:
     """Of the frame's corners as marked: lower left, lower right, upper right, upper left, (4, 2).
 
     Raises
@@ -69,13 +69,10 @@ def marked_view(cv2: Any, picture: Picture, target: Target, marks_px: FloatArray
     PictureError
         When no pattern lies there.
     """
-    x, y = target.size_mm
-    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
-    matrix, _ = find_homography(corners, marks_px)
-    return refined(cv2, picture, target, matrix)
+    return refined(picture, target, _through(target, marks_px))
 
 
-def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> View:
+def refined(picture: Picture, target: Target, matrix: FloatArray) -> View:
     """Fit the homography to the middles of the frame's ink, looking from afar, then near.
 
     Raises
@@ -84,9 +81,9 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
         When a side of the frame isn't there, or the view is of something else.
     """
     for part in _THEN:
-        matrix, off = _nearer(cv2, picture, target, matrix, part)
+        matrix, off = _nearer(picture, target, matrix, part)
     check_scales(target, matrix)
-    check_foreign(cv2, picture, target, matrix)
+    check_foreign(picture, target, matrix)
     middle = np.array([target.size_mm]) / 2
     slope = slopes(matrix, middle)[0]
     determinant = float(np.linalg.det(slope))
@@ -100,30 +97,28 @@ def refined(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> V
     )
 
 
-def _bent_views(cv2: Any, picture: Picture, target: Target) -> Iterator[FloatArray]:
+def _bent_views(picture: Picture, target: Target) -> Iterator[FloatArray]:
     """First views, as they are and fitted to the frame, from as far as its margin lets.
 
     Three corners say nothing of perspective: the fourth may be so far off that a frame's side is
     out of a small reach, or another line within a large one.
     """
-    for first in first_views(cv2, picture, target):
+    for first in first_views(picture, target):
         yield first
         for part in _FIRST:
             try:
-                yield _nearer(cv2, picture, target, first, part)[0]
+                yield _nearer(picture, target, first, part)[0]
             except PictureError:  # no frame there
                 continue
 
 
 def _nearer(
-    cv2: Any, picture: Picture, target: Target, matrix: FloatArray, part: float
+    picture: Picture, target: Target, matrix: FloatArray, part: float
 ) -> tuple[FloatArray, float]:
     """One round: measure the sides' middles within a part of the margin, and fit."""
     reach = max(part * target.margin_mm, 1.5 * target.width_mm)
-    pixels, side = _side_middles(
-        cv2, picture, target, matrix, reach, 1.0 if part == _THEN[-1] else 3.0
-    )
-    return _fitted(target, matrix, pixels, side)
+    pixels, side = _side_middles(picture, target, matrix, reach, 1.0 if part == _THEN[-1] else 3.0)
+    return _fitted(target, pixels, side)
 
 
 def _on_ink(picture: Picture, matrix: FloatArray, target: Target) -> float:
@@ -141,7 +136,6 @@ def _on_ink(picture: Picture, matrix: FloatArray, target: Target) -> float:
 
 
 def _side_middles(
-    cv2: Any,
     picture: Picture,
     target: Target,
     matrix: FloatArray,
@@ -154,7 +148,7 @@ def _side_middles(
         # A corner is seen from both sides, and an end is round: a little is left out.
         inner = side[0] + np.array([[0.06], [0.94]]) * (side[1] - side[0])
         way = Way.straight(inner[0], inner[1], max(target.width_mm, 0.2))
-        seen = profiles_along(cv2, picture.ink, matrix, way, reach, coarse)
+        seen = profiles_along(picture.ink, matrix, way, reach, coarse)
         at, found = middles(seen, target.width_mm)
         if found.mean() < LEAST_SIDES:
             name = ("left", "bottom", "right", "top")[number]
@@ -169,34 +163,24 @@ def _side_middles(
     return np.concatenate(pixels), np.concatenate(which)
 
 
-def _fitted(
-    target: Target, matrix: FloatArray, pixels: FloatArray, side: FloatArray
-) -> tuple[FloatArray, float]:
-    """Homography whose back-view lays the middles on the sides; and how far off they stay."""
+def _fitted(target: Target, pixels: FloatArray, side: FloatArray) -> tuple[FloatArray, float]:
+    """View by the lines through the four sides' middles, in mm how far off the middles stay."""
+    lines = []
+    for number in range(4):
+        points = pixels[side == number].astype(np.float32)
+        u, v, u0, v0 = cv2.fitLine(points, cv2.DIST_L12, 0, 1e-3, 1e-4).ravel().astype(float)
+        lines.append((-v, u, v * u0 - u * v0))
+    corners = np.cross(lines, np.roll(lines, -1, axis=0))
+    matrix = _through(target, corners[:, :2] / corners[:, 2:])
+    back = mapped(np.asarray(np.linalg.inv(matrix), dtype=np.float64), pixels)
     x, y = target.size_mm
-    axis = np.isin(side, (1, 3)).astype(np.int64)
-    aim = np.array([0.0, 0.0, x, y])[side.astype(np.int64)]
-    # As pixel places of the corners, so that all eight unknowns are of one size.
-    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
-    scale = 1.0 / float(np.sqrt(abs(np.linalg.det(slopes(matrix, corners[:1])[0]))))
-
-    def off(values: FloatArray) -> FloatArray:
-        back = _through(values.reshape(4, 2), corners)
-        return np.asarray(mapped(back, pixels)[np.arange(len(pixels)), axis] - aim)
-
-    solved = least_squares(
-        off, mapped(matrix, corners).ravel(), loss="soft_l1", f_scale=2 * scale, x_scale=1.0
-    )
-    ahead = np.linalg.inv(_through(solved.x.reshape(4, 2), corners))
-    return ahead / ahead[2, 2], float(np.sqrt(np.median(off(solved.x) ** 2) * 2.198))
+    index = side.astype(np.int64)
+    off = back[np.arange(len(back)), index % 2] - np.array([0.0, 0.0, x, y])[index]
+    return matrix, float(np.sqrt(np.median(off**2) * 2.198))
 
 
-def _through(pixels: FloatArray, places: FloatArray) -> FloatArray:
-    """The homography that takes four pixels to four places exactly."""
-    (u, v), (x, y) = pixels.T, places.T
-    one, none = np.ones(4), np.zeros(4)
-    rows = np.vstack([
-        np.column_stack([u, v, one, none, none, none, -x * u, -x * v]),
-        np.column_stack([none, none, none, u, v, one, -y * u, -y * v]),
-    ])  # fmt: skip
-    return np.append(np.linalg.solve(rows, np.concatenate([x, y])), 1.0).reshape(3, 3)
+def _through(target: Target, corners_px: FloatArray) -> FloatArray:
+    """View by the frame's corners: lower left, lower right, upper right, upper left, (4, 2)."""
+    x, y = target.size_mm
+    corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float32)
+    return np.asarray(cv2.getPerspectiveTransform(corners, corners_px.astype(np.float32)))

@@ -1,9 +1,10 @@
-"""Whether what was found is the pattern: its sides' scales, and ink that isn't its own."""
+"""Check a found pattern: its sides' scales, and ink that isn't its own."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.dye.perspective import mapped, slopes
@@ -32,7 +33,7 @@ def check_scales(target: Target, matrix: FloatArray) -> None:
         )
 
 
-def check_foreign(cv2: Any, picture: Picture, target: Target, matrix: FloatArray) -> None:
+def check_foreign(picture: Picture, target: Target, matrix: FloatArray) -> None:
     """Ink within the frame that isn't this pattern's."""
     high, wide = picture.small.shape
     x, y = target.size_mm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -81,7 +81,7 @@ class LineWidths:
 
 
 def measure_lines(
-    cv2: Any, picture: Picture, view: View, lines: Sequence[Line]
+    picture: Picture, view: View, lines: Sequence[Line]
 ) -> tuple[list[LineWidths], Shade]:
     """Widths of all lines, and the optics by which half level was turned into diameter."""
     raw, profiles = [], []
@@ -91,7 +91,7 @@ def measure_lines(
     ways = [Way.of(line.points, line.step_mm) for line in lines]
     # What is smoothed here is part of the blur that the optics are fitted with.
     across = [
-        profiles_along(cv2, picture.ink, view.matrix, way, line.reach_mm).smoothed(smooth)
+        profiles_along(picture.ink, view.matrix, way, line.reach_mm).smoothed(smooth)
         for way, line in zip(ways, lines, strict=True)
     ]
     heights = [usual_height(*pair) for pair in zip(across, expected, strict=True)]

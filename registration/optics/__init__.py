@@ -7,7 +7,7 @@ from registration.optics.grid_target import GridView, find_grid
 from registration.optics.refraction import refract, refraction_bound
 from registration.optics.step import Step, measure_step
 from registration.optics.surface import Surface, find_surface, fit_surface
-from registration.optics.undistort import undistort
+from registration.optics.undistort import relaid, undistort
 
 __all__ = [
     "Beam",
@@ -24,6 +24,7 @@ __all__ = [
     "read_calibration",
     "refract",
     "refraction_bound",
+    "relaid",
     "undistort",
     "with_step",
     "write_calibration",

@@ -1,4 +1,4 @@
-"""Where the voxels of an OCT scan really lie: fan of the field, bow, depth scale, refraction.
+"""True places of an OCT scan's voxels: fan, bow, depth scale, refraction.
 
 A beam that scans a field doesn't stay parallel: it fans out from a pivot, and points of equal
 path lie on a bowl, not on a plane (Westphal et al. 2002, Opt. Express 10, 397). With u = (x, y)
@@ -28,6 +28,8 @@ from registration.scan import Scan
 
 FloatArray = NDArray[np.float64]
 
+COVERAGE = 1.96
+"""Standard uncertainties in half of a 95 % interval."""
 _STEEPEST = 0.3
 _ROUNDS = 30
 _CLOSE_MM = 1e-6
@@ -64,6 +66,13 @@ class OctCalibration:
     refractive_index: float | None = None
     depth_standard: bool = False
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def relative_error(self, *names: str) -> float | None:
+        """Largest relative standard uncertainty of some measured numbers; None if not measured."""
+        known = [self.intervals[name] for name in names if name in self.intervals]
+        if not known:
+            return None
+        return max(abs(high - low) / (2 * COVERAGE) / (abs(high + low) / 2) for low, high in known)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What single A-scans show: how bright their brightest reflection is, and how deep it lies."""
+"""Brightest reflection of each A-scan, and its depth."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
 from registration.errors import SegmentationError
-from registration.optics.beam import Beam, OctCalibration
+from registration.optics.beam import COVERAGE, Beam, OctCalibration
 from registration.optics.grid_target import GridView
 from registration.optics.step import Step
 
@@ -50,7 +51,10 @@ class GridFit:
 
 
 def fit_grid(
-    views: Sequence[GridView], pitch_mm: float, start: OctCalibration | None = None
+    views: Sequence[GridView],
+    pitch_mm: float,
+    start: OctCalibration | None = None,
+    pitch_u_mm: float = 0.0,
 ) -> GridFit:
     """Least squares of dots against a flat square lattice, its pose free in every view.
 
@@ -64,6 +68,9 @@ def fit_grid(
         Of the lattice.
     start : OctCalibration or None
         Whose depth scale holds (from a step).
+    pitch_u_mm : float, mm
+        Expanded uncertainty (k = 2) of the pitch by the target's certificate; it goes into the
+        intervals of the lateral scales.
 
     Raises
     ------
@@ -88,7 +95,13 @@ def fit_grid(
     left = best.fun.reshape(-1, 3)
     found = _calibration(np.concatenate([best.x[:count], _identity()[count:]]), base)
     return GridFit(
-        replace(found, intervals={**base.intervals, **_intervals(best, count)}),
+        replace(
+            found,
+            intervals={
+                **base.intervals,
+                **_certified(_intervals(best, count), pitch_u_mm / pitch_mm),
+            },
+        ),
         float(1e3 * np.sqrt(np.mean(np.sum(left[:, :2] ** 2, axis=1)))),
         float(1e3 * np.sqrt(np.mean(left[:, 2] ** 2))),
         float(1e3 * np.sqrt(np.mean(np.sum(plain.fun.reshape(-1, 3) ** 2, axis=1)))),
@@ -98,19 +111,25 @@ def fit_grid(
 
 
 def with_step(
-    base: OctCalibration, step: Step, height_mm: float, *, immersed: bool
+    base: OctCalibration,
+    step: Step,
+    height_mm: float,
+    *,
+    immersed: bool,
+    height_u_mm: float = 0.0,
 ) -> OctCalibration:
     """The calibration with what a step of known height says of depth.
 
     In air the true height over the path is the depth scale; in a medium the (scaled) path over
-    the height is its group index.
+    the height is its group index. The expanded uncertainty (k = 2) of the height by the step's
+    certificate goes into the interval.
 
     Raises
     ------
     SegmentationError
         When the result is impossible: the wrong height, or the wrong medium.
     """
-    relative = 1.96 * step.error_mm / step.path_mm
+    relative = COVERAGE * math.hypot(step.error_mm / step.path_mm, height_u_mm / 2 / height_mm)
     value = base.depth_scale * step.path_mm / height_mm if immersed else height_mm / step.path_mm
     low, high = (1.0, 2.0) if immersed else (0.8, 1.25)
     if not low <= value <= high:
@@ -169,6 +188,20 @@ def _first_pose(view: GridView, pitch_mm: float) -> FloatArray:
     turn = float(np.arctan2(cross[0, 1] - cross[1, 0], cross[0, 0] + cross[1, 1]))
     place = Rotation.from_rotvec([0, 0, turn]).apply([*lattice.mean(axis=0), 0.0])
     return np.concatenate([[0, 0, turn], middle - place])
+
+
+def _certified(
+    found: dict[str, tuple[float, float]], relative_u: float
+) -> dict[str, tuple[float, float]]:
+    """Intervals with a certificate's relative expanded uncertainty (k = 2) put to the scales'."""
+    made = dict(found)
+    for name in ("scale_x", "scale_y"):
+        if name in made:
+            low, high = made[name]
+            middle = (low + high) / 2
+            half = math.hypot((high - low) / 2, COVERAGE * relative_u / 2 * middle)
+            made[name] = (middle - half, middle + half)
+    return made
 
 
 def _intervals(best: object, count: int) -> dict[str, tuple[float, float]]:

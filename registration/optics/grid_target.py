@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import center_of_mass, find_objects, gaussian_filter, label
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
+from skimage.measure import label, regionprops
+from skimage.segmentation import clear_border
 
 from registration.errors import SegmentationError
 from registration.optics.columns import Columns, columns_of
@@ -84,19 +86,10 @@ def _flattened(seen: Columns, pitch_mm: float, step: FloatArray) -> FloatArray:
 
 def _centres(flat: FloatArray) -> FloatArray:
     """Weighted centres (x, y, in voxels) of whole dots of about the usual size."""
-    marks, _ = label(flat > 0)
-    boxes = find_objects(marks)
-    sizes = np.bincount(marks.ravel())[1:]
-    inside = [
-        all(side.start > 0 and side.stop < n for side, n in zip(box, flat.shape, strict=True))
-        for box in boxes
-    ]
-    usual = np.median(sizes[sizes > 4]) if (sizes > 4).any() else 0.0
-    keep = np.flatnonzero(np.array(inside, dtype=bool) & (sizes > usual / 3) & (sizes < 3 * usual))
-    if len(keep) == 0:
-        return np.empty((0, 2))
-    weights = np.maximum(flat, 0)
-    return np.array(center_of_mass(weights, marks, keep + 1))[:, ::-1]
+    dots = regionprops(clear_border(label(flat > 0, connectivity=1)), np.maximum(flat, 0))
+    usual = np.median([dot.area for dot in dots if dot.area > 4] or [0.0])
+    kept = [dot.centroid_weighted for dot in dots if usual / 3 < dot.area < 3 * usual]
+    return np.array(kept).reshape(-1, 2)[:, ::-1]
 
 
 def _indexed(places: FloatArray, pitch_mm: float) -> tuple[IntArray, NDArray[np.bool_]]:

@@ -24,6 +24,8 @@ _STEP = 16
 
 _PLANES = 32
 
+_RELAID = "laid out anew by calibration"
+
 
 @dataclass(frozen=True)
 class _Grid:
@@ -68,7 +70,7 @@ def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None =
     per_voxel = np.array(scan.voxel_mm[::-1]) * np.array([1.0, 1.0, optical_mm])
     grid = _straight_grid(scan, beam, per_voxel)
     volume = _resampled(scan, beam, per_voxel, grid)
-    note = f"laid out anew by calibration: {_told(beam, grid, scan)}"
+    note = f"{_RELAID}: {_told(beam, grid, scan)}"
     return replace(
         scan,
         volume=volume,
@@ -76,8 +78,15 @@ def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None =
         optical_depth=False,
         space=None,
         depth_standard=calibration.depth_standard,
+        lateral_error=calibration.relative_error("scale_x", "scale_y"),
+        depth_error=calibration.relative_error("refractive_index"),
         notes=(*scan.notes, note),
     )
+
+
+def relaid(scan: Scan) -> bool:
+    """Whether a scan's voxels were laid out anew."""
+    return any(note.startswith(_RELAID) for note in scan.notes)
 
 
 def _straight_grid(scan: Scan, beam: Beam, per_voxel: FloatArray) -> _Grid:

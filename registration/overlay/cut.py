@@ -14,6 +14,7 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.filters import bin_mean
 from registration.segmentation.volume import GelField, Strength
+from registration.views.sampling import trilinear
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -130,22 +131,3 @@ class _Reach:
         block = where[..., 2] // self._bins[0]
         depth = block if self._down else self._count - 1 - block
         return np.asarray(depth < self._blocks[j, i])
-
-
-def trilinear(scan: Scan, points: FloatArray) -> NDArray[np.float32]:
-    """The scan's own values at (..., 3) positions, mm, scan frame; NaN beyond its voxels.
-
-    Only what is asked for is read, so that a volume that stays in its file may.
-    """
-    size = np.array(scan.volume.shape[::-1])
-    where = points / np.array(scan.geometric_voxel_mm[::-1])
-    inside = ((where >= 0) & (where <= size - 1)).all(axis=-1)
-    low = np.clip(np.floor(where[inside]).astype(np.int64), 0, size - 2)
-    i, j, k = low.T
-    part = (where[inside] - low).T
-    (u, v, w), total = zip(1 - part, part, strict=True), np.zeros(len(low))
-    for a, b, c in np.ndindex(2, 2, 2):
-        total += u[a] * v[b] * w[c] * scan.volume[k + c, j + b, i + a]
-    out = np.full(where.shape[:-1], np.nan, np.float32)
-    out[inside] = total
-    return out

@@ -1,4 +1,4 @@
-"""Where the design is to be free in a layer: the lumens' section at its middle."""
+"""Designed free area of a layer: the lumens' section at its middle."""
 
 from __future__ import annotations
 

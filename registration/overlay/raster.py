@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon, contains_xy, prepare, symmetric_difference
 
 from registration.overlay.lines import LayerLines
 
@@ -112,22 +114,6 @@ class Raster:
 
     def inside(self, rings: Sequence[FloatArray]) -> Mask:
         """Pixels inside closed contours (k, 2), mm, by the even-odd rule, (ny, nx)."""
-        crossed = np.zeros((self.shape[0], self.shape[1] + 1), np.int64)
-        for ring in rings:
-            for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                self._cross(crossed, a, b)
-        return np.asarray(np.cumsum(crossed, axis=1)[:, :-1] % 2 == 1)
-
-    def _cross(self, crossed: NDArray[np.int64], a: FloatArray, b: FloatArray) -> None:
-        """Count, in each row that an edge crosses, the first pixel to its right."""
-        low, high = sorted((float(a[1]), float(b[1])))
-        first, last = np.ceil((np.array([low, high]) - self.origin_mm[1]) / self.pixel_mm).astype(
-            int
-        )
-        rows = np.arange(max(first, 0), min(last, self.shape[0]))
-        if len(rows) == 0:
-            return
-        share = (self.origin_mm[1] + self.pixel_mm * rows - a[1]) / (b[1] - a[1])
-        x = a[0] + share * (b[0] - a[0])
-        column = np.ceil((x - self.origin_mm[0]) / self.pixel_mm).astype(int)
-        np.add.at(crossed, (rows, np.clip(column, 0, self.shape[1])), 1)
+        shape = reduce(symmetric_difference, map(Polygon, rings), Polygon())
+        prepare(shape)
+        return np.asarray(contains_xy(shape, *np.meshgrid(self.x_mm, self.y_mm)))

@@ -1,4 +1,4 @@
-"""What can be said of a layer: printed, not printed yet, missing, or not seen."""
+"""Status of a layer: printed, not printed yet, missing, or not seen."""
 
 from __future__ import annotations
 

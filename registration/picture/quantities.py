@@ -1,4 +1,4 @@
-"""What a network's vessels can be coloured by: from the network, its flow and its scan."""
+"""Quantities that colour a network's vessels: from network, flow and scan."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -148,6 +149,5 @@ def corner_normals(surface: Surface) -> FloatArray:
 
 
 def _averaged(image: FloatArray, finer: int) -> NDArray[np.uint8]:
-    height, width = image.shape[0] // finer, image.shape[1] // finer
-    blocks = image.reshape(height, finer, width, finer, 3)
-    return np.rint(255.0 * blocks.mean(axis=(1, 3))).astype(np.uint8)
+    size = image.shape[1] // finer, image.shape[0] // finer
+    return np.rint(255.0 * cv2.resize(image, size, interpolation=cv2.INTER_AREA)).astype(np.uint8)

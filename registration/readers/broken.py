@@ -1,4 +1,4 @@
-"""What libraries raise on broken bytes, as one error with a remedy."""
+"""Convert libraries' exceptions on broken bytes to one error with a remedy."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import Any
 from registration.errors import ScanFileError
 
 
-def need(module: str, path: Path, extra: str = "scans") -> Any:
+def need(module: str, path: Path) -> Any:
     """A module that only some formats need.
 
     Parameters
@@ -17,17 +17,15 @@ def need(module: str, path: Path, extra: str = "scans") -> Any:
     module : str
     path : Path
         The file that needs it.
-    extra : str
-        What brings it.
 
     Raises
     ------
     ScanFileError
-        When it isn't installed; the message names the extra that brings it.
+        When it isn't installed; the message names the extra.
     """
     try:
         return importlib.import_module(module)
     except ImportError as exc:
         raise ScanFileError(
-            f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[{extra}]'"
+            f"{path}: needs {module}, which isn't installed; run: pip install 'printctl[scans]'"
         ) from exc

@@ -1,4 +1,4 @@
-"""What a reader hands on before anything is checked or asked for."""
+"""A reader's raw result, before anything is checked or asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scan must say of itself, gathered from its file, its sidecar and the user."""
+"""Metadata required of a scan, gathered from file, sidecar and user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How overlapping scans really lie: correlation of every overlap, then least squares over all."""
+"""Positions of overlapping scans: correlate every overlap, then solve least squares."""
 
 from __future__ import annotations
 

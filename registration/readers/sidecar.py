@@ -1,4 +1,4 @@
-"""What stands beside a scan: ``NAME.json`` or ``NAME.yaml``."""
+"""Read a scan's sidecar metadata (``NAME.json`` or ``NAME.yaml``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where voxels are kept: in memory while that is reasonable, else as a view of a file."""
+"""Storage of voxels: memory while reasonable, else a view of a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where OME-Zarr's axes run: coordinateTransformations, and anatomical orientation (NGFF RFC-4)."""
+"""Orientation of OME-Zarr's axes: coordinateTransformations, anatomical (NGFF RFC-4)."""
 
 from __future__ import annotations
 

@@ -103,6 +103,8 @@ def _profile(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
     _decided(axes, vessel, along, diameter)
     _title(axes, vessel, defects)
     axes.set_xlim(0, length)
+    # The page finds the section under a click by its panel's frame.
+    axes.patch.set_gid(f"along-{vessel['vessel']}-{length:.4f}")
     reach = np.concatenate([diameter, diameter - half, diameter + half, edges])
     reach = reach[np.isfinite(reach)]
     low_um, high_um = reach.min(initial=0.85 * designed), reach.max(initial=1.15 * designed)

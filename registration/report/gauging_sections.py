@@ -1,4 +1,4 @@
-"""What the page says of defects, topology and flow as printed; all of it optional."""
+"""Sections on defects, topology and flow as printed; all of it optional."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ PERFUSION_COLUMNS: Final = (
     Column("designed_resistance_pa_s_ul", "Resistance, designed", "Pa·s/µL", digits=6),
     Column("resistance_pa_s_ul", "As printed", "Pa·s/µL", digits=6),
     Column("ratio", "Printed over designed", digits=4),
+    Column("interval", "95 % interval", kind="text"),
     Column("designed_share", "Share of flow, designed", "%", factor=100.0),
     Column("share", "As printed", "%", factor=100.0),
     Column("measured", "Measured", kind="mark"),
@@ -120,14 +121,20 @@ def _source(made: Mapping[str, Any]) -> str | None:
 
 def perfusion_table(registration: Mapping[str, Any]) -> Table | None:
     """Resistance and share of the flow of each vessel, as designed and as printed."""
-    rows = [_driven(row) for row in records(mapping(registration, "perfusion"), "vessels")]
+    sure = {
+        row.get("vessel"): row.get("resistance_ratio_interval_95")
+        for row in records(registration, "vessels")
+    }
+    driven = records(mapping(registration, "perfusion"), "vessels")
+    rows = [_driven(row, sure.get(row.get("vessel"))) for row in driven]
     return make_table("perfusion", rows, PERFUSION_COLUMNS, order="by number") if rows else None
 
 
-def _driven(row: Record) -> dict[str, Any]:
+def _driven(row: Record, ends: Any) -> dict[str, Any]:
     printed, designed = row.get("resistance_pa_s_ul"), row.get("designed_resistance_pa_s_ul")
     ratio = printed / designed if is_number(printed) and is_number(designed) else None
-    return {**row, "ratio": ratio}
+    known = isinstance(ends, list | tuple) and len(ends) == 2 and all(map(is_number, ends))
+    return {**row, "ratio": ratio, "interval": f"{ends[0]:.3f} – {ends[1]:.3f}" if known else None}
 
 
 def printed_facts(registration: Mapping[str, Any]) -> list[Fact]:

@@ -21,6 +21,7 @@ from registration.report import sections
 from registration.report.added import AddedSection
 from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
+from registration.report.finding_figures import finding_figures, views_note
 from registration.report.gauging_figures import (
     curve_figure,
     layer_deviation_figure,
@@ -38,10 +39,12 @@ from registration.report.oxygen_figures import oxygen_histogram
 from registration.report.packing import pack_surfaces
 from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
+from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.surface import ReportSurface
 from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+from registration.views import Views
 
 _HERE: Final = Path(__file__).parent
 PLACES: Final = (
@@ -64,6 +67,7 @@ def write_report_html(
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
     play: AddedSection | None = None,
+    views: Views | None = None,
 ) -> None:
     """Write the report as one HTML file that opens offline.
 
@@ -86,6 +90,8 @@ def write_report_html(
         `all_figures` isn't drawn again.
     play : AddedSection, optional
         The slider over the predicted print (`registration.report.play.play_section`).
+    views : Views, optional
+        Raw pictures of findings and sections.
 
     Raises
     ------
@@ -94,7 +100,7 @@ def write_report_html(
     OSError
         When the file can't be written.
     """
-    write_text(path, report_html(data, surfaces, network, figures or {}, play))
+    write_text(path, report_html(data, surfaces, network, figures or {}, play, views))
 
 
 def report_html(
@@ -103,13 +109,14 @@ def report_html(
     network: VesselNetwork | None,
     figures: Mapping[str, bytes],
     play: AddedSection | None = None,
+    views: Views | None = None,
 ) -> str:
     """The text of the page; same input, same text (see `write_report_html`)."""
     modules = import_map(play.folders if play else ())
     entries = f"{ENTRY} {play.entry}" if play else ENTRY
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
         packed = beside.submit(view_data, data, surfaces, network)
-        drawn = all_figures(data, network, figures)
+        drawn = all_figures(data, network, figures, views)
         view = packed.result()
     context = {
         "data": data,
@@ -120,6 +127,8 @@ def report_html(
         "own_style": play and play.style,
         "play": play and play.context,
         "view": view,
+        "sections": section_view(mapping(data, "registration"), views),
+        "views_note": views and views_note(views),
         "figures": placed_figures(drawn),
         **section_context(data),
     }
@@ -132,6 +141,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
+        "surface_rows": sections.surface_rows(registration),
         "budget_table": budget_table(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
@@ -175,6 +185,7 @@ def all_figures(
     data: Mapping[str, Any],
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
+    views: Views | None = None,
 ) -> dict[str, bytes]:
     """The drawings that follow from the numbers themselves, and those given.
 
@@ -185,6 +196,7 @@ def all_figures(
         name: given[name] if name in given else draw()
         for name, draw in _drawings(data, network).items()
     }
+    made |= finding_figures(mapping(data, "registration"), views)
     return {name: picture for name, picture in made.items() if picture is not None} | dict(given)
 
 
@@ -259,7 +271,14 @@ def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Ma
     placed: dict[str, list[tuple[str, Markup]]] = {}
     for index, (name, picture) in enumerate(figures.items()):
         place, _, caption = name.partition("/")
-        if not caption or place not in (*PLACES, "histogram", "curve", "diameters", "profiles"):
+        if not caption or place not in (
+            *PLACES,
+            "histogram",
+            "curve",
+            "diameters",
+            "profiles",
+            "findings",
+        ):
             place, caption = "other", name
         html = inline_figure(picture, caption, f"f{index}-")
         placed.setdefault(place, []).append((caption, html))

@@ -1,4 +1,4 @@
-"""What the page says, section by section, out of report.json's dict; all of it optional."""
+"""Sections of the page from report.json's dict; all of it optional."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ VESSEL_COLUMNS: Final = (
     Column("kind", "Kind", kind="text"),
     Column("designed_um", "Designed", "µm"),
     Column("measured_um", "Measured", "µm"),
+    Column("measured_interval_95_um", "± (95 %)", "µm"),
     Column("error_percent", "Error", "%", "signed"),
     Column("decision", "Decision", kind="text"),
     Column("narrowest_um", "Narrowest", "µm"),
     Column("ovality", "Ovality", digits=4),
     Column("offset_um", "Axis offset", "µm"),
+    Column("offset_interval_95_um", "± (95 %)", "µm"),
     Column("rms_um", "RMS dev.", "µm"),
     Column("length_mm", "Length", "mm"),
     Column("seen_fraction", "Seen", "%", factor=100.0),
@@ -144,6 +146,28 @@ def fit_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         pair = (fixed(100 * s if is_number(s) else None, 1) for s in shares)
         rows.append((f"Within ± {bound} µm / %", *pair))
     return [(row[0], row[1], row[2]) for row in rows]
+
+
+def surface_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """Statistics of lumens and outer faces apart: label, rigid and scaled of each."""
+    parts = mapping(registration, "by_surface")
+    fits = [
+        mapping(mapping(parts, name), fit)
+        for name in ("lumens", "outer_faces")
+        for fit in ("rigid", "scaled")
+    ]
+    if not any(fits):
+        return []
+    rows = []
+    for key in FIT_KEYS:
+        label, unit = label_and_unit(key)
+        a, b, c, d = (fixed(fit.get(key), 1) for fit in fits)
+        rows.append((f"{label} / {unit}", a, b, c, d))
+    for bound in next((fit["within"] for fit in fits if "within" in fit), {}):
+        shares = [mapping(fit, "within").get(bound) for fit in fits]
+        a, b, c, d = (fixed(100 * s if is_number(s) else None, 1) for s in shares)
+        rows.append((f"Within ± {bound} µm / %", a, b, c, d))
+    return rows
 
 
 def vessel_summary(registration: Mapping[str, Any]) -> list[Fact]:

@@ -39,10 +39,6 @@ ROUNDS = 2
 """The typical μ's error falls by the light that leaves unseen over what enters: tenfold each."""
 EVEN_MM = 0.5
 """The incoming light is taken as even over about this distance."""
-FAINTEST = 0.4
-"""Of the typical attenuation: gel that seems to scatter less than this isn't told from liquid."""
-FEWEST = 0.1
-"""A depth with less gel than this part of the depth that has most tells nothing of it."""
 
 
 def light_left(
@@ -96,40 +92,12 @@ def _first_beyond(down: FloatVolume, step_mm: float, floor: float, sigma: FloatA
 
 def share_of_gel(ratio: FloatVolume, typical: float) -> FloatVolume:
     """How much of what is around each voxel is gel: 0.5 at walls, 1 two voxels from any."""
-    return share_above(softened(ratio, typical), np.full(len(ratio), 0.5 * typical))
-
-
-def softened(ratio: FloatVolume, typical: float) -> FloatVolume:
-    """Return ratios whose speckle is smoothed before anything is decided."""
-    around, soft = gaussian_weights(1.2), np.empty_like(ratio)
+    around = gaussian_weights(1.2)
+    soft, share = np.empty_like(ratio), np.empty_like(ratio)
+    # Speckle is smoothed before anything is decided.
     smooth(np.clip(ratio, 0, 2 * typical), soft, (around, around, around), 0.0)
-    return soft
-
-
-def share_above(soft: FloatVolume, limit: FloatArray) -> FloatVolume:
-    """Return the smoothed share of voxels (nz, ny, nx) above each depth's limit (nz,)."""
-    around, share = gaussian_weights(1.2), np.empty_like(soft)
-    smooth(soft > limit[:, None, None].astype(np.float32), share, (around, around, around), 0.0)
+    smooth(soft > 0.5 * typical, share, (around, around, around), 0.0)
     return share
-
-
-def usual_by_depth(soft: FloatVolume, typical: float) -> FloatArray:
-    """Return what gel is like at each depth, (nz,), between `FAINTEST` of the typical and that.
-
-    Roll-off and focus aren't attenuation, so that gel falls short of the typical where the light
-    hasn't run far. The median of what is gel, gel being what exceeds half of it; depths with little
-    of it take their neighbours'.
-    """
-    usual = np.full(len(soft), float(typical))
-    for _ in range(ROUNDS):
-        chosen = [plane[plane > limit] for plane, limit in zip(soft, 0.5 * usual, strict=True)]
-        count = np.array([len(values) for values in chosen])
-        known = np.flatnonzero(count > max(FEWEST * count.max(), 0))
-        if not len(known):
-            break
-        median = [float(np.median(chosen[z])) for z in known]
-        usual = np.clip(np.interp(np.arange(len(soft)), known, median), FAINTEST * typical, typical)
-    return usual
 
 
 def _typical(signal: FloatVolume, ratio: FloatVolume) -> float:

@@ -16,18 +16,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
+from registration.segmentation.even_light import evened, without_glare
 from registration.segmentation.filters import bin_mean, normalise
-from registration.segmentation.light import (
-    FEWEST,
-    light_left,
-    share_above,
-    softened,
-    usual_by_depth,
-)
+from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.volume import GelField, Strength
@@ -57,12 +51,6 @@ BRIGHTEST = 1.5
 UNSEEN_LINE = 0.5
 """Of the scan's own depth voxel: the most that a reflection adds to the gel where it stands out
 less than `reflections.STANDS_OUT`."""
-GLARE = 4.0
-"""Times the mean of gel: 2 % of speckle lies above, and all of a bright line."""
-ROWS = 5
-"""Of the mean of so many depths the median counts: a level wall's line fills one or two."""
-LEAST_SHARE = 0.1
-"""Gel whose share comes out below this isn't told."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
 
@@ -80,12 +68,14 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
-    light, typical = light_left(signal, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
-    sides = _sides(signal, light, typical)
+    dull = without_glare(signal, step)
+    light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
+    light = evened(dull, light, working)
+    sides = _sides(dull, light)
+    del dull
     _, fy, fx = _coarse(working, signal)
     share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
-    share /= gel_by_depth(share, sides.gel)[:, None, None]
     before = float(share.sum(dtype=np.float64))
     share = without_lines(share, max(1, round(LINE_MM / step)))
     lines = max(before - float(share.sum(dtype=np.float64)), 0.0) * float(np.prod(working.voxel_mm))
@@ -117,9 +107,8 @@ def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:
     return darkest / (1.0 - min(3.09 / np.sqrt(looks), 0.8))
 
 
-def _sides(signal: FloatVolume, light: FloatVolume, typical: float) -> Sides:
-    soft = softened(signal / light, typical)
-    share = share_above(soft, 0.5 * usual_by_depth(soft, typical))
+def _sides(signal: FloatVolume, light: FloatVolume) -> Sides:
+    share = share_of_gel(signal / light, 1.0)
     return Sides(share > 0.97, share < 0.03)
 
 
@@ -138,23 +127,6 @@ def _refuse_upside_down(signal: FloatVolume, step_mm: float, depth_down: bool) -
             f"(limit {GROWTH:g}), as if light came from below: the volume is upside down; turn its "
             "depth axis round"
         )
-
-
-def gel_by_depth(share: FloatVolume, gel: Mask) -> FloatVolume:
-    """Return the mean share at each depth well within the gel, (nz,), without glare.
-
-    What stands out as a line, and what is capped, goes by the gel of its own depth: where light is
-    dim its share is wrong by what is unknown of the light.
-    """
-    count = gel.sum(axis=(1, 2))
-    known = np.flatnonzero(count > max(FEWEST * count.max(), 0))
-    if not len(known):
-        return np.ones(len(share), np.float32)
-    chosen = [share[z][gel[z]] for z in known]
-    mean = [float(np.minimum(v, GLARE * max(float(v.mean()), 0.0)).mean()) for v in chosen]
-    even = median_filter(mean, ROWS, mode="nearest")
-    level = np.interp(np.arange(len(share)), known, np.maximum(even, LEAST_SHARE))
-    return np.asarray(level, dtype=np.float32)
 
 
 def _levels(

@@ -1,4 +1,4 @@
-"""How much of a voxel is gel, from what it sends back and from the light on its way there.
+"""Share of gel in a voxel, from its signal and the light that reaches it.
 
 Light on its way down (`light`) is the sum over rays; G of it runs in gel, N in liquid, which
 scatters by a part q of what gel does. A voxel sends back G + q N, so both are known, and

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from skimage.morphology import remove_small_holes, remove_small_objects
 
 BoolArray = NDArray[np.bool_]
 
@@ -64,22 +65,6 @@ def euler_number(voxels: BoolArray) -> int:
 
 def without_specks(voxels: BoolArray, least: int) -> BoolArray:
     """Without parts, and without enclosed hollows, of fewer than `least` voxels."""
-    kept = _large(voxels, least, _FULL)
-    hollow = ~np.pad(kept, 1)
-    label, count = ndimage.label(hollow)
-    if count > 1:
-        size = np.bincount(label.ravel())
-        small = size < least
-        small[[0, label[0, 0, 0]]] = False
-        kept = kept | small[label][1:-1, 1:-1, 1:-1]
-    return kept
-
-
-def _large(voxels: BoolArray, least: int, structure: BoolArray) -> BoolArray:
-    label, count = ndimage.label(voxels, structure=structure)
-    if count == 0:
-        return voxels
-    size = np.bincount(label.ravel())
-    big = size >= least
-    big[0] = False
-    return np.asarray(big[label])
+    kept = remove_small_objects(np.pad(voxels, 1), max_size=least - 1, connectivity=3)
+    filled = remove_small_holes(kept, max_size=least - 1, connectivity=1)
+    return np.asarray(filled[1:-1, 1:-1, 1:-1])

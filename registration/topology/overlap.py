@@ -1,4 +1,4 @@
-"""How much of the designed lumen is lumen in the print, and the other way about."""
+"""Overlap of designed and printed lumens."""
 
 from __future__ import annotations
 

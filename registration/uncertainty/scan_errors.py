@@ -89,6 +89,14 @@ def line_thickness(segmentation: Segmentation) -> float:
     return segmentation.strength.lines_mm3 / max(area, 1e-9)
 
 
+def _depth(scan: Scan) -> float:
+    """Relative standard uncertainty of lengths along the light."""
+    if scan.depth_standard and scan.depth_error is not None:
+        return scan.depth_error
+    known = scan.depth_standard or scan.modality != "oct"
+    return rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH)
+
+
 def scan_errors(
     scan: Scan, segmentation: Segmentation, walls: WallCalibration | None = None
 ) -> ScanErrors:
@@ -99,7 +107,6 @@ def scan_errors(
     from none to one just not seen (`GelField.facing_mm` is the middle of that, GUM 4.3.7). A
     calibration of walls replaces both. Of reflections taken out, a part may be left.
     """
-    known = scan.depth_standard or scan.modality != "oct"
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
@@ -114,8 +121,10 @@ def scan_errors(
         outer_mm=outer,
         facing_mm=facing,
         wall_dof=WALL_DOF,
-        depth=rectangular(LATERAL_HALF_WIDTH if known else INDEX_HALF_WIDTH),
-        lateral=rectangular(LATERAL_HALF_WIDTH),
+        depth=_depth(scan),
+        lateral=rectangular(LATERAL_HALF_WIDTH)
+        if scan.lateral_error is None
+        else scan.lateral_error,
         blur_mm=field.blur_mm,
         beam=np.array([0.0, 0.0, 1.0]),
     )

@@ -1,4 +1,4 @@
-"""What will lie in the bath: the ink that an executed motion really lays.
+"""Predict the ink in the bath that an executed motion lays.
 
 From the plunger's motion to the flow out of the needle (`flow`), from there to what lies where
 (`predict`), and what bath and needle do with it (`bath`, `drag`). Each says what it models, by

@@ -1,4 +1,4 @@
-"""How far the needle's shaft may push ink that is written already: a figure to warn by.
+"""Bound on how far the shaft may push written ink: a figure to warn by.
 
 A needle that moves through a yield-stress bath carries the bath beside it along; the yielded zone
 is about as wide as the needle (Grosskopf et al., ACS Appl. Mater. Interfaces 10 (2018) 23353;

@@ -1,4 +1,4 @@
-"""What stands between plunger and bath: a compliance, a needle, and an ink that may hold pressure.
+"""Compliance, needle and ink (which may hold pressure) between plunger and bath.
 
 Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
 

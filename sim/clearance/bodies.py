@@ -1,4 +1,4 @@
-"""What the kernels look at: written ink, moving tips, and where vessels are joined."""
+"""Input of the kernels: written ink, moving tips, and the vessels' joints."""
 
 from __future__ import annotations
 

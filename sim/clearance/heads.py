@@ -1,4 +1,4 @@
-"""What each needle does in every row: its passes, and which kind of move."""
+"""Motion of each needle by row: its passes, and the kind of move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is written, as filaments."""
+"""Written ink as filaments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where vessels of a network meet: at nodes, and where the network overlaps itself."""
+"""Joints of a network's vessels: nodes, and places where it overlaps itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the needles do, row by row of a program, and what of it writes."""
+"""Motion of the needles, row by row of a program, and the rows that write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where filaments of a network overlap in the design, away from its nodes."""
+"""Overlaps of a network's filaments in the design, away from its nodes."""
 
 from __future__ import annotations
 

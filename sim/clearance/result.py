@@ -1,4 +1,4 @@
-"""What the checker says of a whole job."""
+"""The checker's result for a whole job."""
 
 from __future__ import annotations
 

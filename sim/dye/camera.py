@@ -1,4 +1,4 @@
-"""How the simulated camera sees the lumens: which cell's dye darkens which pixel by how much."""
+"""The simulated camera: light paths from the lumens' cells to pixels."""
 
 from __future__ import annotations
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -159,18 +160,10 @@ def _taken(
 
 
 def _moved(picture: FloatArray, by: FloatArray) -> FloatArray:
-    """The picture moved right and down by less than 20 pixels, its rim repeated."""
-    rim = 20
-    wide = np.pad(picture, ((rim, rim), (rim, rim), (0, 0)), mode="edge")
-    whole = np.floor(-by).astype(int)
-    part = -by - whole
-    height, width = picture.shape[:2]
-    made = np.zeros_like(picture)
-    for dv, du in np.ndindex(2, 2):
-        v, u = (rim + int(np.clip(whole[k], -rim, rim - 1)) + d for k, d in ((1, dv), (0, du)))
-        share = (part[1] if dv else 1.0 - part[1]) * (part[0] if du else 1.0 - part[0])
-        made += np.float32(share) * wide[v : v + height, u : u + width]
-    return made
+    """The picture moved right and down, its rim repeated."""
+    matrix = np.array([[1.0, 0.0, by[0]], [0.0, 1.0, by[1]]])
+    size = picture.shape[1::-1]
+    return np.asarray(cv2.warpAffine(picture, matrix, size, borderMode=cv2.BORDER_REPLICATE))
 
 
 def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Generator) -> None:
@@ -179,16 +172,15 @@ def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Ge
     Raises
     ------
     SimError
-        When OpenCV is missing, the suffix isn't known, or the file can't be written.
+        When the suffix isn't known, or the file can't be written.
     """
-    cv2 = _opencv()
     frames = film_frames(flow, film, generator)
     if path.suffix.lower() not in _CODES:
         raise SimError(f"{path}: a film is written as {', '.join(_CODES)}")
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.stem}.part{path.suffix}")
     size = (film.camera.width, film.camera.height)
-    code = cv2.VideoWriter_fourcc(*_CODES[path.suffix.lower()])
+    code = cv2.VideoWriter.fourcc(*_CODES[path.suffix.lower()])
     writer = cv2.VideoWriter(str(draft), code, film.fps, size)
     try:
         if not writer.isOpened():
@@ -200,13 +192,3 @@ def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Ge
     finally:
         writer.release()
         draft.unlink(missing_ok=True)
-
-
-def _opencv() -> Any:
-    try:
-        import cv2  # optional, and heavy
-    except ImportError as exc:
-        raise SimError(
-            "a film needs OpenCV, which isn't installed; run: pip install 'printctl[dye]'"
-        ) from exc
-    return cv2

@@ -1,1 +1,1 @@
-"""What simulates, or reads, one firmware family each: a folder for a family."""
+"""Simulators and readers of firmware families: a folder for a family."""

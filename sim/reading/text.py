@@ -3,6 +3,7 @@
 RepRapFirmware (``StringParser.cpp``) and Smoothieware (``GcodeDispatch.cpp``) take several commands
 from one line. There a text ends with its closing quote, and what follows is carried out; only some
 codes take the rest of the line as it is (`Grammar.rest_codes`), and only without a quote.
+RepRapFirmware works out a text in braces (`Grammar.expressions`), and carries out what follows it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
     Raises
     ------
     LineError
-        For a text that renumbers lines, and one behind or in which the firmware finds a command.
+        For a text that renumbers lines, one that the firmware works out, and one behind or in
+        which it finds a command.
     """
     argument = b" ".join(rest.split(b"\t")).strip(b" ")
     if b"M110" in argument.replace(b" ", b"").upper():
@@ -44,6 +46,7 @@ def text_line(code: str, rest: bytes, text: bytes, family: str) -> GcodeLine:
             "ambiguous", text, "a text with M110 in it renumbers the lines of a Marlin; write "
             "another text"
         )  # fmt: skip
+    _no_expression(argument, text, family)
     _one_command(code, argument, text, family)
     return GcodeLine(code, {}, code.encode() + (b" " + argument if argument else b""))
 
@@ -54,6 +57,15 @@ def second_command(shown: str, text: bytes) -> LineError:
         "ambiguous", text, f"{shown!r} is another command of the line to some firmwares and "
         "nothing to others; write each command on a line of its own"
     )  # fmt: skip
+
+
+def _no_expression(argument: bytes, text: bytes, family: str) -> None:
+    """Refuse braces, wherever they stand, where the firmware works out what is in them."""
+    if find_family(family).grammar.expressions and (b"{" in argument or b"}" in argument):
+        raise refusal(
+            "ambiguous", text, f"{family} works out a text in braces, and what stands behind it is "
+            "carried out as another command; write the text without braces"
+        )  # fmt: skip
 
 
 def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:

@@ -1,4 +1,4 @@
-"""How the part lies under the scanner: drawn from a seed, as an operator's hand would lay it."""
+"""Pose of the part under the scanner, drawn from a seed."""
 
 from __future__ import annotations
 

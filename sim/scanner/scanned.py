@@ -1,4 +1,4 @@
-"""What a simulated scanner hands out."""
+"""Output of a simulated scanner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `import design` and `import registration` hand on."""
+"""Names that `import design` and `import registration` hand on."""
 
 import subprocess
 import sys

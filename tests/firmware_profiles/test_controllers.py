@@ -1,4 +1,4 @@
-"""What a profile for an Aerotech controller must say, and mustn't."""
+"""Required and forbidden keys of an Aerotech controller's profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which flow is believed: the weighed one where it fits, else the ink's viscosity."""
+"""Choice of the flow: the weighed one where it fits, else by viscosity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps a printer or serves a page begins without libraries that it doesn't need."""
+"""Printing and serving start without libraries that they don't need."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from printctl.pipeline.sequences import WHOLE
 from printctl.web.rooms import ROOMS
 
 HEAVY = (
+    "cv2",
     "manifold3d",
     "matplotlib",
     "meshio",
@@ -24,6 +25,7 @@ HEAVY = (
     "numba",
     "scipy",
     "shapely",
+    "skimage",
     "sim.gcode",
     "trimesh",
 )

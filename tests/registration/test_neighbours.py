@@ -1,4 +1,4 @@
-"""How much of a vessel's designed wall is its own."""
+"""Share of a vessel's designed wall that is its own."""
 
 import numpy as np
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from registration.segmentation.oct_field import gel_by_depth
 from registration.segmentation.reflections import without_lines
 
 DEPTH, WALL = 60, 30
@@ -34,21 +33,3 @@ def test_a_bright_particle_within_gel_stays():
     values = np.ones((DEPTH, 12, 12), np.float32)
     values[WALL] = 5.0
     np.testing.assert_array_equal(without_lines(values.copy(), 1), values)
-
-
-def test_gel_of_each_depth_is_known_through_speckle_and_glare():
-    rng = np.random.default_rng(5)
-    level = np.linspace(1.0, 0.2, DEPTH)[:, None, None]
-    values = (level * rng.exponential(size=(DEPTH, 60, 60))).astype(np.float32)
-    values[WALL, :6] = 30.0
-    gel = np.ones(values.shape, np.bool_)
-    gel[:5] = False
-    found = gel_by_depth(values, gel)
-    np.testing.assert_allclose(found[5:], level[5:, 0, 0], rtol=0.1)
-    assert found[0] == found[5]
-
-
-def test_a_line_is_taken_out_where_gel_is_dim():
-    dim = 0.25 * share(5.0, False)
-    dim /= gel_by_depth(dim, share(0.0, False) > 0.9)[:, None, None]
-    np.testing.assert_allclose(without_lines(dim, 1).sum(axis=0), DEPTH - WALL - 0.5, atol=0.3)

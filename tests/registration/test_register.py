@@ -1,4 +1,4 @@
-"""Whole registrations on simulated scans of analytic parts."""
+"""Complete registrations on simulated scans of analytic parts."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from registration.segmentation.filters import (
     smooth,
 )
 from registration.segmentation.levels import sparse_levels
-from registration.segmentation.light import light_left, share_above, softened, usual_by_depth
+from registration.segmentation.light import light_left
 from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
 
@@ -165,16 +165,3 @@ def test_a_level_with_a_trend_is_right_at_the_end_of_what_it_is_known_from() -> 
     assert plain[10] - top > 0.03
     assert bottom - plain[19] > 0.03
     assert straight[15] == pytest.approx(1.0 + ramp * 30.5, abs=0.01)
-
-
-def test_gel_that_fades_by_more_than_attenuation_is_gel_up_to_its_top() -> None:
-    rng = np.random.default_rng(3)
-    fades = np.linspace(0.5, 1.1, 60)[:, None, None]
-    ratio = np.zeros((80, 40, 40), np.float32)
-    ratio[12:72] = fades * rng.exponential(size=(60, 40, 40))
-    soft = softened(ratio, 1.0)
-    inside = (slice(16, 68), slice(3, -3), slice(3, -3))
-    plain = (share_above(soft, np.full(80, 0.5)) > 0.97)[inside]
-    found = (share_above(soft, 0.5 * usual_by_depth(soft, 1.0)) > 0.97)[inside]
-    assert plain[:8].mean() < 0.5 < 0.8 < found[:8].mean()
-    assert not (share_above(soft, 0.5 * usual_by_depth(soft, 1.0))[:9] > 0.03).any()

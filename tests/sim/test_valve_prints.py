@@ -1,4 +1,4 @@
-"""What a pneumatic head's own G-code lays, against the same part by plunger."""
+"""G-code of a pneumatic head, against the same part by plunger."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a film's frames are near enough in time to see the front run."""
+"""Check that a film's frames are close enough in time to show the front."""
 
 from __future__ import annotations
 

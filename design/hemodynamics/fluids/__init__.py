@@ -1,4 +1,4 @@
-"""How thick a fluid is: Newtonian, or by shear rate, or by the vessel's diameter."""
+"""Viscosity of a fluid: Newtonian, by shear rate, or by the vessel's diameter."""
 
 from design.hemodynamics.fluids.carreau import Carreau
 from design.hemodynamics.fluids.fluid import Fluid, Newtonian

@@ -1,4 +1,4 @@
-"""Where vessels meet or end, and what is asked of them there."""
+"""Junction and boundary conditions of the 1D network."""
 
 from __future__ import annotations
 

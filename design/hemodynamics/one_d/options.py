@@ -1,4 +1,4 @@
-"""How waves are solved for."""
+"""Options of the wave solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many steps a cycle takes."""
+"""Number of time steps in a cycle."""
 
 from __future__ import annotations
 

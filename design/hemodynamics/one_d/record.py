@@ -1,4 +1,4 @@
-"""What a cycle leaves behind: waves at chosen places, and extremes everywhere."""
+"""Record of a cycle: waves at chosen places, and extremes everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the march begins: the lumped model's periodic state at the cycle's begin."""
+"""Initial state of the march: the lumped model's periodic state at the cycle's begin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What dissolves, diffuses and is taken up: the numbers of an oxygen problem, and their sources.
+"""Numbers of an oxygen problem (solubility, diffusion, uptake) and their sources.
 
 Concentrations are in mM, which is nmol/µL; so flow times concentration is nmol/s, and nothing is
 converted on the way.

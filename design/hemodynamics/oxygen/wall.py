@@ -1,4 +1,4 @@
-"""What stands between the stream in a vessel and the grid's cells around it.
+"""Resistance between the stream in a vessel and the grid's cells around it.
 
 A vessel thinner than a cell is no boundary that the grid sees. Its flux is laid on the grid as a
 smooth source and what the grid then says at the vessel is read with the same weights, so that the

@@ -1,4 +1,4 @@
-"""How far a solution is from one of another order on the same mesh."""
+"""Difference of a solution from one of another order on the same mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether curved tetrahedra are mapped one to one, and straightening those that aren't.
+"""Check curved tetrahedra for one-to-one maps, and straighten those that fail.
 
 A quadratic tetrahedron's Jacobian determinant is a cubic. Written in Bernstein polynomials, it
 lies between the least and greatest of its 20 coefficients everywhere in the element (Johnen,

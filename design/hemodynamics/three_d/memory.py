@@ -1,4 +1,4 @@
-"""What 3D flow takes of memory, told before it is taken."""
+"""Estimate the memory of 3D flow before it is taken."""
 
 from __future__ import annotations
 

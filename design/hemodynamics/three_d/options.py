@@ -1,4 +1,4 @@
-"""How 3D flow is solved."""
+"""Options of 3D flow."""
 
 from __future__ import annotations
 

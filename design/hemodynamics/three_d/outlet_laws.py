@@ -1,4 +1,4 @@
-"""What outlets ask of flow and pressure in each time step.
+"""Conditions of flow and pressure at outlets in each time step.
 
 A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
 order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the

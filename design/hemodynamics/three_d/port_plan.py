@@ -1,4 +1,4 @@
-"""What holds at each port, from the same conditions that drive the lumped models.
+"""Condition at each port, from the conditions that drive the lumped models.
 
 A port either has a velocity profile of a given flow, or a uniform traction: minus its pressure
 times its normal. With the Laplace form of viscosity that pressure is the mean pressure over a flat

@@ -1,4 +1,4 @@
-"""How time is stepped, and what is kept of a cycle."""
+"""Time stepping, and the record kept of a cycle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long fluid has been in the lumen: its age.
+"""Residence time of fluid in the lumen: its age.
 
 Age a obeys ∇·(u a) - D Δa = 1: it grows by a second each second, is carried, and spreads by
 diffusion. Fluid comes in with age 0; nothing spreads through walls and ports. The weak form

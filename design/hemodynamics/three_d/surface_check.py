@@ -1,4 +1,4 @@
-"""Whether a wall's triangles are the lumen that was meant, before it is filled."""
+"""Check a wall's triangles against the lumen meant, before it is filled."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What one vessel is in a reduced model: resistance, inertance, compliance, impedance."""
+"""One vessel in a reduced model: resistance, inertance, compliance, impedance."""

@@ -1,4 +1,4 @@
-"""What it takes to speed up the fluid in a vessel."""
+"""Inertance: pressure that accelerates the fluid in a vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What steady flow needs of vessels, in one pass over their points, and what it tells of them."""
+"""Coefficients and results of steady flow in vessels, in one pass over their points."""
 
 from __future__ import annotations
 

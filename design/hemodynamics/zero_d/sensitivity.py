@@ -1,4 +1,4 @@
-"""How flows follow radii: exact derivatives of the linear problem."""
+"""Sensitivity of flows to radii: exact derivatives of the linear problem."""
 
 from __future__ import annotations
 

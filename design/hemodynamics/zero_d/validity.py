@@ -1,4 +1,4 @@
-"""Whether Poiseuille's law holds in a vessel."""
+"""Check that Poiseuille's law holds in a vessel."""
 
 from __future__ import annotations
 

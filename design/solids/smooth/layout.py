@@ -1,4 +1,4 @@
-"""Which parts of a network are plain tubes, which junctions stand alone, which are in a crowd."""
+"""Division of a network into plain tubes, single junctions and crowds of them."""
 
 from __future__ import annotations
 

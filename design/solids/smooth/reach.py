@@ -1,4 +1,4 @@
-"""How far from a junction each vessel is a plain tube again."""
+"""Distance from a junction beyond which each vessel is a plain tube."""
 
 from __future__ import annotations
 

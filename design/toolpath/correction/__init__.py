@@ -1,4 +1,4 @@
-"""What earlier prints came out like, turned into what is written this time."""
+"""Corrections to what is written, from earlier prints."""
 
 from design.toolpath.correction.checks import check_outside, check_walls
 from design.toolpath.correction.corrections import NEUTRAL, Corrections

@@ -1,4 +1,4 @@
-"""How high ink stands, seen from above with the needle's width: where the tip may travel."""
+"""Height of ink seen from above with the needle's width: clearance for travel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which head writes which vessel, each with a needle and an ink of its own."""
+"""Assignment of vessels to heads, each with its own needle and ink."""
 
 from __future__ import annotations
 

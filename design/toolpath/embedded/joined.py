@@ -1,4 +1,4 @@
-"""How ordered passes join: their overlaps, and what stands in the way of some."""
+"""Joints of ordered passes: their overlaps, and obstacles to some."""
 
 from __future__ import annotations
 

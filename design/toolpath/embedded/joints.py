@@ -1,4 +1,4 @@
-"""Where passes meet: each end that comes to ink is carried on into it, so that the two hold.
+"""Joints of passes: each end at ink is carried on into it.
 
 A pass that begins or ends where ink lies goes on straight by the overlap. Where the shaft would
 pass through other ink there, or later ones through the overlap, the earlier of the two goes on

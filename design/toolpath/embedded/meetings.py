@@ -1,4 +1,4 @@
-"""Where vessels meet: at nodes, and where their filaments touch; ink near both is a joint's."""
+"""Meetings of vessels: nodes, and touching filaments; ink near both is a joint's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How vessels are written along their centrelines."""
+"""Options of writing vessels along their centrelines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far the needle can go along a vessel without meeting what must be written first."""
+"""Reach of the needle along a vessel before it meets what comes first."""
 
 from __future__ import annotations
 

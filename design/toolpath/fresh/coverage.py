@@ -1,4 +1,4 @@
-"""How much of a layer its lines cover, measured on a fine raster.
+"""Share of a layer that its lines cover, measured on a fine raster.
 
 Lines count as stadiums: all points within half a width of the centreline.
 """

@@ -1,4 +1,4 @@
-"""What fills the inside of the walls."""
+"""Filling of the space inside the walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How FRESH layers are written."""
+"""Options of writing FRESH layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was planned, in numbers."""
+"""Figures of a plan."""
 
 from __future__ import annotations
 

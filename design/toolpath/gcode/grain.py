@@ -1,4 +1,4 @@
-"""How finely a machine moves: what a toolpath is planned for before it is written."""
+"""Resolution of a machine's moves, for which a toolpath is planned."""
 
 from __future__ import annotations
 

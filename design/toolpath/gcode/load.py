@@ -1,4 +1,4 @@
-"""What one of several heads holds, and where it stands in a job that is being written."""
+"""Contents of one of several heads, and its place in the job being written."""
 
 from __future__ import annotations
 

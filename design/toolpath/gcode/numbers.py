@@ -1,4 +1,4 @@
-"""How finely each word must be written."""
+"""Number of decimals of each G-code word."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far it is from one piece to another along the vessels."""
+"""Distance from one piece to another along the vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one tree grows in: its arrays, how they are listed, and the points it may grow to."""
+"""State of one growing tree: its arrays, lists, and candidate terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a new branch leaves a segment: the best place by the linear model at the root."""
+"""Best branch point on a segment by the linear model at the root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where on its surface a tissue is deep enough for a wide root."""
+"""Places on a tissue's surface that are deep enough for a wide root."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a bifurcation fits: into the tissue, between its neighbours, and as a joint."""
+"""Check that a bifurcation fits: in the tissue, between neighbours, as a joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ends a growth: the final flows and radii, and the finished tree."""
+"""End of a growth: the final flows and radii, and the finished tree."""
 
 from __future__ import annotations
 

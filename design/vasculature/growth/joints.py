@@ -1,4 +1,4 @@
-"""Whether the vessels of a joint part: those that share a node, which no collision test sees."""
+"""Check that vessels sharing a node part: no collision test sees them."""
 
 from __future__ import annotations
 

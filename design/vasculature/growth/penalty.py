@@ -1,4 +1,4 @@
-"""What a branch point costs where it is: a factor on the whole cost, read from a grid."""
+"""Cost factor of a branch point's place, read from a grid."""
 
 from __future__ import annotations
 

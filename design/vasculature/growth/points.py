@@ -1,4 +1,4 @@
-"""Where new terminals may go: points sampled by demand, or points that the user gave."""
+"""Places for new terminals: sampled by demand, or given by the user."""
 
 from __future__ import annotations
 

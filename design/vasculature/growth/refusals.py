@@ -1,4 +1,4 @@
-"""What is said where growth can't go on."""
+"""Messages of a growth that can't go on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the root enters the tissue, and how far its stem reaches."""
+"""Entry of the root into the tissue, and length of its stem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where on the surface a root serves the tissue at least cost."""
+"""Search for the root on the surface that serves the tissue at least cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tree finds in its tissue: the vessels of others, and the part that is its own."""
+"""Surroundings of a tree: the vessels of others, and its own part of tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each terminal's territory asks for, against what the terminal supplies.
+"""Demand of each terminal's territory, against what the terminal supplies.
 
 A terminal's territory is the part of the tissue that is nearer to it than to any other terminal
 (its Voronoi cell). Its demand is measured on points that fill the tissue evenly, weighed by

@@ -1,4 +1,4 @@
-"""Whether joints keep the limits on their angles and flows."""
+"""Check joints against the limits on their angles and flows."""
 
 from __future__ import annotations
 

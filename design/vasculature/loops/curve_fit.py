@@ -1,4 +1,4 @@
-"""Whether a connection fits between two terminals, and what it costs: Bézier or routed alike."""
+"""Fit and cost of a connection between two terminals, Bézier or routed alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user may ask of connections between trees."""
+"""Options of connections between trees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which arterial terminal is joined to which venous one."""
+"""Matching of arterial with venous terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a branch point fits at another place: tissue, neighbours and the joints around it."""
+"""Check a moved branch point: tissue, neighbours and the joints around it."""
 
 from __future__ import annotations
 

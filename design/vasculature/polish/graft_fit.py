@@ -1,4 +1,4 @@
-"""Whether a branch fits where it is to be grafted, and what it leaves behind."""
+"""Check a branch at its new place, and what it leaves behind."""
 
 from __future__ import annotations
 

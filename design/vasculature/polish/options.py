@@ -1,4 +1,4 @@
-"""What a user may ask of a polish."""
+"""Options of a polish."""
 
 from __future__ import annotations
 

@@ -94,6 +94,7 @@ FAMILY: Final = Family(
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,
         },
+        questions=("SET_IDLE_TIMEOUT",),
         resets=_CLEAN,
         awaits_cooling=frozenset({"M109", "M190"}),
     ),

@@ -1,7 +1,8 @@
 """Facts about Marlin.
 
 Sources: https://marlinfw.org/meta/gcode/ (M85, M302, M900, M218); the recorded bugfix-2.1.x (M503
-S0, M211, M220: ``FR:100%``, M221: ``E0 Flow: 100%``, M111: ``DEBUG:DRYRUN``).
+S0, M211, M220: ``FR:100%``, M221: ``E0 Flow: 100%``, M111: ``DEBUG:DRYRUN``, M302 ``Cold extrudes
+are disabled (min temp 170C)``, M85 ``Inactivity timeout 600 s.``).
 
 Motors after a kill: it leaves its step interrupts on, so that its words get out, and what the
 planner holds goes on being made. Measured on bugfix-2.1.x: 0.47 to 0.67 s.
@@ -71,7 +72,7 @@ FAMILY: Final = Family(
             of_others=("M218 T{head} X0 Y0 Z0", "M221 T{head} S100", "M200 T{head} D0"),
         )
     ),
-    gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111", "M302")),
+    gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111", "M302", "M85")),
     probe=ProbeFacts((b"M115", b"M503", b"M211")),
     timeout=TIMEOUT,
     cold=ColdExtrusion("send M302 P1 before", _m302),

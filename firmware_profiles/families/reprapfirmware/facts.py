@@ -3,8 +3,9 @@
 Sources: RepRapFirmware 3.5 ``GCodes2.cpp`` (M302 P1 as Marlin's; M85 is taken and does nothing, M84
 S lowers the idle motors' current only; M203 in mm/min; G92 X Y Z makes the axes count as homed,
 ``GCodes::SetPositions``; ``StringParser.cpp``: a G or M outside of quotes begins another command of
-the line, but in the text without quotes of M23, M28, M30, M32, M36 and M117; M220 and M221 answer a
-number and ``%``); docs.duet3d.com (M572, G10 P).
+the line, but in the text without quotes of M23, M28, M30, M32, M36 and M117; a text that begins
+with a brace is an expression, behind which the line goes on with the next command; M220 and M221
+answer a number and ``%``); docs.duet3d.com (M572, G10 P).
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ FAMILY: Final = Family(
         crc16=True,
         powers_of_ten=True,
         rest_codes=codes("M", 23, 28, 30, 32, 36, 117),
+        expressions=True,
         e_rule="alone",
     ),
     dialect=always(

@@ -1,4 +1,4 @@
-"""Where lines meet or are not to meet: a comb of gaps, joints, bridges between pillars."""
+"""Patterns of lines that meet or don't: gaps, joints, bridges between pillars."""
 
 from __future__ import annotations
 

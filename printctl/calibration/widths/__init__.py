@@ -1,4 +1,4 @@
-"""What a calibration print's widths say of an ink: from a picture, or typed in."""
+"""Ink properties from a calibration print's widths: by picture, or typed in."""
 
 from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
 from printctl.calibration.widths.factors import Known

@@ -1,4 +1,4 @@
-"""What a calibration print says: numbers, a table, what can't be told, and what a profile gets."""
+"""Result of a calibration print: numbers, table, doubts, entries of a profile."""
 
 from __future__ import annotations
 

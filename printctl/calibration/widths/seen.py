@@ -19,6 +19,7 @@ from printctl.calibration.patterns import (
 from printctl.calibration.patterns.plan import MARGIN_MM
 from printctl.calibration.widths.answer import FloatArray, Replies, Widths
 from printctl.errors import UsageError
+from registration.lens import Lens
 from registration.microscope import (
     Crossing,
     GapWidth,
@@ -32,7 +33,6 @@ from registration.microscope import (
     marked_view,
     measure_gaps,
     measure_lines,
-    opencv,
     read_picture,
 )
 
@@ -79,10 +79,13 @@ class Given:
         By a stage micrometer; the frame's size as printed without.
     marks_px : (4, 2) float64 or None
         Corners of the frame.
+    lens : Lens or None
+        Of the camera, with its scale.
     """
 
     um_per_px: float | None = None
     marks_px: FloatArray | None = None
+    lens: Lens | None = None
 
 
 def look(path: Path, written: Written, given: Given) -> Seen:
@@ -101,25 +104,27 @@ def look(path: Path, written: Written, given: Given) -> Seen:
             "whether a bridge sagged can't be seen from above; look from the side and type 1 or 0 "
             "into the sheet (.csv)"
         )
-    cv2, picture = opencv(path), read_picture(path)
+    lens, marks_px = given.lens, given.marks_px
+    picture = read_picture(path, lens)
     target = _target(pattern, written.mounted.swell_factor or 1.0)
-    if given.marks_px is None:
-        view = find_view(cv2, picture, target)
+    if marks_px is None:
+        view = find_view(picture, target)
     else:
-        view = marked_view(cv2, picture, target, given.marks_px)
-    scale, notes = _scale(view, given.um_per_px)
+        marks_px = marks_px if lens is None else lens.straight_pixels(marks_px)
+        view = marked_view(picture, target, marks_px)
+    scale, notes = _scale(view, given)
     gaps = [Crossing(one.number, one.lines) for one in pattern.questions]
-    lines, shade = measure_lines(cv2, picture, view, _lines(pattern, bool(gaps)))
+    lines, shade = measure_lines(picture, view, _lines(pattern, bool(gaps)))
     notes += _told(view, shade, pattern)
     if not gaps:
-        drawn = annotated(cv2, picture, view, target, lines, [])
+        drawn = annotated(picture, view, target, lines, [])
         widths = _widths(lines, scale, shade)
         return Seen(widths, None, _table_of_widths(written, widths), drawn, notes)
     bead = float(np.nanmedian(np.concatenate([one.width_mm for one in lines])))
     contrast = float(np.nanmedian(np.concatenate([one.height for one in lines])))
     wider = bead - float(shade.half_width(np.array([bead]))[0])
-    found = measure_gaps(cv2, picture, view, gaps, contrast, wider)
-    drawn = annotated(cv2, picture, view, target, [], list(zip(gaps, found, strict=True)))
+    found = measure_gaps(picture, view, gaps, contrast, wider)
+    drawn = annotated(picture, view, target, [], list(zip(gaps, found, strict=True)))
     replies = _replies(found, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
     return Seen(None, replies, _table_of_gaps(written, replies), drawn, notes)
 
@@ -164,17 +169,19 @@ def _apart(strokes: Sequence[Stroke]) -> float:
     return float(np.diff(heights).min()) if len(heights) > 1 else 2 * MARGIN_MM
 
 
-def _scale(view: View, given: float | None) -> tuple[float, list[str]]:
+def _scale(view: View, given: Given) -> tuple[float, list[str]]:
     """Factor on all lengths: the user's scale over the frame's."""
-    if given is None:
+    scale = given.um_per_px if given.lens is None else given.lens.um_per_px
+    if scale is None:
         return 1.0, [
             "the picture is scaled by the frame as printed: widths are as right as the printer's "
-            "axes (--um-per-px takes a stage micrometer's word instead)"
+            "axes (--um-per-px takes a stage micrometer's word instead, --camera a board's)"
         ]
-    ratio = given / view.um_per_px
+    said = "--um-per-px" if given.lens is None else "--camera: scale"
+    ratio = scale / view.um_per_px
     if abs(ratio - 1) > _SCALES:
         raise UsageError(
-            f"--um-per-px {given:g}, and by its frame the picture has {view.um_per_px:.3g} µm a "
+            f"{said} {scale:.4g}, and by its frame the picture has {view.um_per_px:.3g} µm a "
             f"pixel ({ratio - 1:+.0%}, {_SCALES:.0%} allowed): is it another pattern's picture, "
             "was it resized, or are the printer's steps wrong (printctl calibrate backlash)?"
         )

@@ -1,4 +1,4 @@
-"""What the simulated printer did in one well, out of what it did on the whole plate."""
+"""One well's share of the simulated motion on a whole plate."""
 
 from __future__ import annotations
 

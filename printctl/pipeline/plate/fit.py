@@ -1,4 +1,4 @@
-"""Whether a part fits into a well, before anything is planned for it."""
+"""Check that a part fits into a well, before anything is planned."""
 
 from __future__ import annotations
 

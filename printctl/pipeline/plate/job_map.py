@@ -1,4 +1,4 @@
-"""What the map of a plate's job says besides its lines: wells, strands, all that is written."""
+"""Map of a plate's job besides its lines: wells, strands, all that is written."""
 
 from __future__ import annotations
 

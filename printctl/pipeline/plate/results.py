@@ -1,4 +1,4 @@
-"""What a run over a plate leaves for people: report.html, report.json, wells.csv, plate.svg."""
+"""Results of a plate's run: report.html, report.json, wells.csv, plate.svg."""
 
 from __future__ import annotations
 

@@ -40,11 +40,15 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
+from registration.gauging.near_lumen import apart
 from registration.judging import judge
+from registration.optics import relaid
 from registration.result import SIGN, scaled_vertices
+from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
 
 NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+VIEWS = "views.npz"
 SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
 
 _MOST_VOXELS = 8_000_000
@@ -78,20 +82,24 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         **judge(report_dict(found), context.recipe.registration.all_tolerances()),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
+        "by_surface": surface_facts(found, context.network),
         "design": design_facts(context.folder / NETWORK),
     }
     part = context.scan_part
     if isinstance(part, FileScan):
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
+    add_scan_places(summary, scan, found)
     add_traces(summary, context, found)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
+    views = take_views(scan, model, found, summary, not relaid(scan))
+    save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
-    return summary, [NUMBERS, DEVIATION, *names]
+    return summary, [NUMBERS, DEVIATION, VIEWS, *names]
 
 
 def _options(context: RunContext) -> RegistrationOptions:
@@ -106,6 +114,17 @@ def _options(context: RunContext) -> RegistrationOptions:
 def design_facts(network: Path) -> dict[str, str]:
     """What tells this design's registrations from another's, for a comparison of prints."""
     return {"network_sha256": digest_file(network)}
+
+
+def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+    """Deviations of lumens and of outer faces apart."""
+    seen = found.seen
+    return apart(
+        scaled_vertices(found)[seen],
+        network,
+        found.deviation_um[seen],
+        found.scaled_deviation_um[seen],
+    )
 
 
 def scan_facts(scan: Scan) -> dict[str, Any]:

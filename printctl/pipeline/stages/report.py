@@ -20,7 +20,7 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
-from printctl.pipeline.stages.registration import DEVIATION, load_deviation
+from printctl.pipeline.stages.registration import DEVIATION, VIEWS, load_deviation
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, all_figures, write_report_html
@@ -28,6 +28,7 @@ from registration.report.deviation_surfaces import split_surfaces
 from registration.report.flow_figures import wave_figure
 from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section
+from registration.views import load_views
 
 _SECTIONS = {
     "tissue": "tissue",
@@ -93,15 +94,17 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    drawn = figures(context)
+    drawn, views = figures(context), load_views(context.folder / VIEWS)
     if pdf:  # once for both; the page alone draws while it packs
-        drawn = all_figures(data, context.network, drawn)
+        drawn = all_figures(data, context.network, drawn, views)
     play = context.folder / PLAYED
     shown = play_section(load_played(play)) if play.is_file() else None
-    write_report_html(context.folder / HTML, data, surfaces(context), context.network, drawn, shown)
+    write_report_html(
+        context.folder / HTML, data, surfaces(context), context.network, drawn, shown, views
+    )
     if pdf:
         told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
-        write_report_pdf(context.folder / PDF, told, context.network, drawn)
+        write_report_pdf(context.folder / PDF, told, context.network, drawn, views)
     return data
 
 

@@ -1,4 +1,4 @@
-"""What every route may answer besides its result."""
+"""Answers of every route besides its result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the Design room's routes take and give."""
+"""Requests and answers of the Design room's routes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a recipe, each thing at its field, in the product's own words."""
+"""Faults of a recipe, each at its field, in the product's own words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the Design room does; no web in it."""
+"""Service of the Design room; no web in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the API's part about the history takes and gives."""
+"""Requests and answers of the history's API."""
 
 from __future__ import annotations
 

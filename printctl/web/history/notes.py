@@ -1,4 +1,4 @@
-"""What the operator noted of a print: lots, cells, steps, notes. Whatever is there is shown."""
+"""The operator's notes of a print: lots, cells, steps, texts. Everything is shown."""
 
 from __future__ import annotations
 

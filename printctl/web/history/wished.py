@@ -1,4 +1,4 @@
-"""Which prints somebody wants to see: as a form, as an address, as a question to the index."""
+"""Selection of prints: as a form, an address, a query of the index."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done after a print, and written down: steps, notes, photos, warming, flushing."""
+"""Records after a print: steps, notes, photos, warming, flushing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the tip stands against the job's start, and a button that brings it there."""
+"""Offset of the tip from the job's start, and a button to move there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a job itself says that it starts."""
+"""A job's own declaration of its start."""
 
 from __future__ import annotations
 

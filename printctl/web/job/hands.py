@@ -1,4 +1,4 @@
-"""What may be done to a print that goes on; asking twice does no harm."""
+"""Commands to a print that goes on; asking twice does no harm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the API of the job's room takes and gives."""
+"""Requests and answers of the job's API."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is offered for a print that broke off: go on, recover, give up."""
+"""Choices for a print that broke off: go on, recover, give up."""
 
 from __future__ import annotations
 

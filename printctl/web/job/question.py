@@ -1,4 +1,4 @@
-"""What the process that looks at jobs is asked."""
+"""Question to the process that inspects jobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people write down of a print: lots, cells, who; every change is kept."""
+"""People's records of a print: lots, cells, operator; every change is kept."""
 
 from __future__ import annotations
 

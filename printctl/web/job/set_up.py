@@ -1,4 +1,4 @@
-"""What a job is to be printed with, as the page's form and the API say it."""
+"""Set-up of a job, as the page's form and the API give it."""
 
 from __future__ import annotations
 

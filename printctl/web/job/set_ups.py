@@ -1,4 +1,4 @@
-"""What was said of each job's set-up, kept between visits."""
+"""Set-ups of jobs, kept between visits."""
 
 from __future__ import annotations
 

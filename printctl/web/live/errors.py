@@ -1,4 +1,4 @@
-"""What can go wrong with a live view."""
+"""Errors of a live view."""
 
 from __future__ import annotations
 

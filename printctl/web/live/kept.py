@@ -1,4 +1,4 @@
-"""Where a job's scene is kept."""
+"""Store of a job's scene."""
 
 from __future__ import annotations
 

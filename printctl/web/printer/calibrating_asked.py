@@ -1,4 +1,4 @@
-"""What a calibration is asked for, and what it was read; the page's and the API's words."""
+"""Options and readings of a calibration; the page's and the API's words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person does with the machine by the page: move, heat, push, say what is mounted."""
+"""Manual commands by the page: move, heat, push, declare what is mounted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the printer's routes take and give."""
+"""Requests and answers of the printer's routes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which calibrations there are, what each needs, and which can be done on the page."""
+"""List of calibrations, their needs, and those possible on the page."""
 
 from __future__ import annotations
 

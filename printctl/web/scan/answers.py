@@ -1,4 +1,4 @@
-"""What the Scan room's routes take and give."""
+"""Requests and answers of the Scan room's routes."""
 
 from __future__ import annotations
 

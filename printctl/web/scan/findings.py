@@ -1,4 +1,4 @@
-"""What a registration found, in words and rows."""
+"""A registration's findings in words and rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the Scan room does; no web in it."""
+"""Service of the Scan room; no web in it."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def opened(scan: Scan) -> Opened:
     values = sample(scan.volume)
     low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     high = high if high > low else low + 1.0
-    return Opened(scan, low, high, otsu(values))
+    return Opened(scan, low, high, _threshold(values))
 
 
 def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
@@ -71,28 +71,11 @@ def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
     return found if len(found) else np.zeros(1)
 
 
-def otsu(values: NDArray[np.float64], bins: int = 256) -> float:
-    """The threshold that parts values into two classes with the greatest variance between them.
+def _threshold(values: NDArray[np.float64]) -> float:
+    """Otsu's threshold; the value itself where there is only one."""
+    from skimage.filters import threshold_otsu  # slow to load: only for who opens a scan
 
-    Parameters
-    ----------
-    values : (n,) float64
-    bins : int
-
-    Notes
-    -----
-    σ²(t) = w₀ w₁ (μ₀ − μ₁)² (Otsu, IEEE Trans. SMC 9, 1979, eq. 14).
-    """
-    counts, edges = np.histogram(values, bins)
-    middles = (edges[:-1] + edges[1:]) / 2
-    weight = np.cumsum(counts)
-    moment = np.cumsum(counts * middles)
-    other = weight[-1] - weight
-    with np.errstate(divide="ignore", invalid="ignore"):
-        between = weight * other * (moment / weight - (moment[-1] - moment) / other) ** 2
-    if not np.isfinite(between[:-1]).any():
-        return float(middles[0])
-    return float(edges[1 + int(np.nanargmax(between[:-1]))])
+    return float(threshold_otsu(values))
 
 
 def plane(volume: NDArray[Any], axis: Axis, index: int) -> NDArray[Any]:

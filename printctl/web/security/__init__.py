@@ -1,1 +1,1 @@
-"""Who may ask for what: the guard at the door, sessions, log-in, uploads."""
+"""Access control: the guard at the door, sessions, log-in, uploads."""

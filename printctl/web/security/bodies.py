@@ -1,4 +1,4 @@
-"""How large a request may be."""
+"""Size limits of requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the guard, the log-in and the stop door must agree on."""
+"""Constants shared by the guard, the log-in and the stop door."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes: a name can say anything."""
+"""Kind of a file by its first bytes: a name can say anything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often a password may be tried."""
+"""Limit on password attempts."""
 
 from __future__ import annotations
 

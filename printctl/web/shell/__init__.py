@@ -1,1 +1,1 @@
-"""What every page has: header, ways between the pages, the red stop, light and dark."""
+"""Frame of every page: header, navigation, the red stop, light and dark."""

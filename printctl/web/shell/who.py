@@ -1,4 +1,4 @@
-"""Who looks at a page."""
+"""Visitor of a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the stop door is told when it is started: one line of JSON on its standard input."""
+"""Start message of the stop door: one line of JSON on its standard input."""
 
 from __future__ import annotations
 

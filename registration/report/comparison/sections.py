@@ -1,4 +1,4 @@
-"""What the page says of a comparison: key figures, facts and tables."""
+"""Sections of a comparison's page: key figures, facts and tables."""
 
 from __future__ import annotations
 

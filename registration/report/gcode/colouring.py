@@ -1,4 +1,4 @@
-"""What the lines of a job can be coloured by, and between which numbers."""
+"""Colour scales of a job's lines, and their limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a G-code file writes, move by move, as the page and the picture take it."""
+"""Moves of a G-code file, as the page and the picture take them."""
 
 from __future__ import annotations
 

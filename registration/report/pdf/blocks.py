@@ -1,4 +1,4 @@
-"""What stands on top of every PDF: name, verdict, key figures; and pairs side by side."""
+"""Head of every PDF (name, verdict, key figures), and pairs side by side."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from registration.report.errors import ReportError
 if TYPE_CHECKING:  # statistics are slow to load, and only a comparison needs them
     from registration.comparison import Comparison
     from registration.report.comparison import Drawn
+    from registration.views import Views
 
 _LIBRARY = "reportlab"
 
@@ -30,6 +31,7 @@ def write_report_pdf(
     data: Mapping[str, Any],
     network: VesselNetwork | None = None,
     figures: Mapping[str, bytes] | None = None,
+    views: Views | None = None,
 ) -> None:
     """Write report.json's dict as a PDF; same input, same bytes.
 
@@ -44,6 +46,8 @@ def write_report_pdf(
         For the drawings of the design.
     figures : dict of "section/caption" to SVG or PNG, or None
         As `registration.report.write_report_html` takes them.
+    views : Views or None
+        Raw pictures of findings.
 
     Raises
     ------
@@ -55,7 +59,7 @@ def write_report_pdf(
     _need()
     from registration.report.pdf.report import report_pdf  # reportlab is an extra
 
-    write_bytes(path, report_pdf(data, network, figures or {}))
+    write_bytes(path, report_pdf(data, network, figures or {}, views))
 
 
 def write_comparison_pdf(

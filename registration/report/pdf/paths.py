@@ -1,4 +1,4 @@
-"""What an SVG says in attributes: paths, styles, transforms."""
+"""Parse an SVG's attributes: paths, styles, transforms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ _NUMBER: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _TAKES: Final = {"M": 2, "L": 2, "Q": 4, "C": 6, "H": 1, "V": 1}
 _INHERITED: Final = (
     "fill", "stroke", "stroke-width", "stroke-linejoin", "stroke-linecap", "stroke-dasharray",
-    "stroke-dashoffset", "font-size", "font-weight", "font", "text-anchor",
+    "stroke-dashoffset", "fill-opacity", "stroke-opacity", "font-size", "font-weight", "font",
+    "text-anchor",
 )  # fmt: skip
 
 Style = dict[str, str]

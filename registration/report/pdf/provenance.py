@@ -1,4 +1,4 @@
-"""Where the numbers come from: recipe, scan, print, versions, digests."""
+"""Provenance of the numbers: recipe, scan, print, versions, digests."""
 
 from __future__ import annotations
 

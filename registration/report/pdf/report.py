@@ -9,6 +9,7 @@ from reportlab.platypus import Flowable, KeepTogether, Spacer
 
 from design.network import VesselNetwork
 from registration.report.budget_table import budget_table
+from registration.report.finding_figures import views_note
 from registration.report.gauging_sections import defect_table, printed_facts, two_way_rows
 from registration.report.key_figures import key_figures
 from registration.report.page import all_figures
@@ -18,22 +19,32 @@ from registration.report.pdf.drawing import figure
 from registration.report.pdf.look import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
 from registration.report.pdf.tables import data_table, fact_lines, grid
-from registration.report.pdf.uncertainty import fitted_rows, sure_facts
+from registration.report.pdf.uncertainty import fitted_rows, pose_doubts, sure_facts
 from registration.report.record import record_facts
-from registration.report.sections import fit_rows, mapping, vessel_summary, vessel_table
+from registration.report.sections import (
+    fit_rows,
+    mapping,
+    surface_rows,
+    vessel_summary,
+    vessel_table,
+)
 from registration.report.wording import plain
+from registration.views import Views
 
 Figures = Mapping[str, Sequence[tuple[str, bytes]]]
 
 
 def report_pdf(
-    data: Mapping[str, Any], network: VesselNetwork | None, figures: Mapping[str, bytes]
+    data: Mapping[str, Any],
+    network: VesselNetwork | None,
+    figures: Mapping[str, bytes],
+    views: Views | None = None,
 ) -> bytes:
     """The file's bytes; parameters as `write_report_pdf`'s."""
     name, verdict = plain(data.get("recipe") or "Scan against design"), mapping(data, "verdict")
     when = printed_on(data)
     return built(
-        report_story(data, network, figures),
+        report_story(data, network, figures, views),
         Facts(
             title=f"{name}: registration report",
             subject=f"{outcome(verdict)}: {'; '.join(map(plain, verdict.get('reasons') or []))}",
@@ -43,11 +54,14 @@ def report_pdf(
 
 
 def report_story(
-    data: Mapping[str, Any], network: VesselNetwork | None, figures: Mapping[str, bytes]
+    data: Mapping[str, Any],
+    network: VesselNetwork | None,
+    figures: Mapping[str, bytes],
+    views: Views | None = None,
 ) -> list[Flowable]:
     """Everything in its order: verdict first, provenance last."""
     registration = mapping(data, "registration")
-    drawn = _by_place(all_figures(data, network, figures))
+    drawn = _by_place(all_figures(data, network, figures, views))
     name = plain(data.get("recipe") or "Scan against design")
     return [
         *head("registration report", name, meta_line(data), mapping(data, "verdict"),
@@ -56,6 +70,8 @@ def report_story(
         *_uncertainty(registration),
         *_vessels(registration, drawn),
         *_defects(registration),
+        *map(KeepTogether, _drawn(drawn, "findings", WIDTH)),
+        *([text(views_note(views), SMALL)] if views and views.findings else []),
         *map(KeepTogether, _drawn(drawn, "profiles", WIDTH)),
         *_each_vessel(registration),
         *_pictures(drawn),
@@ -93,7 +109,17 @@ def _deviation(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable
     scaled, rigid = (_drawn(drawn, "histogram", HALF) + [[], []])[:2]
     left = [table, text(said, SMALL), Spacer(0, 6), *rigid]
     right = [*scaled, *_flat(_drawn(drawn, "curve", HALF))]
-    return [text("Deviation", HEADING), pair(left, right)]
+    return [text("Deviation", HEADING), pair(left, right), *_apart(registration)]
+
+
+def _apart(registration: Mapping[str, Any]) -> list[Flowable]:
+    """Lumens and outer faces in a table of their own."""
+    rows = surface_rows(registration)
+    if not rows:
+        return []
+    heads = ["", "Lumens,\nrigid", "Lumens,\nscaled", "Outer faces,\nrigid", "Outer faces,\nscaled"]
+    table = grid(heads, rows, [False, True, True, True, True])
+    return [KeepTogether([text("Lumens and outer faces apart", MINOR), table])]
 
 
 def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:
@@ -104,7 +130,11 @@ def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:
     right = [fact_lines(sure, HALF)] if sure else []
     budgets = budget_table(registration)
     table = data_table(budgets) if budgets is not None else []
-    return [KeepTogether([text("Uncertainty", HEADING), pair(left, right)]), *table]
+    # Not beside the rest: a pair can't be broken over pages, and there may be many doubts.
+    doubts = [
+        text(f"Doubt of the pose: {doubt}", BULLET, "•") for doubt in pose_doubts(registration)
+    ]
+    return [KeepTogether([text("Uncertainty", HEADING), pair(left, right)]), *doubts, *table]
 
 
 def _vessels(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable]:

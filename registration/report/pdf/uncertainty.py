@@ -1,4 +1,4 @@
-"""How sure the registration is of what it fitted, as rows and facts."""
+"""Uncertainty of the fitted registration, as rows and facts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ def sure_facts(registration: Mapping[str, Any]) -> list[Fact]:
         made.append(Fact("Pose ambiguous", plain(ambiguity.get("flag"))))
         if is_number(ambiguity.get("margin")):
             made.append(Fact("Margin to the best wrong pose", number(ambiguity["margin"], 3)))
-        made += [Fact("Doubt of the pose", plain(doubt)) for doubt in ambiguity.get("doubts") or ()]
     if mapping(registration, "lay"):
         made.append(Fact("The part lay", plain(registration["lay"]["words"])))
     if "cross_check_um" in registration:
@@ -59,6 +58,12 @@ def sure_facts(registration: Mapping[str, Any]) -> list[Fact]:
         walls = registration["walls"]
         made.append(Fact("Calibration of walls", "none" if walls is None else plain(walls)))
     return made
+
+
+def pose_doubts(registration: Mapping[str, Any]) -> list[str]:
+    """What speaks against calling the pose sure, a sentence each."""
+    doubts = mapping(registration, "ambiguity").get("doubts")
+    return [plain(doubt) for doubt in doubts or ()]
 
 
 def _three(values: Any) -> Sequence[Any]:

@@ -1,4 +1,4 @@
-"""What a print is predicted to lay, stretch by stretch of its time."""
+"""Predicted ink of a print, stretch by stretch of its time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
 // Starts the page's parts; each works without the others.
+import { startSections } from "report/sections";
 import { startSelection } from "report/selection";
 import { startTables } from "report/tables";
 import { startTheme } from "report/theme";
@@ -20,4 +21,6 @@ if (block) {
     console.warn(`3D view: ${error.message}`);
   }
 }
+const sections = document.getElementById("sections-data");
+if (sections) await startSections(JSON.parse(sections.textContent));
 document.documentElement.dataset.state = "ready";

@@ -1,4 +1,4 @@
-"""What terminals supply over what the tissue nearest to each asks for."""
+"""Supply of terminals over the demand of the tissue nearest to each."""
 
 import numpy as np
 import pytest

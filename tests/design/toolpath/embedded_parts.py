@@ -1,4 +1,4 @@
-"""What the planner makes of a network before it orders anything, part by part."""
+"""The planner's steps before ordering a network, part by part."""
 
 from __future__ import annotations
 

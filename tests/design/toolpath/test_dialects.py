@@ -1,4 +1,4 @@
-"""What a job says to each firmware family before its first move and after its last."""
+"""A job's text for each firmware family before its first move and after its last."""
 
 from __future__ import annotations
 

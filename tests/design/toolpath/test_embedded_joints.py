@@ -1,4 +1,4 @@
-"""Which side of a joint goes on into the other, on passes laid by hand."""
+"""Side of a joint that goes on into the other, on passes laid by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps lumens clean: leads into the material, hops, and compensation of shrinkage."""
+"""Clean lumens: leads into the material, hops, and compensation of shrinkage."""
 
 from __future__ import annotations
 

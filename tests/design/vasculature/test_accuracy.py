@@ -1,4 +1,4 @@
-"""How near the chosen bifurcation comes to the best that a resolved search finds, by depth.
+"""Distance of the chosen bifurcation from a resolved search's best, by depth.
 
 As in the paper's figure 2C. Accuracy is the part of what can be gained over the segment's middle
 that the chosen place gains, both by the exact cost of the whole tree.

@@ -1,4 +1,4 @@
-"""What is taken from a tree whose vessels are too wide, and what is left of it."""
+"""Pruning of a tree whose vessels are too wide, and its rest."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What bash is offered when a word is completed, asked as bash asks."""
+"""Bash completion of words, asked as bash asks."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""What the command line says of failures."""
+"""Messages of the command line on failures."""
 
 import errno
 

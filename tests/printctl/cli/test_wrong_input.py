@@ -1,4 +1,4 @@
-"""What a new user gets wrong: one message, the right exit code, no traceback."""
+"""A new user's mistakes: one message, the right exit code, no traceback."""
 
 from __future__ import annotations
 

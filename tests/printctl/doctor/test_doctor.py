@@ -1,4 +1,4 @@
-"""What the doctor finds, and that its exit code says whether it blocks."""
+"""Findings of the doctor, and an exit code that says whether they block."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What one print had alone, among faults that all have; and prints that don't go together."""
+"""Faults of one print among faults of all; prints that don't go together."""
 
 from __future__ import annotations
 

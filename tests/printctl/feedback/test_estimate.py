@@ -155,6 +155,35 @@ def test_defects_are_left_out_of_what_is_measured() -> None:
     assert 15 in {vessel.vessel for vessel in always.vessels}
 
 
+def withdrawn(print_: Print, vessels: range) -> Print:
+    """A print of which some vessels' diameters have no interval."""
+    rows = [
+        row | {"interval_95_um": [None if row["vessel"] in vessels else 4.0] * len(row["along_mm"])}
+        for row in print_.found["vessels"]
+    ]
+    return replace(print_, found=print_.found | {"vessels": rows})
+
+
+def test_a_diameter_without_an_interval_corrects_nothing() -> None:
+    lab = Lab(faults_mm={15: -0.06})
+    told = estimate([withdrawn(lab.print(), range(0)) for _ in range(3)], CALIBRATED)
+    assert 15 in {vessel.vessel for vessel in told.vessels}
+    untold = estimate([withdrawn(lab.print(), range(15, 16)) for _ in range(3)], CALIBRATED)
+    assert 15 not in {vessel.vessel for vessel in untold.vessels}
+
+
+def test_a_fitted_scale_without_an_interval_is_not_corrected_by_the_surface() -> None:
+    # Lumens that don't tell the size: the surface alone would.
+    lab = Lab(shrink=(0.97, 0.97, 1.0))
+    print_ = lab.print()
+    nothing = [row | {"shift_along_um": [[None] * 3] * len(row["along_mm"])}
+               for row in print_.found["vessels"]]  # fmt: skip
+    found = replace(print_, found=print_.found | {"vessels": nothing})
+    assert estimate([found], CALIBRATED).stretch.factor[0] > 1.02
+    facts = found.facts.model_copy(update={"scale_interval_95": (None, None, None)})
+    assert estimate([replace(found, facts=facts)], CALIBRATED).stretch.factor[0] == 1.0
+
+
 @pytest.mark.parametrize(
     ("lab", "says"),
     [

@@ -1,4 +1,4 @@
-"""What `register` keeps of the run that a scanned part was made by, and says where it can't."""
+"""Origin of a scanned part in `register`: its run, or that none is known."""
 
 from __future__ import annotations
 

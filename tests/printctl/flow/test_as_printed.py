@@ -26,7 +26,8 @@ from design.network_csv import write_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import even_radii, open_part, printed_lumens
 from printctl.flow.printed_case import AS_PRINTED, PrintedCase, recipe_of, solve_as_printed
-from printctl.flow.printed_fidelities import Pair, lumped, printed_summary
+from printctl.flow.printed_fidelities import FlowIntervals, Pair, lumped, printed_summary
+from printctl.flow.printed_intervals import flow_intervals, lumen_errors
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
 from tests.system.cli import called as printctl
@@ -269,3 +270,64 @@ def test_3d_says_what_0d_says_of_long_vessels(run: Path) -> None:
     # Closed: nothing flows. The bridge of a symmetric design: next to nothing.
     assert float(space[2]["share"]) == 0.0
     assert np.isnan(float(space[6]["designed_resistance_pa_s_ul"]))
+
+
+def with_intervals(found: Any, half: float, shared: float) -> Any:
+    """Rows whose resistances are known to ± `half` (95 %, of the logarithm)."""
+    budget = [{"type": "B", "share": shared}, {"type": "A", "share": 1.0 - shared}]
+    ends = [float(np.exp(-half)), float(np.exp(half))]
+    return [{**row, "resistance_ratio_interval_95": ends, "budget": budget} for row in found]
+
+
+def ends_of(half: float, shared: float) -> FlowIntervals:
+    network, found = ladder(), with_intervals(rows(ladder(), EVERY), half, shared)
+    part = open_part(printed_lumens(network, found), network)
+    conditions = FlowConditions(WATER, inlet_flow_ul_s=1.0)
+    ends = flow_intervals(part, conditions, lumen_errors(found), 7)
+    assert ends is not None
+    return ends
+
+
+def test_an_error_that_all_lumens_share_goes_whole_into_the_pressure_and_not_into_the_split() -> (
+    None
+):
+    ends = ends_of(half=0.2, shared=1.0)
+    # R of each vessel is off by the same factor, and so is the drop.
+    assert np.log(ends.drop_pa[1] / ends.drop_pa[0]) == pytest.approx(0.4, rel=0.12)
+    assert_allclose(ends.share[1], ends.share[0], atol=1e-9)
+
+
+def test_errors_of_their_own_average_out_in_the_pressure_and_move_the_split() -> None:
+    alike, own = ends_of(half=0.2, shared=1.0), ends_of(half=0.2, shared=0.0)
+    assert np.ptp(own.drop_pa) < 0.8 * np.ptp(alike.drop_pa)
+    assert (own.share[1] - own.share[0])[1] > 0.02
+    # Half of the flow goes each way: ends lie on both sides.
+    assert own.share[0, 1] < 0.5 < own.share[1, 1]
+
+
+def test_a_withdrawn_diameter_leaves_no_interval_of_any_flow() -> None:
+    found = with_intervals(rows(ladder(), EVERY), 0.2, 0.5)
+    found[3]["resistance_ratio_interval_95"] = [None, None]
+    errors = lumen_errors(found)
+    assert not errors.known
+    network = ladder()
+    part = open_part(printed_lumens(network, found), network)
+    assert flow_intervals(part, FlowConditions(WATER, inlet_flow_ul_s=1.0), errors, 7) is None
+
+
+def test_a_vessel_that_was_not_measured_errs_more_than_those_that_were() -> None:
+    found = with_intervals(rows(ladder(), dict.fromkeys(range(6), 0.9)), 0.2, 0.0)
+    for k, row in enumerate(found):
+        row["error_percent"] = None if k == 6 else -10.0 + 4.0 * (k % 2)
+    errors = lumen_errors(found)
+    assert errors.own[6] > 1.2 * errors.own[0]
+
+
+def test_a_closed_vessel_has_no_flow_in_any_draw() -> None:
+    found = with_intervals(rows(ladder(), EVERY, closed=(1,)), 0.2, 0.5)
+    network = ladder()
+    part = open_part(printed_lumens(network, found), network)
+    ends = flow_intervals(part, FlowConditions(WATER, inlet_flow_ul_s=1.0), lumen_errors(found), 7)
+    assert ends is not None
+    assert_allclose(ends.flow[:, 1], 0.0)
+    assert np.isinf(ends.resistance[:, 1]).all()

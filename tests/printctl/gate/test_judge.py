@@ -1,4 +1,4 @@
-"""What passes the gate, by each door and in each state."""
+"""Passes of the gate, by each door and in each state."""
 
 from __future__ import annotations
 
@@ -58,6 +58,16 @@ def refusal(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> s
 def test_nothing_that_moves_beyond_heats_beyond_or_sets_passes_a_console(typed):
     for known in MOMENTS:
         assert refusal(typed, known)
+
+
+@pytest.mark.parametrize("door", Door)
+@pytest.mark.parametrize(
+    "typed",
+    ["M117 {1} M104 S250", "M117 {1} G1 Z-50 F6000", "M117 (a) {1} M500", "M117 {}", "M117 {1}{2}"]
+    + ['M117 "{1}" M500', "M118 {1} M500", 'echo {1} M500', 'M291 P{1} M500', "M105 {1} M500"],
+)  # fmt: skip
+def test_no_command_hides_behind_a_text_that_the_board_works_out(typed, door):
+    assert refusal(typed, Known(Bounds(DUET, trusted=True), Phase.STANDING, AT), door)
 
 
 @pytest.mark.parametrize("typed", ["G1 X0 Y0 Z2 F6000", "G1 Z50", "G0 X100", "G28", "M400"])
@@ -184,7 +194,27 @@ def test_another_acceleration_is_refused_with_the_profile_s_key():
     + [(KLIPPER, "SET_IDLE_TIMEOUT FOO=5"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=5 FOO=5")],
 )  # fmt: skip
 def test_a_switch_off_that_never_comes_is_refused(printer, line):
-    assert "from 0 to 3600 s passes" in refusal(line, Known.of_job(printer), Door.JOB)
+    assert "from 60 to 3600 s" in refusal(line, Known.of_job(printer), Door.JOB)
+
+
+@pytest.mark.parametrize(
+    ("printer", "line"),
+    [(MARLIN, f"M85 S{seconds}") for seconds in ("0.5", "1", "59")]
+    + [(KLIPPER, f"SET_IDLE_TIMEOUT TIMEOUT={seconds}") for seconds in ("0", "0.001", "59.9")],
+)  # fmt: skip
+def test_a_switch_off_that_strikes_in_a_pause_is_refused_with_what_it_must_be(printer, line):
+    """M85 S1 killed a print 1.2 s after its pause (real board, 2026-11-22)."""
+    told = refusal(line, Known.of_job(printer), Door.JOB)
+    assert "from 60 to 3600 s" in told
+    assert "pause" in told
+    assert "change of syringe" in told
+
+
+@pytest.mark.parametrize("line", ["M84 S5", "M18 S5", "M84 S0", "M84 S600 X"])
+@pytest.mark.parametrize("printer", [MARLIN, DUET], ids=["marlin", "duet"])
+def test_a_time_of_the_motors_that_no_firmware_tells_is_set_by_no_job(printer, line):
+    assert "take S out" in refusal(line, Known.of_job(printer), Door.JOB)
+    assert allowed(line[:3], Known.of_job(printer), Door.JOB)
 
 
 def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():

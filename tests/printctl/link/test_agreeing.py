@@ -56,6 +56,10 @@ def test_what_somebody_left_is_reset_and_told_before_the_first_line(tmp_path, di
         (b"M203 Z2\n", "top speed of Z (M203) is 2 mm/s, slower than the profile's 5 (max_speed"),
         (b"M201 X9000\n", "acceleration of X (M201) is 9000 mm/s², faster than the profile's 3000"),
         (b"M204 P500\n", "acceleration (M204 P) is 500 mm/s², slower than the profile's 1000"),
+        (b"M205 J0.2\n", "junction deviation (M205 J) is 0.2 mm, faster than the profile's 0.013"),
+        (b"M205 B99999\n", "least time of a segment (M205 B) is 99999 µs, slower than the prof"),
+        (b"M205 S9\n", "least speed of moves that write (M205 S) is 9 mm/s, faster than the prof"),
+        (b"M205 T4\n", "least speed of travels (M205 T) is 4 mm/s, faster than the profile's 0"),
     ],
 )
 def test_a_board_that_is_slower_or_faster_than_its_profile_is_told_by_name(tmp_path, dirty, why):
@@ -78,6 +82,8 @@ def test_a_slower_board_is_refused_where_ink_flows_by_time():
     assert "slower than the profile's" in slow.what
     (fast,) = differences({"M503 S0": [f"  M203 X{air.max_speed_mm_s.x * 2:.2f}"]}, air)
     assert fast.tolerated
+    (least,) = differences({"M503 S0": ["  M205 B20000.00 S9.00 T0.00 J0.01"]}, air)
+    assert not least.tolerated  # lines meant to be slower come out thin
 
 
 def test_a_shifted_homing_is_refused_by_its_name(tmp_path):
@@ -113,6 +119,43 @@ def test_what_a_job_set_is_as_before_at_its_end(tmp_path):
     assert not printer.machine.heat.cold_allowed
 
 
+@pytest.mark.parametrize("job", [b"M302 S0\n", b"M302 S100\n", b"M302 S5 P1\n"])
+@pytest.mark.parametrize(("dirty", "allowed"), [(b"", False), (b"M302 P1\n", True)])
+def test_the_least_temperature_of_extrusion_is_as_before_at_a_job_s_end(
+    tmp_path, job, dirty, allowed
+):
+    """M302 P0 alone forbids nothing where S is 0 (real board, 2026-11-22)."""
+    status, printer, _ = printed(tmp_path, DATA.replace(b"M400\n", job + b"M400\n"), dirty)
+    assert status.state is LinkState.DONE, status
+    heat = printer.machine.heat
+    assert (heat.coldest_c, heat.cold_allowed) == (170.0, allowed)
+
+
+def test_corners_and_least_speeds_that_a_job_set_are_as_before_at_its_end(tmp_path):
+    own = b"M205 J%g B%g\n" % (PRINTER.junction_deviation_mm, PRINTER.min_segment_time_s * 1e6)
+    status, printer, _ = printed(tmp_path, own + DATA, b"M205 J0.2 B100 S9 T4\n")
+    assert status.state is LinkState.DONE, status
+    state, settings = printer.machine.motion.state, printer.machine.settings
+    assert float(state["junction_deviation"]) == pytest.approx(0.2)
+    assert float(state["min_segment_us"]) == 100
+    assert (settings.least_feed, settings.least_travel_feed) == (9.0, 4.0)
+
+
+@pytest.mark.parametrize("before", [b"", b"M85 S900\n"])
+def test_the_board_s_own_switch_off_is_as_before_at_a_job_s_end(tmp_path, before):
+    status, printer, _ = printed(tmp_path, DATA, before)
+    assert status.state is LinkState.DONE, status
+    assert printer.machine.idle_limit_s == (900.0 if before else 0.0)
+
+
+def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):
+    data = DATA.replace(b"M400\n", b"M104 S30\nM400\n")
+    status, printer, alarms = printed(tmp_path, data)
+    assert status.state is LinkState.DONE, status
+    assert printer.machine.idle_limit_s == 600.0
+    assert any("a heater is on" in text and "M85 S0 takes it back" in text for text in alarms)
+
+
 def test_the_recorded_firmware_s_answers_are_read():
     told = {
         "M503 S0": ["  G21 ; (mm)", "  M149 C ; Units in Celsius", "  M200 S0 D1.75",
@@ -123,13 +166,15 @@ def test_the_recorded_firmware_s_answers_are_read():
         "M221": ["echo:E0 Flow: 100%"],
         "M111": ["echo:DEBUG:off"],
         "M302": ["echo:Cold extrudes are disabled (min temp 170C)"],
+        "M85": ["Inactivity timeout 600 s."],
     }  # fmt: skip
     printer = load(Printer, "marlin_avr")
     assert differences(told, printer) == []
-    assert told_settings(told) == {
+    assert told_settings(told, printer) == {
         "M204": "M204 P3000.00 R3000.00 T3000.00",
         "M205": "M205 B20000.00 S0.00 T0.00",
-        "M302": "M302 P0",
+        "M302": "M302 S170 P0",
+        "M85": "M85 S600",
     }
     worse = {**told, "M503 S0": ["  M149 F", "  M200 S1 D1.75", "  M420 S1 Z10.00", "  M900 K0.40"]}
     assert [one.reset for one in differences(worse, printer)] == [

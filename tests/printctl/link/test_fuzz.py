@@ -1,4 +1,4 @@
-"""Whatever a printer says, in any family's words or none: no crash, no wrong line or move."""
+"""Any words of a printer, in any family: no crash, wrong line or move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the link sends is more than a flipped bit away from a stop."""
+"""Sent lines lie more than a flipped bit away from a stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be sent, where the needle is, how it leaves."""
+"""Jobs that may be sent, the needle's place, and the way out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each line of a real Marlin is taken for, and how lines to it are framed."""
+"""Meaning of each line of a real Marlin, and framing of lines to it."""
 
 from __future__ import annotations
 

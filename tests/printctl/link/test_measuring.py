@@ -1,4 +1,4 @@
-"""What the machine tells of force or pressure is asked for, and ends a print above a limit."""
+"""Force or pressure is asked for, and ends a print above a limit."""
 
 from __future__ import annotations
 

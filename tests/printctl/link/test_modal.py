@@ -1,4 +1,4 @@
-"""What the job's text says about its past: relief, settings."""
+"""A job's past by its text: relief, settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people note belongs to their print, whichever print is later in its folder."""
+"""Notes belong to their print, whichever print is later in its folder."""
 
 from __future__ import annotations
 

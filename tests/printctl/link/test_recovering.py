@@ -161,12 +161,61 @@ def test_homed_machine_is_told_to_home_clear_of_the_part():
     assert b"G92 X" not in plan.gcode
 
 
-def test_job_that_moves_its_frame_is_not_placed_by_a_machine():
-    data = DATA.replace(b";LAYER_END:0\n", b"G92 X0\n;LAYER_END:0\n")
+def renamed(at: int, by: dict[str, float]) -> bytes:
+    """The job with a G92 after a layer's end that calls X, Y and Z so much more from there on."""
+    lines, place, seen = DATA.decode().split("\n"), dict[str, float](), False
+    for k, text in enumerate(lines):
+        words = {word[0]: word for word in text.split(" ") if word[:1] in "XYZ" and word}
+        if seen and text.startswith(("G0 ", "G1 ")):
+            for axis, word in words.items():
+                shifted_word = f"{axis}{float(word[1:]) + by.get(axis, 0.0):.5f}"
+                text = text.replace(word, shifted_word)
+            lines[k] = text
+        elif not seen:
+            place |= {axis: float(word[1:]) for axis, word in words.items()}
+        if text.startswith(f";LAYER_END:{at}"):
+            told = " ".join(f"{axis}{place[axis] + mm:.5f}" for axis, mm in by.items())
+            lines[k] += f"\nG92 {told}"
+            seen = True
+    return "\n".join(lines).encode()
+
+
+@pytest.mark.parametrize("begin", range(7, len(JOB) - 1, 9))
+@pytest.mark.parametrize(
+    "by", [{"Z": 0.0}, {"X": 0.0, "Y": 0.0, "Z": 0.0}, {"X": -12.5, "Z": 3.25}, {"Y": 7.0}]
+)
+def test_a_rest_is_placed_where_a_line_of_the_job_has_renamed_its_place(begin, by):
+    """By nothing (the place that the needle has anyway), or by what the job's text tells."""
+    data = renamed(1, by)
+    job = parse_job(data, "a")
+    line = job.file_lines[begin]
+    plan = plan_recovery(job, data, History(done=len(job)), PRINTER, RETREAT, from_line=line)
+    rest = parse_job(plan.gcode, "rest")
+    before = len(rest) - (len(job) - plan.begin)
+    motion = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
+    whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    ours, foreseen = rows(motion, motion.line >= before), rows(whole, whole.line >= plan.begin)
+    np.testing.assert_allclose(ours, foreseen, atol=1e-4)
+    as_it_was = rows(FORESEEN, FORESEEN.line >= 0)
+    np.testing.assert_allclose(rows(whole, whole.line >= 0), as_it_was, atol=1e-4)
+    assert_free_way(motion, motion.line < before)
+    assert plan.start == START
+
+
+def test_a_place_that_is_told_behind_the_first_move_keeps_the_rest_from_being_placed():
+    data = DATA.replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
+    data = data.replace(b";LAYER_END:0\n", b"G92 X0\n;LAYER_END:0\n")
     job = parse_job(data, "a")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
-    with pytest.raises(LinkError, match="moves the job's frame"):
+    with pytest.raises(LinkError, match=r"line \d+ \(G92 X0\) calls a place otherwise"):
         plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+
+
+def test_a_homed_machines_job_may_name_the_place_it_is_at():
+    data = renamed(1, {"Z": 0.0}).replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
+    job = parse_job(data, "a")
+    line = job.file_lines[job.marks.of(MarkKind.LAYER)[3].index]
+    assert plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line).start is None
 
 
 @pytest.mark.parametrize("line", [1, 10_000])

@@ -1,4 +1,4 @@
-"""Whole prints on the simulated printer, in virtual time: what it executed is the file."""
+"""Complete prints on the simulated printer, in virtual time: the file is executed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where in a job a stopped printer stood, and the rest that `recover` makes of it."""
+"""Place in a job of a stopped printer, and the rest by `recover`."""
 
 from __future__ import annotations
 
@@ -66,6 +66,14 @@ def test_arcs_and_counts_set_anew_offer_the_first_that_may_be_open():
     assert find_stood(anew, 1, 5, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
 
 
+def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
+    same = [*PLACED[:3], b"G92 Z1", *PLACED[3:]]
+    found = find_stood(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
+    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+    moved = [*PLACED[:3], b"G92 Z2", *PLACED[3:]]
+    assert find_stood(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+
+
 def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:
     """Length and plunger travel of what is written sideways, all in all."""
     sideways = np.any(motion.start[:, :2] != motion.end[:, :2], axis=1)
@@ -106,3 +114,25 @@ def test_nothing_is_left_of_a_job_whose_lines_were_all_made():
     history = History(done=len(job), stood=stood)
     with pytest.raises(LinkError, match="every line"):
         plan_recovery(job, JOB.encode(), history, MARLIN, RETREAT)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 4.7])
+def test_lines_that_were_certainly_made_before_a_stop_are_told_as_made(tmp_path, after_s):
+    """`stood` counts them; the planner may have held each of them when it was told to drop all."""
+    status, _ = stopped(Moment(b"G1 X", after_s, 20), tmp_path, job=JOB)
+    stood = read_journal(tmp_path / "journal.log").stood
+    assert stood is not None
+    assert stood["certain"]
+    assert status.lines_executed == stood["line"] > len(HEADER.splitlines())
+
+
+def test_an_uncertain_place_adds_no_line_to_those_made(tmp_path):
+    job = HEADER + "".join(
+        f"G3 X{50 + 20 * (k % 2)} Y50 I{10 - 20 * (k % 2)} J0 E{k / 10:.1f} F2400\n"
+        for k in range(1, 21)
+    )
+    status, _ = stopped(Moment(b"G3 X", 0.9, 8), tmp_path, job=job)
+    stood = read_journal(tmp_path / "journal.log").stood
+    assert stood is not None
+    assert not stood["certain"]
+    assert status.lines_executed <= stood["line"]

@@ -1,4 +1,4 @@
-"""Where a job's first lines tell that the tip stands: what is told later moves no check."""
+"""Declared start of the tip in a job's first lines; later ones move no check."""
 
 from __future__ import annotations
 
@@ -38,6 +38,13 @@ def test_a_place_that_is_told_in_part_or_late_is_refused(lines):
         told(*lines)
 
 
-@pytest.mark.parametrize("lines", [["G92 E0", "G1 X1 F60"], ["G28", "G92 X5 Y5 Z0", "G1 X1 F60"]])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["G92 E0", "G1 X1 Z2 F60", "G92 Z2"],
+        ["G92 E0", "G1 X1 F60"],
+        ["G28", "G92 X5 Y5 Z0", "G1 X1 F60"],
+    ],
+)
 def test_a_job_that_tells_none_or_homes_begins_where_it_is_said_to(lines):
     assert told(*lines) is None

@@ -1,4 +1,4 @@
-"""How open the vessels of an embedded print will be, from filaments that are known exactly."""
+"""Open vessels of an embedded print, from filaments that are known exactly."""
 
 from __future__ import annotations
 

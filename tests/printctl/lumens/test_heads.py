@@ -1,4 +1,4 @@
-"""What several heads write is read at their own tips' places."""
+"""Ink of several heads is read at their own tips' places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is read from G-code as written lines."""
+"""Written lines read from G-code."""
 
 from __future__ import annotations
 

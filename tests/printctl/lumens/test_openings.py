@@ -1,4 +1,4 @@
-"""How open lumens are among lines that are known exactly."""
+"""Open lumens among lines that are known exactly."""
 
 from __future__ import annotations
 

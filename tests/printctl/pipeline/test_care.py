@@ -1,4 +1,4 @@
-"""What a recipe says of how its print is watched over reaches the link process."""
+"""A recipe's settings for watching its print reach the link process."""
 
 from __future__ import annotations
 

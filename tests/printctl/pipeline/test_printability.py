@@ -1,4 +1,4 @@
-"""What needle, bath and method can print."""
+"""Limits of needle, bath and method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the simulated scanner is shown."""
+"""Input of the simulated scanner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recipe's solid section makes: fittings, tubes, chambers, marks."""
+"""A recipe's solid section: fittings, tubes, chambers, marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What preflight finds in a job for the wrong firmware, or for none that watches itself."""
+"""Preflight on jobs for the wrong firmware, or for one without watchdogs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the planner writes passes the checker, but for what its report names."""
+"""Planned jobs pass the checker, but for what the plan's report names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens to a job that is printing, printed or interrupted already."""
+"""Jobs that are printing, printed or interrupted already."""
 
 import os
 import signal

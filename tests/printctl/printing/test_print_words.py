@@ -1,4 +1,4 @@
-"""How much of a print is made, in words."""
+"""Progress of a print, in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole searches in this process: results kept, taken up again, and the best made as a recipe."""
+"""Complete searches in this process: results kept, resumed, the best as a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a search file may not say, and how it is told."""
+"""Wrong search files and their messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of the machine, and what it does to what was known."""
+"""Declarations about the machine, and their effect on what was known."""
 
 from __future__ import annotations
 

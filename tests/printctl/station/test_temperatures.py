@@ -1,4 +1,4 @@
-"""What firmwares tell of temperatures, and how hot what is mounted may get."""
+"""Temperatures by firmware, and the limits of what is mounted."""
 
 from __future__ import annotations
 

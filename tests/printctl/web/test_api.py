@@ -1,4 +1,4 @@
-"""Whatever is sent by the API's own description, nothing makes the server fail.
+"""Requests by the API's own description never make the server fail.
 
 A minute long, so it runs with `make test-browser`, beside the tests that want Chromium.
 """

@@ -1,4 +1,4 @@
-"""What the system refuses is answered by a sentence with a remedy, never by a bare 500."""
+"""The system's refusals are answered with a remedy, never by a bare 500."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a film doesn't show is neither said nor passed."""
+"""Nothing that a film doesn't show is said or passed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What marks and files that can't be used end in."""
+"""Errors of marks and files that can't be used."""
 
 import dataclasses
 from pathlib import Path

@@ -57,7 +57,7 @@ def test_a_tilted_camera_is_found_from_four_marks(mirrored: bool, distance: floa
     assert view.tilt_deg == pytest.approx(20.0, abs=0.5)
     assert view.residual_mm == 0.0
     elsewhere = np.array([[0.0, 4.1, 1.5], [16.0, 4.1, 1.5], [7.0, 2.0, 1.5]])
-    assert view.pixels(elsewhere) == pytest.approx(camera.pixels(elsewhere), abs=1e-6)
+    assert view.pixels(elsewhere) == pytest.approx(camera.pixels(elsewhere), abs=2e-5)
     assert view.scales(elsewhere) == pytest.approx(camera.scales(elsewhere), rel=0.01)
 
 

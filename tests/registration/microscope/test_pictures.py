@@ -72,13 +72,13 @@ CAMERAS = [
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_widths_come_back_from_a_picture(camera: Camera, tmp_path: Path) -> None:
     picture = read_picture(saved(tmp_path, paint(drawn(), camera, SIZE, seed=3)))
-    view = find_view(cv2, picture, target())
+    view = find_view(picture, target())
     true, _ = view_of(camera, SIZE)
     off = mapped(view.matrix, target().points) - mapped(true, target().points)
     assert np.abs(off).max() < 0.5
     assert view.mirrored == camera.mirrored
     assert view.um_per_px == pytest.approx(camera.um_per_px, rel=2e-3)
-    found, shade = measure_lines(cv2, picture, view, lines())
+    found, shade = measure_lines(picture, view, lines())
     for one in found:
         aim = WIDTHS[one.line.number]
         assert one.found == 1
@@ -92,7 +92,7 @@ def test_a_line_that_breaks_is_told_and_does_not_hide_the_others(tmp_path: Path)
     a, b = broken.corners
     kept += [Painted(np.array([a, a + 0.3 * (b - a)]), broken.width_mm)]
     picture = read_picture(saved(tmp_path, paint(kept[:2] + kept[3:], CAMERAS[0], SIZE)))
-    found, _ = measure_lines(cv2, picture, find_view(cv2, picture, target()), lines())
+    found, _ = measure_lines(picture, find_view(picture, target()), lines())
     whole = {one.line.number: one.found for one in found}
     assert whole[1] < 0.05
     assert whole[4] == pytest.approx(0.3, abs=0.05)
@@ -105,13 +105,13 @@ def test_gaps_come_back_and_closed_ones_are_nought(tmp_path: Path) -> None:
     teeth = [Painted(np.array([[3, at], [13, at]], float), np.full(2, wide)) for at in y]
     picture = read_picture(saved(tmp_path, paint([*drawn()[:2], *teeth], CAMERAS[0], SIZE)))
     own = np.concatenate([target().points[:240], *(np.linspace([3, at], [13, at], 60) for at in y)])
-    view = find_view(cv2, picture, Target(SIZE, 0.28, 3.0, own))
+    view = find_view(picture, Target(SIZE, 0.28, 3.0, own))
     x = np.linspace(6, 10, 5)
     asked = [
         Crossing(k, np.stack([np.column_stack([x, 0 * x + y[k + end]]) for end in (0, 1)], 1))
         for k in range(len(gaps))
     ]
-    found = measure_gaps(cv2, picture, view, asked, 150.0 * 0.8, 0.0)
+    found = measure_gaps(picture, view, asked, 150.0 * 0.8, 0.0)
     np.testing.assert_array_equal(found[0].open_mm, 0)
     for one, gap in zip(found[1:], gaps[1:], strict=True):
         assert float(np.median(one.open_mm)) == pytest.approx(gap, abs=0.012)
@@ -124,7 +124,7 @@ def test_marked_corners_need_no_finding(tmp_path: Path) -> None:
     picture = read_picture(saved(tmp_path, image))  # a dish's rim, larger than the pattern
     true, _ = view_of(camera, SIZE)
     corners = np.array([[0, 0], [16, 0], [16, 13], [0, 13]], float)
-    view = marked_view(cv2, picture, target(), mapped(true, corners) + 6.0)
+    view = marked_view(picture, target(), mapped(true, corners) + 6.0)
     assert np.abs(mapped(view.matrix, corners) - mapped(true, corners)).max() < 0.6
 
 
@@ -136,10 +136,10 @@ def test_pictures_of_something_else_are_refused(tmp_path: Path) -> None:
     for place in rng.integers(80, 520, (9, 2)).tolist():
         cv2.circle(noise, place, 40, 20, -1)
     with pytest.raises(PictureError, match="--pattern"):
-        find_view(cv2, read_picture(saved(tmp_path, noise)), target())
+        find_view(read_picture(saved(tmp_path, noise)), target())
     fewer = paint(drawn()[:2], CAMERAS[0], SIZE)  # a frame, and no lines in it
     with pytest.raises(PictureError, match="isn't found"):
-        find_view(cv2, read_picture(saved(tmp_path, fewer)), target())
+        find_view(read_picture(saved(tmp_path, fewer)), target())
     (tmp_path / "words.png").write_text("words")
     with pytest.raises(PictureError, match="isn't a picture"):
         read_picture(tmp_path / "words.png")

@@ -61,6 +61,15 @@ def test_fan_bow_and_scale_are_found(views: list[GridView]) -> None:
     assert low < found.lateral[0][0] < high
 
 
+def test_the_grids_certificate_widens_the_scales_alone(views: list[GridView]) -> None:
+    plain = fit_grid(views, PITCH).calibration
+    told = fit_grid(views, PITCH, pitch_u_mm=0.01 * PITCH).calibration
+    # U = 1 % (k = 2) beside a fit that is far better: u = 0.5 %.
+    assert told.relative_error("scale_x", "scale_y") == pytest.approx(0.005, rel=0.05)
+    assert plain.relative_error("scale_x", "scale_y") < 0.001
+    assert told.intervals["bow_xx"] == plain.intervals["bow_xx"]
+
+
 def test_one_height_leaves_the_fan_alone(views: list[GridView]) -> None:
     fit = fit_grid(views[:1], PITCH)
     assert not fit.fan_known
@@ -114,6 +123,8 @@ def test_a_step_in_air_scales_depth_and_one_in_gel_gives_its_index() -> None:
     gel = with_step(air, step, 0.75, immersed=True)
     assert gel.depth_standard
     assert gel.refractive_index == pytest.approx(1.02 / 0.75, abs=0.003)
+    sure = with_step(air, step, 0.75, immersed=True, height_u_mm=0.015)
+    assert sure.relative_error("refractive_index") == pytest.approx(0.01, rel=0.02)
     with pytest.raises(SegmentationError, match="--height-um"):
         with_step(OctCalibration(), step, 2.0, immersed=False)
 

@@ -15,7 +15,7 @@ from registration.report import ReportError
 from registration.report.pdf import library, pdf_missing, write_report_pdf
 from registration.report.pdf.drawing import Drawing
 from registration.report.pdf.look import MARGIN, PAGE, WIDTH
-from registration.report.pdf.paths import matrices, styled, trace
+from registration.report.pdf.paths import START, matrices, styled, trace
 from registration.report.pdf.report import report_pdf
 from registration.report.pdf.tables import _broken, _parts
 from tests.registration.report.sample import planar_network, sample_data
@@ -191,3 +191,19 @@ def test_a_word_too_long_for_its_column_is_broken() -> None:
     assert max(map(len, lines)) <= 34
     assert "".join(lines).replace(" ", "").replace("\n", "") == f"twowords{path}"
     assert _broken("Conductances", 11) == "Conductances"
+
+
+def test_many_doubts_of_the_pose_go_on_over_pages() -> None:
+    data = whole_sample()
+    data["registration"]["ambiguity"] = {
+        "flag": True, "margin": 1.0, "doubts": [f"Doubt {k}: {'it may lie otherwise ' * 20}"
+                                                for k in range(20)],
+    }  # fmt: skip
+    text = "\n".join(pages(data))
+    assert "Doubt 0" in text
+    assert "Doubt 19" in text
+
+
+def test_a_translucent_area_stays_so_where_it_is_used() -> None:
+    used = styled({"style": "fill: #1b5e9e; fill-opacity: 0.12"}, START)
+    assert styled({}, used)["fill-opacity"].strip() == "0.12"

@@ -1,4 +1,4 @@
-"""What pages and drawings have in common: head, scripts, small multiples, drawings made once."""
+"""Shared parts of pages and drawings: head, scripts, small multiples, drawings made once."""
 
 from __future__ import annotations
 

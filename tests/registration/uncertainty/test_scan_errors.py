@@ -1,4 +1,4 @@
-"""What all measurements of a scan share, by its light."""
+"""Errors common to all measurements of a scan, by its light."""
 
 from __future__ import annotations
 

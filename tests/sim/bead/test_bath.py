@@ -1,4 +1,4 @@
-"""What the bath does, against statics worked out by hand, and what the shaft passes."""
+"""The bath's effects against statics by hand, and ink that the shaft passes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is laid where, against volumes and the exponential law along a path."""
+"""Predicted ink against volumes and the exponential law along a path."""
 
 from __future__ import annotations
 

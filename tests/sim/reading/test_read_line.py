@@ -228,6 +228,18 @@ def test_a_second_command_in_a_line_is_refused_where_the_firmware_would_carry_it
 
 
 @pytest.mark.parametrize(
+    "text",
+    [b"M117 {1} M104 S250", b"M117 {1} G1 Z-50 F6000", b"M117 {move.axes[0].max} M500", b"M117 {}"]
+    + [b"M117 {1}{2} M104 S250", b"M117 (a) {1} M500", b"M117{1}M500", b'M117 {"x"} M500']
+    + [b"M117\t{1}\tM500", b'M117 "{1}" M500', b"M117 a {b} M500", b"M117 a } M500"]
+    + [b"M118 P0 S{1} M500", b"M98 P{1} M500", b"M117 {1", b"M28 {1} M500"],
+)  # fmt: skip
+def test_braces_in_a_text_are_refused_where_the_firmware_works_them_out(text):
+    with pytest.raises(LineError, match=r"brace|closed quote|ends with its quote"):
+        read_line(text, DUET)
+
+
+@pytest.mark.parametrize(
     ("text", "sent"),
     [
         (b"M117 Layer M5, G1 next", b"M117 Layer M5, G1 next"),

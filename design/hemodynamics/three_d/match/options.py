@@ -1,4 +1,4 @@
-"""How radii are adjusted, and what came of it."""
+"""Options and result of adjusting radii."""
 
 from __future__ import annotations
 

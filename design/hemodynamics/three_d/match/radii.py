@@ -1,4 +1,4 @@
-"""Which radii may change, how far, and at what the reduced model has the wanted flows."""
+"""Adjustable radii, their limits, and their values by the reduced model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the ranks found, read back."""
+"""Read back the ranks' results."""
 
 from __future__ import annotations
 

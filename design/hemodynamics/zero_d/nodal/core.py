@@ -1,4 +1,4 @@
-"""What the branches of a graph hang on: its loops, solved by elimination and a sparse rest."""
+"""Core of a graph: its loops, solved by elimination and a sparse rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What drives a pulsatile flow problem, and what vessels are made of."""
+"""Boundary conditions of pulsatile flow, and the vessels' walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run looks like: key figures, pages of network and layers, two runs compared."""
+"""Views of a run: key figures, network and layers, two runs compared."""
 
 from printctl.web.design.look.compare import Comparison, compare_runs
 from printctl.web.design.look.figures import Figure, key_figures

@@ -1,4 +1,4 @@
-"""How far a run is, from the file that it writes (`printctl.progress_file`)."""
+"""Progress of a run, from the file that it writes (`printctl.progress_file`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which recipe is edited: choose, begin, copy, rename, take in, throw away and take back."""
+"""Bar of recipes: choose, begin, copy, rename, import, delete and undo."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def main() -> None:
     step_back()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what drivers print must not come between the pictures
-    import cv2  # an extra, and slow to load
+    import cv2  # what it prints while it is loaded must not come between them either
 
     cv2.setNumThreads(1)
     camera = Capture(cv2, told["source"])

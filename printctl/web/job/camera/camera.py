@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import os
 import re
@@ -197,12 +196,8 @@ def source_of(said: str) -> str:
     Raises
     ------
     UsageError
-        Without OpenCV, or when it names nothing.
+        When it names nothing.
     """
-    if importlib.util.find_spec("cv2") is None:
-        raise UsageError(
-            "--camera needs OpenCV, which isn't installed; pip install 'printctl[camera]'"
-        )
     if not said.strip():
         raise UsageError("--camera is empty; give a number, a device, a file or an address")
     if said.isdecimal() or "://" in said:

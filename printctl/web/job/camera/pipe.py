@@ -1,4 +1,4 @@
-"""What the process at the camera tells the server: a line of JSON, and a picture after it."""
+"""Messages of the camera's process: a line of JSON, then a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the job's room knows of its camera and of the prints' time-lapses."""
+"""The job's camera, and the prints' time-lapses."""
 
 from __future__ import annotations
 

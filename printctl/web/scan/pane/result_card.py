@@ -1,4 +1,4 @@
-"""What a registration found: verdict, alignment, vessels, report, files."""
+"""Result of a registration: verdict, alignment, vessels, report, files."""
 
 from __future__ import annotations
 

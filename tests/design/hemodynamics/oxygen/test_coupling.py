@@ -1,4 +1,4 @@
-"""How vessels of any size, place and direction meet the grid, and how the stream carries on."""
+"""Coupling of vessels of any size, place and direction with grid and stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is noted after a print's end is found in the history, and stays with its print."""
+"""Notes after a print's end are in the history, and stay with their print."""
 
 from __future__ import annotations
 

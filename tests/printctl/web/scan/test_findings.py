@@ -1,4 +1,4 @@
-"""What a registration found, in words."""
+"""A registration's findings, in words."""
 
 from __future__ import annotations
 

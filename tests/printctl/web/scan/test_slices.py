@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from printctl.web.errors import BadRequestError
-from printctl.web.scan.slices import TINT, Slices, opened, otsu, picture, plane
+from printctl.web.scan.slices import TINT, Slices, opened, picture, plane
 from registration.readers import write_scan_tiff
 from registration.scan import Scan
 
@@ -71,7 +71,8 @@ def test_values_that_arent_numbers_are_black() -> None:
 def test_the_threshold_parts_two_classes() -> None:
     rng = np.random.default_rng(1)
     low, high = rng.normal(10, 1, 4000), rng.normal(30, 1, 2000)
-    found = otsu(np.concatenate([low, high]))
+    volume = rng.permutation(np.concatenate([low, high])).reshape(10, 20, 30)
+    found = opened(Scan(**{**vars(_scan()), "volume": volume})).threshold
     assert low.max() < found < high.min()
 
 

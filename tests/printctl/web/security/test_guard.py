@@ -1,4 +1,4 @@
-"""Who is let in, and by what: tried on every route that changes something."""
+"""Access by the guard, tried on every route that changes something."""
 
 import logging
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What axe says of a dialog that is open."""
+"""Axe's findings on an open dialog."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is found, brought together on the first rank and written."""
+"""Gather results on the first rank and write them."""
 
 from __future__ import annotations
 

@@ -16,8 +16,6 @@ from printctl.web.job.camera.camera import CameraProcess, Seen, source_of
 from tests.printctl.web.job.camera.pictures import BLUE, RED, film, seen_colour, sequence, until
 from tests.printctl.web.serving import served
 
-pytest.importorskip("cv2")
-
 
 @pytest.fixture
 def told() -> list[Seen]:

@@ -18,7 +18,6 @@ from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import WIDE, serious, shown
 
 pytestmark = pytest.mark.browser
-pytest.importorskip("cv2")
 _WIDTH = "document.querySelector('.job-camera')?.naturalWidth"
 _PLAYS = "document.querySelectorAll('.job-camera')[1]?.naturalWidth === 320"
 

@@ -18,7 +18,6 @@ from printctl.web.job.service import JobService
 from tests.printctl.web.job.camera.pictures import sequence, until
 from tests.printctl.web.job.conftest import OPERATOR, add, ready
 
-pytest.importorskip("cv2")
 WORDS = "generic_marlin on simulated"
 
 

@@ -1,0 +1,115 @@
+"""`printctl calibrate board` and `camera`: a board to print, a camera's scale and distortion."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import typer
+from PIL import Image
+
+from design.files import replacing
+from printctl.calibration import Estimate
+from printctl.cli.calibrate_options import numbers_of, tell
+from printctl.cli.options import JsonFlag, messages
+from printctl.errors import UsageError
+from registration.lens import Board, board_picture, find_board, fit_lens, write_lens
+
+_MARKER = 0.75
+"""Side of a marker, of its square's."""
+_MOST_PX = 30_000
+
+Squares = Annotated[
+    str, typer.Option("--squares", metavar="COLUMNS,ROWS", help="Squares of the board.")
+]
+Square = Annotated[float, typer.Option("--square-mm", help="Side of a square.", show_default=False)]
+Marker = Annotated[
+    float | None, typer.Option("--marker-mm", help="Side of a marker; 0.75 of a square's if not.")
+]
+Markers = Annotated[str, typer.Option("--markers", help="OpenCV's name of the markers' set.")]
+
+
+def board(
+    out: Annotated[Path, typer.Argument(help="PNG to be written.", show_default=False)],
+    square_mm: Square,
+    squares: Squares = "11,8",
+    marker_mm: Marker = None,
+    markers: Markers = "5X5_100",
+    dpi: Annotated[int, typer.Option("--dpi", min=72, max=25400, help="Of the printer.")] = 1200,
+) -> None:
+    """A ChArUco board to print at 100 % and glue onto something flat.
+
+    Measure over ten squares what was printed: `calibrate camera` takes that.
+    """
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"{out}: a board is written as .png")
+    asked = _board(squares, square_mm, marker_mm, markers)
+    longest = (max(asked.columns, asked.rows) + 2) * square_mm * dpi / 25.4
+    if longest > _MOST_PX:
+        raise UsageError(
+            f"the board would be {longest:.0f} px long ({_MOST_PX} at most); lower --dpi"
+        )
+    if asked.marker_mm / 7 * dpi / 25.4 < 4:
+        raise UsageError(
+            f"a marker's cells would be {asked.marker_mm / 7 * dpi / 25.4:.1f} dots of the printer "
+            "wide (4 wanted); raise --dpi or --square-mm"
+        )
+    picture = board_picture(asked, dpi)
+    with replacing(out) as draft:
+        Image.fromarray(picture).save(draft, "PNG", dpi=(dpi, dpi))
+    messages().print(f"wrote {out}: print it at 100 %", markup=False)
+
+
+def camera(
+    pictures: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Pictures of the board; in the first it lies where prints will.",
+            show_default=False,
+        ),
+    ],
+    square_mm: Square,
+    squares: Squares = "11,8",
+    marker_mm: Marker = None,
+    markers: Markers = "5X5_100",
+    write: Annotated[
+        Path | None, typer.Option("--write", help="YAML file for --camera of widths and dye.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Scale and distortion of a camera or microscope, from pictures of a ChArUco board.
+
+    One picture will do where the camera looks down on a plane: fill it with the board. Focus,
+    zoom and distance stay as they are from then on.
+    """
+    asked = _board(squares, square_mm, marker_mm, markers)
+    views = [find_board(path, asked) for path in pictures]
+    lens = fit_lens(views)
+    low, high = lens.um_per_px_95
+    wide = math.prod(lens.size_px)
+    covered = cv2.contourArea(cv2.convexHull(views[0].pixels.astype("float32"))) / wide
+    notes = [
+        f"{sum(len(view.pixels) for view in views)} corners in {len(views)} pictures, off by "
+        f"{lens.off_px:.2g} px; the lens moves a place at the border by {lens.bends_px:.1f} px",
+        "the scale is as right as --square-mm: measure over ten squares",
+    ]
+    if covered < 0.5:
+        notes.append(
+            f"the board fills {covered:.0%} of the first picture: distortion beyond it is a guess; "
+            "fill half of it or more"
+        )
+    tell({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
+         notes, as_json)  # fmt: skip
+    if write is not None:
+        write_lens(write, lens)
+        messages().print(f"wrote {write}", markup=False)
+
+
+def _board(squares: str, square_mm: float, marker_mm: float | None, markers: str) -> Board:
+    sides = numbers_of(squares, "--squares")
+    if len(sides) != 2 or any(side != int(side) for side in sides):
+        raise UsageError(f"--squares {squares!r} isn't columns,rows; write it like 11,8")
+    marker = _MARKER * square_mm if marker_mm is None else marker_mm
+    return Board(int(sides[0]), int(sides[1]), square_mm, marker, markers)

@@ -1,0 +1,58 @@
+"""Options of `printctl register`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from design.units import LengthUnit
+
+ModelOption = Annotated[
+    Path, typer.Option("--model", help="A run folder, or the design's STL.", show_default=False)
+]
+OutOption = Annotated[Path, typer.Option("--out", help="Folder for the files.", show_default=False)]
+NetworkOption = Annotated[
+    Path | None,
+    typer.Option("--network", help="network.csv in mm; else the one beside the model."),
+]
+LumensFlag = Annotated[
+    bool, typer.Option("--lumens", help="With a run folder: only its lumens were scanned.")
+]
+ModelUnit = Annotated[LengthUnit, typer.Option("--unit", help="Unit of an STL model.")]
+PrintOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--print", help="The print that was scanned: its folder or file; else the run's own."
+    ),
+]
+RecordOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--record",
+        help="YAML file of the measurement record: instrument, certificate, operator, "
+        "temperature (docs/registration.md).",
+    ),
+]
+ToleranceOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tolerance", help="YAML file of limits by vessel and feature (docs/registration.md)."
+    ),
+]
+RmsOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance-um",
+        help="RMS deviation of the scaled fit above which the print doesn't pass; else 100.",
+        min=0.1,
+    ),
+]
+DiameterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--diameter-tolerance-percent",
+        help="Error of any section's diameter beyond which it doesn't, like 10 or +10/-5; else 10.",
+    ),
+]

@@ -1,0 +1,82 @@
+"""Lumens and outer faces of a scanned surface, and the deviation of each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from design.network import VesselNetwork
+from registration.gauging.deviation import summarise
+
+FloatArray = NDArray[np.float64]
+
+_REACH_MM = 0.2
+"""A face belongs to a lumen when it lies within this, or a third of the radius, of its wall."""
+
+
+def apart(
+    vertices: FloatArray,
+    network: VesselNetwork,
+    rigid_um: FloatArray,
+    scaled_um: FloatArray,
+) -> dict[str, Any]:
+    """Summarise lumens and outer faces apart, as registration.json holds them.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64, mm
+        Seen places of the scanned surface, part frame.
+    network : VesselNetwork
+    rigid_um, scaled_um : (n,) float64, µm
+        Their deviations after both fits.
+
+    Returns
+    -------
+    dict
+        ``lumens`` and ``outer_faces``, each with ``points``, ``rigid``, ``scaled``; one without
+        points is None.
+    """
+    lumen = near_lumen(vertices, network)
+    return {
+        name: {
+            "points": int(which.sum()),
+            "rigid": _plain(rigid_um[which]),
+            "scaled": _plain(scaled_um[which]),
+        }
+        if which.any()
+        else None
+        for name, which in (("lumens", lumen), ("outer_faces", ~lumen))
+    }
+
+
+def _plain(deviation_um: FloatArray) -> dict[str, Any]:
+    found = asdict(summarise(1e-3 * deviation_um))
+    found["within"] = {f"{limit:g}": share for limit, share in found["within"].items()}
+    return found
+
+
+def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:
+    """Whether each of ``points`` (n, 3) lies near the wall of a vessel of ``network``, or in it."""
+    centre, radius = _samples(network)
+    # A few neighbours: of a wide and a thin vessel side by side the nearest axis isn't the one.
+    distance, index = KDTree(centre).query(points, k=min(4, len(centre)), workers=1)
+    distance, index = distance.reshape(len(points), -1), index.reshape(len(points), -1)
+    reach = radius[index] + np.maximum(_REACH_MM, radius[index] / 3)
+    near: NDArray[np.bool_] = (distance <= reach).any(axis=1)
+    return near
+
+
+def _samples(network: VesselNetwork) -> tuple[FloatArray, FloatArray]:
+    """Points on the axes, closer than half a radius to one another, and their radii."""
+    start, end, r0, r1, _ = network.pieces()
+    length = np.linalg.norm(end - start, axis=1)
+    counts = np.ceil(2 * length / np.minimum(r0, r1)).astype(np.int64) + 1
+    piece = np.repeat(np.arange(len(start)), counts)
+    first = np.cumsum(counts) - counts
+    share = (np.arange(len(piece)) - first[piece]) / (counts[piece] - 1)
+    centre = start[piece] + share[:, None] * (end - start)[piece]
+    return centre, r0[piece] + share * (r1 - r0)[piece]

@@ -1,0 +1,16 @@
+"""Raw pictures of a scan beside its numbers: B-scans and sections, with both contours."""
+
+from registration.views.file import load_views, save_views
+from registration.views.findings import FindingView
+from registration.views.stack import SectionStack
+from registration.views.take import Views, add_scan_places, take_views
+
+__all__ = [
+    "FindingView",
+    "SectionStack",
+    "Views",
+    "add_scan_places",
+    "load_views",
+    "save_views",
+    "take_views",
+]

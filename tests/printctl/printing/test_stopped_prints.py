@@ -1,0 +1,54 @@
+"""The one truth of a stopped print: `stood`, where it is certain, says how much was made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from printctl.link.journal import Journal
+from printctl.link.record import JOURNAL, LinkRecord
+from printctl.link.states import LinkState
+from printctl.printing.print_state import PrintTruth, read_print
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.test_stop_in_waits import JOB
+
+TAKEN, STOOD = 30, 17
+
+
+def left_behind(folder: Path, state: LinkState, stood: dict[str, Any] | None) -> PrintTruth:
+    """What is told of a print whose process ended before it could leave its last status."""
+    file = folder / "a.gcode"
+    file.write_text(JOB)
+    job = parse_job(JOB.encode(), "a.gcode")
+    LinkRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(folder)
+    journal = Journal(folder / JOURNAL)
+    journal.add("job", sha256=job.sha256, lines=len(job))
+    journal.add("state", state=LinkState.PRINTING, message="printing")
+    journal.add("ack", done=TAKEN)
+    if stood is not None:
+        journal.add("stood", done=TAKEN, begin_at=None, dropped=True, **stood)
+    journal.add("end", state=state, message="", done=TAKEN, error="", position_known=True)
+    journal.close()
+    return read_print(folder)
+
+
+@pytest.mark.parametrize(
+    ("stood", "made"),
+    [
+        ({"line": STOOD, "certain": True}, STOOD),
+        ({"line": 11, "certain": False}, 10),  # 20 moves may have been ahead
+        (None, 10),
+    ],
+)
+def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
+    truth = left_behind(tmp_path, LinkState.STOPPED, stood)
+    assert truth.status.lines_executed == made
+    assert truth.share == pytest.approx(made / truth.status.lines_total)
+    assert truth.words["made"] == f"at least {made} of {truth.status.lines_total} lines made"
+    assert truth.to_dict()["lines_executed"] == made
+
+
+def test_a_print_that_was_done_was_made_whole(tmp_path):
+    assert left_behind(tmp_path, LinkState.DONE, None).status.lines_executed == TAKEN

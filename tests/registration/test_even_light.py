@@ -1,0 +1,62 @@
+"""Light evened by the gel's own level, and lines of flat faces left out of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.segmentation.even_light import GLARE, evened, without_glare
+from registration.segmentation.working import Working
+
+FloatVolume = NDArray[np.float32]
+STEP_MM = 0.03
+GEL = np.s_[15:85, 10:60, 10:60]
+
+
+def working() -> Working:
+    size = np.full(3, STEP_MM)
+    return Working((1, 1, 1), np.ones(3), size, np.zeros(3), 0.03)
+
+
+def speckle(level: FloatVolume, seed: int = 1) -> FloatVolume:
+    """Return gel of a level, with the speckle of two looks, in liquid of 3 %."""
+    rng = np.random.default_rng(seed)
+    field = np.full((100, 70, 70), 0.03)
+    field[GEL] = level[GEL]
+    return (field * rng.gamma(2.0, 0.5, field.shape)).astype(np.float32)
+
+
+def focused() -> FloatVolume:
+    """Return a level that grows and falls along depth by three times each way."""
+    depth = np.arange(100)[:, None, None]
+    level = 3.0 ** np.sin(depth / 100 * 2 * np.pi) * np.ones((1, 70, 70))
+    return level.astype(np.float32)
+
+
+def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
+    level = focused()
+    light = evened(speckle(level), np.ones_like(level), working())
+    inside = np.s_[18:82, 14:56, 14:56]
+    ratio = level[inside] / light[inside]
+    assert np.abs(ratio.mean(axis=(1, 2)) - 1).max() < 0.25
+    assert np.abs(ratio - 1).mean() < 0.08
+    # Before, a third of it lay below half of the level, where liquid is.
+    assert (level[inside] < 0.5).mean() > 0.3
+
+
+def test_liquid_stays_liquid() -> None:
+    level = np.ones((100, 70, 70), dtype=np.float32)
+    signal = speckle(level)
+    share = signal / evened(signal, np.ones_like(level), working())
+    assert share[:10].mean() < 0.06
+    assert share[90:].mean() < 0.06
+
+
+def test_a_bright_line_of_a_face_is_cut_off_and_gel_beside_it_is_not() -> None:
+    signal = speckle(np.ones((100, 70, 70), dtype=np.float32))
+    signal[15:17, 10:60, 10:60] *= 10
+    signal[83:85, 10:60, 10:60] *= 10
+    dull = without_glare(signal, STEP_MM)
+    lines = np.concatenate([dull[15:17, 14:56, 14:56], dull[83:85, 14:56, 14:56]])
+    assert lines.max() < 1.2 * GLARE
+    assert dull[20:80, 14:56, 14:56].mean() > 0.97 * signal[20:80, 14:56, 14:56].mean()
