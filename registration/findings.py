@@ -19,6 +19,7 @@ from registration.gauging import (
     VesselTrace,
     find_changes,
     find_closures,
+    find_junction_changes,
     gauge_vessels,
     liquid_level,
     perfusion,
@@ -43,6 +44,8 @@ from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
+RIM_BLURS = 3.0
+"""So many standard deviations of the blur a face is rounded off beside a sharp edge."""
 LUMEN_REACH_MM = 1.0
 """How far around lumens scanned without their construct a leak is followed."""
 
@@ -130,7 +133,7 @@ def inspect(case: Inspection) -> Findings:
     )
     closures = find_closures(traces, field, fit)
     scale = float(np.mean(fit.scale))
-    changes = find_changes(traces, scale, case.false_alarm)
+    changes = [*find_changes(traces, scale, case.false_alarm), *_in_junctions(case, traces)]
     through = [*closures, *leaks.defects]
     defects = (*through, *_not_beside(changes, through, traces))
     near = max(margin, float(case.network.radius.min()) / 2)
@@ -153,6 +156,15 @@ def inspect(case: Inspection) -> Findings:
         perfusion=_perfusion(case, traces, vessels),
         contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined),
     )
+
+
+def _in_junctions(case: Inspection, traces: tuple[VesselTrace, ...]) -> list[Defect]:
+    """Changes of walls that no whole section has; away from edges, which a blur rounds."""
+    segmentation, fit = case.segmentation, case.alignment.scaled
+    points = fit.apply(segmentation.vertices[segmentation.seen])
+    clear = ~case.surface.near_rims(points, RIM_BLURS * segmentation.field.blur_mm)
+    off = case.deviation_mm[segmentation.seen]
+    return find_junction_changes(traces, points[clear], off[clear], case.false_alarm)
 
 
 def _perfusion(
