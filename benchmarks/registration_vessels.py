@@ -38,19 +38,40 @@ def scene(folder: Path) -> list[str]:
     return [*command, "--out", str(folder / "out")]
 
 
+def finer(command: list[str], folder: Path) -> list[str]:
+    """Write the same scan with every voxel four times, 1000 x 1000 x 500; the command for it."""
+    volume = tifffile.imread(folder / "scan.tif")
+    depth, wide, long = volume.shape
+    fine = tifffile.memmap(
+        folder / "fine.tif", shape=(2 * depth, 2 * wide, long), dtype=volume.dtype
+    )
+    for z, page in enumerate(volume):
+        fine[2 * z : 2 * z + 2] = np.repeat(page, 2, axis=0)
+    fine.flush()
+    other = {str(folder / "scan.tif"): str(folder / "fine.tif"), "15,15,12": "15,7.5,6"}
+    return [other.get(word, word) for word in command]
+
+
 def whole_rows(quick: bool) -> Iterator[Row]:
-    """``printctl register`` on a file of 1000 x 500 x 250 voxels."""
+    """``printctl register`` on a file of 1000 x 500 x 250 voxels, and on one of four times that."""
     with tempfile.TemporaryDirectory() as scratch:
-        # As users run it: Python keeps what it has compiled of the sources.
-        command = ["env", "-u", "PYTHONDONTWRITEBYTECODE", *scene(Path(scratch))]
-        runs = []
-        for _ in range(2 if quick else 4):  # the first fills the disk's cache
-            began = time.monotonic()
-            cpu, memory = timed(command)
-            runs.append((time.monotonic() - began, cpu, memory))
-        wall, cpu, memory = np.median(np.array(runs[1:]), axis=0).tolist()
-    measure = "1000 x 500 x 250 voxels to report"
-    yield row(f"{measure}: wall clock", wall, "s", "<= 8", wall <= 8)
+        command = scene(Path(scratch))
+        yield from job_rows("1000 x 500 x 250 voxels to report", command, 8, quick)
+        command = finer(command, Path(scratch))
+        yield from job_rows("1000 x 1000 x 500 voxels to report", command, 30, quick)
+
+
+def job_rows(measure: str, command: list[str], most_s: float, quick: bool) -> Iterator[Row]:
+    """Median time and memory of a whole process."""
+    # As users run it: Python keeps what it has compiled of the sources.
+    command = ["env", "-u", "PYTHONDONTWRITEBYTECODE", *command]
+    runs = []
+    for _ in range(2 if quick else 4):  # the first fills the disk's cache
+        began = time.monotonic()
+        cpu, memory = timed(command)
+        runs.append((time.monotonic() - began, cpu, memory))
+    wall, cpu, memory = np.median(np.array(runs[1:]), axis=0).tolist()
+    yield row(f"{measure}: wall clock", wall, "s", f"<= {most_s:g}", wall <= most_s)
     yield row(f"{measure}: CPU", cpu, "s")
     yield row(f"{measure}: memory", memory / 1e3, "GB", "<= 1.2", memory <= 1.2e3)
 

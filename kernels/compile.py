@@ -13,8 +13,13 @@ Flags, and why:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
+
+# Threads that wait for a kernel's next loop would spin and keep their core from what goes on
+# beside; OpenMP reads this once, when numba loads it.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numba
 

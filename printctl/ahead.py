@@ -1,21 +1,34 @@
-"""Modules imported while something else is computed."""
+"""Work done while something else is computed."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
 from importlib import import_module
 from threading import Thread
+from typing import Any
+
+_SWITCH_S = 0.0005
+"""How long a thread may hold the interpreter while another waits: ten times less than usual, so
+that short kernels between lines of Python don't wait long for it."""
 
 
-def import_ahead(module: str) -> None:
-    """Import `module` beside what goes on.
+def call_ahead(module: str, function: str, *arguments: Any) -> Future[Any]:
+    """Import `module` and call its `function` beside what goes on.
 
-    Kernels don't hold the interpreter's lock, so plotting libraries load while they run. What is
-    wrong with the module shows where it is imported for use.
+    Kernels don't hold the interpreter's lock, so plotting libraries load and draw while they run.
+    What goes wrong shows where the result is asked for.
     """
-    Thread(target=_import, args=(module,), daemon=True).start()
+    sys.setswitchinterval(_SWITCH_S)
+    done: Future[Any] = Future()
+    Thread(target=_work, args=(done, module, function, arguments), daemon=True).start()
+    return done
 
 
-def _import(module: str) -> None:
-    with suppress(Exception):
-        import_module(module)
+def _work(done: Future[Any], module: str, function: str, arguments: tuple[Any, ...]) -> None:
+    try:
+        work: Callable[..., Any] = getattr(import_module(module), function)
+        done.set_result(work(*arguments))
+    except Exception as exc:
+        done.set_exception(exc)

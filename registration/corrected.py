@@ -20,6 +20,7 @@ def corrected_scan(
     said: ScanOverrides,
     calibration: Path | None = None,
     air_above: bool = False,
+    keep_counts: bool = False,
 ) -> Scan:
     """Read a scan, or a mosaic of scans, and take out its beam's faults.
 
@@ -33,14 +34,20 @@ def corrected_scan(
         File of ``printctl calibrate oct``.
     air_above : bool
         Air lies above the sample: refraction at its surface is undone.
+    keep_counts : bool
+        Leave counts that stand for dB as they are where nothing is corrected (`Scan.counts`).
 
     Raises
     ------
     RegistrationError
         When a file can't be used, or no surface under air is found where there should be one.
     """
-    scan = read_mosaic(path, said) if is_mosaic(path) else read_scan(path, said)
-    if calibration is None and not air_above:
+    as_it_is = calibration is None and not air_above
+    if is_mosaic(path):
+        scan = read_mosaic(path, said)
+    else:
+        scan = read_scan(path, said, keep_counts=keep_counts and as_it_is)
+    if as_it_is:
         return replace(scan, notes=(*scan.notes, _UNCORRECTED)) if scan.modality == "oct" else scan
     device = OctCalibration() if calibration is None else read_calibration(calibration)
     return undistort(scan, device, find_surface(scan) if air_above else None)

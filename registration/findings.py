@@ -19,6 +19,7 @@ from registration.gauging import (
     VesselTrace,
     find_changes,
     find_closures,
+    find_junction_changes,
     gauge_vessels,
     liquid_level,
     perfusion,
@@ -26,7 +27,7 @@ from registration.gauging import (
     with_interval,
     withdrawn,
 )
-from registration.segmentation import Segmentation, gel_evidence
+from registration.segmentation import GelEvidence, Segmentation
 from registration.topology import (
     Faults,
     LeakSearch,
@@ -43,6 +44,8 @@ from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
+RIM_BLURS = 3.0
+"""So many standard deviations of the blur a face is rounded off beside a sharp edge."""
 LUMEN_REACH_MM = 1.0
 """How far around lumens scanned without their construct a leak is followed."""
 
@@ -86,6 +89,8 @@ class Inspection:
         What drives the printed network.
     errors : ScanErrors
         What all measurements of the scan share.
+    evidence : GelEvidence
+        Of the scan.
     """
 
     network: VesselNetwork
@@ -98,6 +103,7 @@ class Inspection:
     false_alarm: float
     flow: FlowConditions | None
     errors: ScanErrors
+    evidence: GelEvidence
 
 
 def inspect(case: Inspection) -> Findings:
@@ -106,7 +112,7 @@ def inspect(case: Inspection) -> Findings:
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
     margin = _margin(case)
     grid = _grid(case, margin)
-    evidence = gel_evidence(field, case.segmentation.strength)
+    evidence = case.evidence
     liquid = liquid_level(traces, evidence, fit)
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdrawn(traces, evidence, liquid)
@@ -127,7 +133,7 @@ def inspect(case: Inspection) -> Findings:
     )
     closures = find_closures(traces, field, fit)
     scale = float(np.mean(fit.scale))
-    changes = find_changes(traces, scale, case.false_alarm)
+    changes = [*find_changes(traces, scale, case.false_alarm), *_in_junctions(case, traces)]
     through = [*closures, *leaks.defects]
     defects = (*through, *_not_beside(changes, through, traces))
     near = max(margin, float(case.network.radius.min()) / 2)
@@ -150,6 +156,15 @@ def inspect(case: Inspection) -> Findings:
         perfusion=_perfusion(case, traces, vessels),
         contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined),
     )
+
+
+def _in_junctions(case: Inspection, traces: tuple[VesselTrace, ...]) -> list[Defect]:
+    """Changes of walls that no whole section has; away from edges, which a blur rounds."""
+    segmentation, fit = case.segmentation, case.alignment.scaled
+    points = fit.apply(segmentation.vertices[segmentation.seen])
+    clear = ~case.surface.near_rims(points, RIM_BLURS * segmentation.field.blur_mm)
+    off = case.deviation_mm[segmentation.seen]
+    return find_junction_changes(traces, points[clear], off[clear], case.false_alarm)
 
 
 def _perfusion(

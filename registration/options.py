@@ -13,10 +13,11 @@ from registration.gauging import TOLERANCES_UM
 from registration.gauging.changes import FALSE_ALARM
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions
+from registration.segmentation.working import bins
 from registration.walls_file import WallCalibration
 
-MOST_WORKING_VOXELS = 25_000_000
-"""What a segmentation works on, unless 0.1 mm asks for more: a gigabyte and a half."""
+MOST_WORKING_VOXELS = 20_000_000
+"""What a segmentation works on, unless 0.1 mm asks for more: with 1 GB in all."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,10 @@ def segmentation_options(
     """How a scan is segmented for a design whose thinnest lumen is so wide, mm."""
     fine = thinnest / 8
     if scan.modality == "oct":
-        voxel = float(np.prod(scan.geometric_voxel_mm))
-        most = (voxel * scan.volume.size / MOST_WORKING_VOXELS) ** (1 / 3)
-        fine = max(thinnest / 12, most)
+        # Whole voxels are averaged, so that what is rounded down may still be too many.
+        fine = thinnest / 12
+        while fine < 0.1 and scan.volume.size > MOST_WORKING_VOXELS * np.prod(bins(scan, fine)):
+            fine *= 1.02
     return SegmentationOptions(
         working_voxel_mm=options.working_voxel_mm or min(0.1, fine),
         smoothing_mm=options.smoothing_mm,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels import beside
 from registration.alignment import Fit, align, cross_check
 from registration.assemble import BothWays, Registered, assemble
 from registration.distance import ModelSurface
@@ -16,7 +17,7 @@ from registration.gauging import ScannedSurface, deviations, surface_points
 from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
-from registration.segmentation import segment
+from registration.segmentation import gel_evidence, segment
 from registration.uncertainty import scan_errors
 
 FloatArray = NDArray[np.float64]
@@ -56,38 +57,47 @@ def register_scan(
     surface = ModelSurface.of(model)
     is_lumen = _model_is_lumen(surface, network)
     points = segmentation.vertices[segmentation.seen]
-    alignment = align(
-        surface,
-        points,
-        scan.depth_down,
-        options.alignment,
-        blur_mm=segmentation.field.blur_mm,
-        depth_standard=scan.depth_standard,
-        errors=errors,
-    )
-    spread = surface_points(surface)
-    scanned = ScannedSurface.of(segmentation)
-    rigid, scaled = (
-        _both_ways(surface, scanned, fit, spread, is_lumen)
-        for fit in (alignment.rigid, alignment.scaled)
-    )
-    cross_um = cross_check(surface, spread, points, alignment.scaled)
-    findings = inspect(
-        Inspection(
-            network,
+    with beside() as other:
+        # What needs no pose is computed while one is searched for, and so on below.
+        evidence = other.submit(gel_evidence, segmentation.field, segmentation.strength)
+        alignment = align(
             surface,
-            is_lumen,
-            segmentation,
-            alignment,
-            scaled.all_mm,
-            options.section_mm or thinnest / 4,
-            options.false_alarm,
-            options.flow,
-            errors,
+            points,
+            scan.depth_down,
+            options.alignment,
+            blur_mm=segmentation.field.blur_mm,
+            depth_standard=scan.depth_standard,
+            errors=errors,
         )
-    )
+        spread = surface_points(surface)
+        scanned = ScannedSurface.of(segmentation)
+        rigid = other.submit(_both_ways, surface, scanned, alignment.rigid, spread, is_lumen)
+        cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
+        scaled = _both_ways(surface, scanned, alignment.scaled, spread, is_lumen)
+        findings = inspect(
+            Inspection(
+                network,
+                surface,
+                is_lumen,
+                segmentation,
+                alignment,
+                scaled.all_mm,
+                options.section_mm or thinnest / 4,
+                options.false_alarm,
+                options.flow,
+                errors,
+                evidence.result(),
+            )
+        )
     found = Registered(
-        segmentation, alignment, is_lumen, cross_um, len(spread), rigid, scaled, findings
+        segmentation,
+        alignment,
+        is_lumen,
+        cross_um.result(),
+        len(spread),
+        rigid.result(),
+        scaled,
+        findings,
     )
     return assemble(found, scan, options)
 

@@ -257,6 +257,7 @@ def _rival_dict(rival: Rival) -> dict[str, Any]:
         "mirrored": rival.mirrored,
         "lead": rival.lead,
         "differs_um": rival.apart_um,
+        "same": rival.same,
         "differs_at_mm": np.round(rival.place_mm, 3).tolist(),
         "seen_there": rival.seen,
     }

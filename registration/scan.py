@@ -10,9 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from registration.counts import CountLine
+from registration.pages import drop_pages
 from registration.space import Space
 
-SLAB_BYTES = 256 << 20
+SLAB_BYTES = 64 << 20
 """About what a slab holds unless told otherwise."""
 
 Bins = tuple[int, int, int]
@@ -47,7 +49,8 @@ class Scan:
     Attributes
     ----------
     volume : (nz, ny, nx), any real dtype
-        Intensity. A volume that is too large for memory is a view of a file; read it by `slabs`.
+        Intensity, or counts that stand for it (`counts`). A volume that is too large for memory
+        is a view of a file; read it by `slabs`.
     voxel_mm : (dz, dy, dx), mm
         Geometric; where `optical_depth` is set, dz still is optical and must be divided by
         `refractive_index` before use.
@@ -76,6 +79,9 @@ class Scan:
     depth_standard : bool
         Whether a step of known height in the sample's medium stands behind the depth. Without
         one shrinkage along depth and an error of the index look the same.
+    counts : CountLine or None
+        How the volume's numbers become dB; None where they are the intensity. Only
+        ``read_scan(..., keep_counts=True)`` leaves counts.
     lateral_error, depth_error : float or None
         Relative standard uncertainty of lengths across and along the light by the device's
         calibration (`registration.optics`), its targets' certificates included; None without one.
@@ -96,6 +102,15 @@ class Scan:
     depth_standard: bool = False
     lateral_error: float | None = None
     depth_error: float | None = None
+    counts: CountLine | None = None
+
+    @property
+    def intensities(self) -> NDArray[np.float32] | None:
+        """Linear intensity of every number that the volume can hold; None unless counts of dB."""
+        kind = self.volume.dtype
+        if self.scale != "db" or kind.kind not in "ui" or kind.itemsize > 2:
+            return None
+        return (self.counts or CountLine(1.0, 0.0)).intensities(kind)
 
     @property
     def geometric_voxel_mm(self) -> tuple[float, float, float]:
@@ -108,7 +123,8 @@ class Scan:
 
         The cuts run along the axis that is slowest in the file, so that a file is read once and
         in order: along y for depth-fastest OCT files, along z for stacks of pages. Voxels that
-        fill no whole bin at an end are left out.
+        fill no whole bin at an end are left out. What was read of a file is given back after each
+        part.
 
         Parameters
         ----------
@@ -132,3 +148,4 @@ class Scan:
             voxels = self.volume[tuple(part)]
             plain = np.ascontiguousarray(voxels, dtype=voxels.dtype.newbyteorder("="))
             yield Slab((where[0], where[1], where[2]), plain)
+            drop_pages(self.volume)

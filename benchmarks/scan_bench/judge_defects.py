@@ -96,6 +96,7 @@ def judge_defects(
         kept["true_worst_percent"] = (
             round(float(worst[np.abs(worst).argmax()]), 2) if len(worst) else None
         )
+        kept |= judge_width(planted, hits, truth)
         rows.append(kept | {"found": bool(hits) or by_mean, "place_mm": place})
     false = [
         d for d in listed if not any(is_found(p, d, 1.0, truth, turn) for p in truth["defects"])
@@ -112,6 +113,20 @@ def judge_defects(
         "clean_vessels": len(fine),
         "false_alarm_vessels": len(alarms),
     }
+
+
+def judge_width(planted: Row, hits: list[Row], truth: Row) -> Row:
+    """Return the error of a leak's or bridge's width and whether its interval holds, as printed.
+
+    The part's scales are taken by their geometric mean.
+    """
+    if planted["kind"] not in OPENING or not hits:
+        return {}
+    best = max(hits, key=lambda d: d.get("size_um") or 0.0)
+    if best.get("size_um") is None or best.get("error_um") is None:
+        return {}
+    error = best["size_um"] - planted["diameter_um"] * float(np.prod(truth["scale"])) ** (1 / 3)
+    return {"width_error_um": error, "width_holds": bool(abs(error) <= best["error_um"])}
 
 
 def judge_verdict(whole: Row, truth: Row, tolerance: float, guard: float = 1.5) -> Row:

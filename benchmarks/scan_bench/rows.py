@@ -127,6 +127,19 @@ def ways(lines: list[Line]) -> Iterator[Row]:
             "100",
             all(near),
         )
+    wide = [p for p in planted if "width_holds" in p]
+    if wide:
+        error = np.array([p["width_error_um"] for p in wide])
+        held = [p["width_holds"] for p in wide]
+        yield row(f"width of leaks and bridges, bias (sd {error.std():.3g})", error.mean(), "um")
+        share = percent(sum(held), len(held))
+        yield row(
+            f"their 95 % intervals hold ({counted(held)})",
+            share,
+            "%",
+            "92 to 98",
+            92 <= share <= 98,
+        )
     false = sum(len(x["judged"]["defects"]["false"]) for x in lines)
     yield row(f"false defects listed beside them, {len(lines)} scans", false, "", "0", false == 0)
 

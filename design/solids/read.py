@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import trimesh
+from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.solids.construct import solid_from_surface
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
+from design.solids.stl import read_corners
 from design.units import MM_PER, LengthUnit
+
+if TYPE_CHECKING:
+    import trimesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
 
@@ -51,6 +58,10 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
     OSError
         When the file can't be opened.
     """
+    corners = read_corners(path) if path.suffix.lower() == ".stl" and unit is not None else None
+    if corners is not None and unit is not None:
+        vertices, index = merge_equal(corners.reshape(-1, 3))
+        return _solid(vertices * MM_PER[unit], index.reshape(-1, 3), path)
     mesh = load_mesh(path)
     stated = _UNIT_NAMES.get(str(mesh.units)) if path.suffix.lower() == ".3mf" else None
     if unit is None and stated is None:
@@ -58,8 +69,12 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
     if unit is not None and stated not in (None, unit):
         raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
     scale = MM_PER[unit or stated or "mm"]
+    return _solid(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces), path)
+
+
+def _solid(vertices: FloatArray, faces: IntArray, path: Path) -> Solid:
     try:
-        return solid_from_surface(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces))
+        return solid_from_surface(vertices, faces)
     except SolidError as exc:
         raise SolidError(f"{path}: {exc}") from exc
 
@@ -74,6 +89,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     OSError
         When the file can't be opened.
     """
+    import trimesh  # heavy: scipy's statistics, networkx; a binary STL needs none of it
+
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
@@ -91,6 +108,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
 
 def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Merge vertices that are equal, and those only: trimesh's own merging rounds to 1e-8."""
+    import trimesh  # as above
+
     unique, index = merge_equal(np.asarray(mesh.vertices, dtype=np.float64))
     merged = trimesh.Trimesh(unique, index[np.asarray(mesh.faces)], process=False)
     merged.units = mesh.units

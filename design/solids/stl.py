@@ -1,16 +1,20 @@
-"""Write binary STL."""
+"""Binary STL: write, and read back without a mesh library."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.files import write_bytes
 from design.solids.solid import Solid
 
 _HEADER = b"printctl; mm"
 """STL has no field for a unit; the header is the one place to say it."""
+
+_START_BYTES = 84
+"""Header, and how many triangles follow."""
 
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -31,3 +35,19 @@ def write_stl(path: Path, solid: Solid) -> None:
     triangles["corners"] = corners
     count = np.array(len(corners), dtype="<u4").tobytes()
     write_bytes(path, _HEADER.ljust(80) + count + triangles.tobytes())
+
+
+def read_corners(path: Path) -> NDArray[np.float64] | None:
+    """Corners (n, 3, 3) of a binary STL's triangles; None where the file isn't exactly one.
+
+    Raises
+    ------
+    OSError
+        When the file can't be opened.
+    """
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    if count == 0 or len(data) != _START_BYTES + count * _TRIANGLE.itemsize:
+        return None
+    triangles = np.frombuffer(data, _TRIANGLE, count, _START_BYTES)
+    return np.asarray(triangles["corners"].astype(np.float64))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import trimesh
 
 from design.errors import TissueError
 from design.tissue.repair import repair_surface
@@ -15,6 +14,9 @@ from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, check_size, tissue_from_surface
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
+
+if TYPE_CHECKING:
+    import trimesh
 
 SUFFIXES: Final = (".stl", ".obj", ".ply", ".3mf")
 
@@ -114,6 +116,8 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
 
 
 def _read(path: Path) -> trimesh.Trimesh:
+    import trimesh  # heavy, and few who name a tissue read one
+
     # trimesh's readers raise whatever their parsers do, KeyError and struct.error included.
     try:
         mesh = trimesh.load_mesh(path, process=False)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from design.errors import TissueError
@@ -62,10 +61,12 @@ def _rows(path: Path) -> list[list[float]]:
 
 
 def _read_ply(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    from trimesh.exchange.ply import load_ply  # heavy, and few who name a tissue read one
+
     # trimesh's readers raise whatever their parsers do.
     try:
         with path.open("rb") as file:
-            loaded = trimesh.exchange.ply.load_ply(file)
+            loaded = load_ply(file)
     except Exception as error:
         raise TissueError(f"{path}: can't be read as points ({error})") from error
     data: Any = loaded.get("metadata", {}).get("_ply_raw", {}).get("vertex", {}).get("data")

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from printctl.errors import UsageError
+from sim.gcode_path import read_gcode_path
 
 RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
 JsonFlag = Annotated[
@@ -100,6 +101,6 @@ def read_gcode_file(path: Path) -> bytes:
         When it can't be read.
     """
     try:
-        return path.read_bytes()
+        return read_gcode_path(path)
     except OSError as exc:
         raise UsageError(f"{path} can't be read: {exc.strerror}; check the path") from exc

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from printctl.ahead import import_ahead
+from printctl.ahead import call_ahead
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
@@ -139,10 +139,11 @@ def register(
         said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip
         how = _Measuring(scan, said, oct_calibration, walls, air_above, filled)
+        drawn = call_ahead(REGISTERING, "network_drawing", design.vessels)
         made = _registered(how, design, steps)
         data = _judged(made, how, limits, stated)
         steps.begin("writing")
-        _note(made.write(out, data, pdf))
+        _note(made.write(out, data, pdf, drawn.result()))
     _tell(data, out, pdf, as_json)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)
@@ -151,8 +152,7 @@ def register(
 def _registered(how: _Measuring, design: DesignRead, steps: Steps) -> Registered:
     """Read the scan and register it."""
     options = how.options
-    import_ahead(REGISTERING)
-    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above)
+    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
     _note(measured.notes)
     steps.begin("registration")
     found = register_scan(measured, design.surface, design.vessels, options)

@@ -20,7 +20,7 @@ from design.solids.manifolds import solid_manifold, to_manifold
 from printctl.errors import UsageError
 from printctl.flow.as_printed import NUMBERS
 from printctl.flow.scanned_size import arrays_of, facing, set_out
-from printctl.pipeline.stages.registration import DEVIATION, load_deviation
+from printctl.pipeline.registration_files import DEVIATION, load_deviation
 
 PASSES: Final = 10
 _AROUND: Final = 1.4

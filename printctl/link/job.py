@@ -17,6 +17,7 @@ from printctl.gate import refused_lines
 from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
+from sim.gcode_path import read_gcode_path
 from sim.reading.file import GcodeFile, kinds_of, read_file
 from sim.reading.others import Others, other_lines
 
@@ -74,7 +75,7 @@ def load_job(path: Path, printer: Printer) -> Job:
         names the line.
     """
     try:
-        data = path.read_bytes()
+        data = read_gcode_path(path)
     except OSError as exc:
         raise JobError(f"job file {path} can't be read: {exc.strerror}; check the path") from exc
     return parse_job(data, path.name, printer)

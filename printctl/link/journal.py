@@ -15,6 +15,8 @@ control    ``n``, ``command``: a line number about to be used for a control comm
 alarm      text
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
            ``mark``: what ended there, where it was made at a mark
+wanted     ``after``: the mark at which somebody wants the print held; empty once it is taken
+           back; ``head``: of several, whose syringe
 reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``; ``head``:
            of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
@@ -27,8 +29,8 @@ end        state, message, done, error, position_known: last; where the printer 
            the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, left, reload, syringe, stood and end records also have ``at``, the
-wall-clock time, s since 1970.
+job, state, alarm, checkpoint, left, wanted, reload, syringe, stood and end records also have
+``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
@@ -56,7 +58,7 @@ from printctl.link.states import LinkState
 
 Record = dict[str, Any]
 _DATED: Final = frozenset(
-    {"job", "state", "alarm", "checkpoint", "left", "reload", "syringe", "stood", "end"}
+    {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
 )
 
 
@@ -178,6 +180,8 @@ class History:
         Those at marks that agreed with the job, in order.
     left : dict of str to float
         The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
+    wanted : dict or None
+        A mark at which somebody wants the print held, which it wasn't yet.
     reload, syringe : dict or None
         Records of a change of syringe after which the print hasn't gone on.
     reloaded : int
@@ -212,6 +216,7 @@ class History:
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
     left: dict[str, float] = field(default_factory=dict)
+    wanted: Record | None = None
     reload: Record | None = None
     syringe: Record | None = None
     reloaded: int = -1
@@ -280,6 +285,8 @@ def _apply(history: History, record: Record | None) -> None:
     elif sort == "state":
         history.state = LinkState(record["state"])
         history.stopping |= history.state is LinkState.STOPPING
+        if history.state is LinkState.PAUSED:
+            history.wanted = None
         if history.state is LinkState.PRINTING:
             _printing(history)
         history.message = record.get("message", "")
@@ -299,8 +306,10 @@ def _apply(history: History, record: Record | None) -> None:
         history.left = dict(record["place"])
     elif sort == "settings":
         history.settings = history.settings or dict(record["told"])
+    elif sort == "wanted":
+        history.wanted = record if record["after"] else None
     elif sort == "reload":
-        history.reload, history.syringe = record, None
+        history.reload, history.syringe, history.wanted = record, None, None
     elif sort == "syringe":
         history.syringe, history.reload_at = record, tuple(record["reload_at"])
         history.reload_heads = tuple(record.get("reload_heads", ()))

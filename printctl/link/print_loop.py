@@ -56,6 +56,8 @@ class PrintLoop:
         parts.watch.begin(self._wiring.clock.now())
         logbook.enter(LinkState.PRINTING, f"printing {self._job.name}")
         parts.valve.reopen()
+        if history is not None and self._progress.done < len(self._job):
+            parts.pauses.at_mark()  # it died before it held the print here
         while not self._at_end():
             self._stream()
             self._obey()
@@ -156,9 +158,9 @@ class PrintLoop:
             if request is Request.PAUSE:
                 parts.pauses.pause()
             elif request is Request.RESUME:
-                parts.watch.pause_after(None)  # a pause that is waited for no longer
+                parts.requests.want(None)  # a pause that is waited for no longer
             elif request is Request.RELOAD:  # asked for in a pause that is over
-                parts.watch.pause_after(MarkKind.RELOAD)
+                parts.requests.want(MarkKind.RELOAD)
 
     def _printing(self) -> Known:
         """Return what the gate is told while lines go out."""

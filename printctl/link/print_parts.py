@@ -117,7 +117,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         pauses=pauses,
         slips=SlipWatch(channel, position),
         resumption=Resumption(
-            channel, firmware, heads, position, valve, watch, pauses, excursion, returning
+            channel, firmware, heads, position, valve, watch, pauses, excursion, returning, requests
         ),
         interruption=interruption,
     )

@@ -10,6 +10,7 @@ from printctl.gate import Phase
 from printctl.link.care import NewSyringe
 from printctl.link.errors import Refused
 from printctl.link.gating import Manual, judge_typed, let_through
+from printctl.link.journal import Record
 from printctl.link.logbook import Logbook
 from printctl.link.marks import MarkKind
 from printctl.link.requests import Request, RequestQueue
@@ -70,7 +71,7 @@ class PrintRequests:
                 f"{job.name} marks no {what} after line {job.file_line(done)}; pause at once "
                 "(--now) instead"
             )
-        self._watch.pause_after(after)
+        self.want(after)
         self._queue.add(Request.LOOK)
 
     def reload(self, head: int | None = None) -> None:
@@ -96,6 +97,12 @@ class PrintRequests:
         else:
             self.pause(MarkKind.RELOAD)
 
+    def want(self, after: MarkKind | None) -> None:
+        """Have the print held at the next mark of a kind, None for no longer; write it down."""
+        self._watch.pause_after(after)
+        head = {} if after is not MarkKind.RELOAD else {"head": self._reload_head}
+        self._logbook.record("wanted", after=after or "", **head)
+
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
         """Ask to go on after a pause; takes back a pause that is still waited for.
 
@@ -118,6 +125,11 @@ class PrintRequests:
             raise Refused(
                 "the print isn't paused for a change of syringe: `printctl reload RUN` first, so "
                 "that the change is in the journal"
+            )
+        if change and self._logbook.state is LinkState.PAUSING:
+            raise Refused(
+                "the print isn't paused yet: the needle is being lifted for the change; tell the "
+                "new syringe once `printctl status RUN` says paused"
             )
         if paused:  # later, a second word would belong to the next change
             self._new_syringe = change, unchanged
@@ -155,6 +167,12 @@ class PrintRequests:
     def reload_head(self) -> int | None:
         """Whose syringe somebody wants changed; None where nobody said."""
         return self._reload_head
+
+    def remember(self, wanted: Record | None) -> None:
+        """Go on wanting what somebody asked a process for that died; ``wanted`` of its journal."""
+        if wanted is not None:
+            self._reload_head = wanted.get("head")
+            self._watch.pause_after(MarkKind(wanted["after"]))
 
     def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
         """Return what was said of the syringe, once: the door's thread may say more at any time."""

@@ -21,9 +21,9 @@ from printctl.link.journal import History, Record
 from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal, modal_state, places_told, relieved_mm
-from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut
+from printctl.link.written_twice import written_twice
 from sim.reading import code_of
 
 CLEARANCE_MM: Final = 5.0
@@ -67,6 +67,7 @@ def plan_recovery(
     printer: Printer,
     retreat: Retreat,
     from_line: int | None = None,
+    ul_per_mm: float | None = None,
 ) -> Recovery:
     """Plan how to go on after the position was lost.
 
@@ -84,6 +85,8 @@ def plan_recovery(
         How the plunger is primed.
     from_line : int, optional
         Line of the file to begin with instead.
+    ul_per_mm : float, µL/mm, optional
+        Ink of the plunger's travel; None where nobody knows the syringe.
 
     Raises
     ------
@@ -101,7 +104,10 @@ def plan_recovery(
         )
     frame = frame_at(job, begin)
     gcode = _way_in(job, found, printer, retreat, frame) + _rest(job, data, begin)
-    steps = (*_by_hand(job, printer, frame.start), *_what_is_there(job, history, found, printer))
+    steps = (
+        *_by_hand(job, printer, frame.start),
+        *_what_is_there(job, history, found, printer, ul_per_mm),
+    )
     return Recovery(begin, gcode, steps, frame.start)
 
 
@@ -311,14 +317,20 @@ def _by_hand(
 
 
 def _what_is_there(
-    job: Job, history: History, found: _Beginning, printer: Printer
+    job: Job, history: History, found: _Beginning, printer: Printer, ul_per_mm: float | None
 ) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
     begin = found.index
     first = job.file_lines[begin]
     steps = [f"The file begins with line {first} of {job.name} ({found.why})."]
+    head = head_at(job.lines, begin) if printer.heads else None
+    amount = (
+        written_twice(job, begin, history.done, head, ul_per_mm) if history.done > begin else ""
+    )
     if found.stood:
-        return (*steps, found.stood)
+        unsure = history.stood is not None and not history.stood["certain"]
+        twice = f" Written twice may be {amount}." if unsure and amount else ""
+        return (*steps, found.stood + twice)
     refused = (history.end or {}).get("refused")
     if refused is not None and refused >= begin:
         words = job.lines[refused].decode("ascii", "replace")
@@ -327,10 +339,7 @@ def _what_is_there(
             "the new file, or mend at the printer what it complained of, else it is refused again."
         )
     if history.done > begin:
-        head = head_at(job.lines, begin) if printer.heads else None
-        travel = plunger_travel(job.lines, head)
-        again = max(travel[begin : history.done + 1]) - travel[begin]
-        amount = f" ({again:.3f} mm of plunger)" if again > 0 else ""
+        amount = f" ({amount})" if amount else ""
         steps.append(
             f"Lines {first} to {job.file_line(history.done)}, and up to half a second more, were "
             f"taken after that and are perhaps written already{amount}: they "

@@ -13,6 +13,7 @@ from printctl.link.journal import History
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
+from printctl.link.print_requests import PrintRequests
 from printctl.link.returning import Returning
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve import is_open
@@ -35,6 +36,7 @@ class Resumption:
     pauses : Pauses
     excursion : Excursion
     returning : Returning
+    requests : PrintRequests
     """
 
     channel: Channel
@@ -46,6 +48,7 @@ class Resumption:
     pauses: Pauses
     excursion: Excursion
     returning: Returning
+    requests: PrintRequests
 
     def find_again(self, history: History) -> None:
         """Ask the printer for its last line; come back to where the job was.
@@ -68,9 +71,11 @@ class Resumption:
         at = self.position.expected(history.left)
         if history.reload_at is not None:
             self.watch.plan(history.reload_at, history.reload_heads)
-        if history.reloaded == done:
+        changing = history.changing(number)
+        if changing or history.reloaded == done:
             self.watch.paused(done)
-        if history.changing(number):
+        self.requests.remember(history.wanted)
+        if changing:
             head = None if history.reload is None else history.reload.get("head")
             self.pauses.await_syringe(at, head)
         else:

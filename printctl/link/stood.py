@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-from printctl.link.modal import AXES, Modal, modal_state, places_told
-from sim.reading import code_of, is_motion, read_sent
+from printctl.link.modal import Modal, modal_state, places_told
+from printctl.link.reloading import plunger_travel
+from sim.reading import code_of, is_motion
 
 NEAR_MM: Final = 0.02
 """Distance of a place of two decimals and whole steps from the move that it is on."""
@@ -67,7 +68,7 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
         return Stood(sure, None, False)
     if not window:
         return Stood(done, None, True)
-    spots = _spots([on for k in window if (on := _passes(lines, k, place)) is not None], lines)
+    spots = _spots(_found(lines, done, window, place), lines)
     if not spots:
         return Stood(sure, None, False)
     on = spots[0]
@@ -82,13 +83,35 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
 
 def _moves_frame(lines: Sequence[bytes], index: int) -> bool:
     """Whether a line calls a place another: M114 may have been answered in either count."""
-    line = lines[index]
-    told = places_told(line)
-    if code_of(line) == b"G92":
-        told |= {axis: mm for axis in AXES if (mm := read_sent(line).number(axis)) is not None}
+    told = places_told(lines[index])
     at = modal_state(lines, index).place() if told else {}
     renamed = any(at.get(axis.lower()) != mm for axis, mm in told.items())
-    return renamed or code_of(line) == b"G28"
+    return renamed or code_of(lines[index]) == b"G28"
+
+
+def _own_count(
+    lines: Sequence[bytes], index: int, done: int, travel: Sequence[float], e: float | None
+) -> float | None:
+    """Return ``e``, mm, of the count after ``done`` lines in that of line ``index``."""
+    here, last = modal_state(lines, index).e, modal_state(lines, done).e
+    if e is None or here is None or last is None:
+        return None
+    return e + (here - travel[index]) - (last - travel[done])
+
+
+def _found(lines: Sequence[bytes], done: int, window: Sequence[int], place: Modal) -> list[_On]:
+    """Return the moves that pass the place, with E in their own count or in the last one.
+
+    A ``G92 E`` sets the count when it is read (old firmwares), or when its turn has come among the
+    moves, and never where those are dropped (Marlin 2).
+    """
+    travel, found = plunger_travel(lines), list[_On]()
+    for index in window:
+        own = _own_count(lines, index, done, travel, place.e)
+        places = (place, place if own is None else replace(place, e=own))
+        passed = (_passes(lines, index, there) for there in places)
+        found += [on for on in passed if on is not None][:1]
+    return found
 
 
 def _passes(lines: Sequence[bytes], index: int, place: Modal) -> _On | None:

@@ -21,7 +21,7 @@ from printctl.errors import UsageError
 from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
 from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.stages.registration import NUMBERS
+from printctl.pipeline.registration_files import NUMBERS
 from printctl.pipeline.stages.tissue import SURFACE
 from registration.picture import FLOW, GAUGED, Known, Surface
 from registration.report.network_view import columns

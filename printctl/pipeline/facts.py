@@ -6,11 +6,13 @@ import os
 import platform
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from printctl.pipeline.context import RunContext
 from printctl.pipeline.manifest import digest_file
-from printctl.recipe import Recipe
+
+if TYPE_CHECKING:  # a scan registered alone has neither
+    from printctl.pipeline.context import RunContext
+    from printctl.recipe import Recipe
 
 LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "trimesh")
 

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Any, Final
+from typing import Any
 
 from printctl.recipe.record import RecordPart
+from registration.judging import RULE
 from registration.scan import Scan
-
-DECISION_RULE: Final = (
-    "ISO 14253-1, guard band of the expanded uncertainty U (95 %): pass where |error| + U is "
-    "within the limit, fail where |error| - U is beyond it, else undecided"
-)
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def add_record(
         "corrected": corrected,
         "not_corrected": left,
         "tolerance_source": stated.tolerance_source,
-        "decision_rule": DECISION_RULE,
+        "decision_rule": RULE,
     }
     numbers["notes"] = [*numbers.get("notes", []), *record_notes(stated, now)]
 

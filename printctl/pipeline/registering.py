@@ -12,11 +12,10 @@ from typing import Any
 from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.feedback import NO_ORIGIN, keep_origin
 from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
-from printctl.pipeline.stages.registration import (
+from printctl.pipeline.registration_files import (
     DEVIATION,
     NUMBERS,
     design_facts,
@@ -30,11 +29,18 @@ from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
 from registration.optics import relaid
-from registration.report import ReportSurface, all_figures, write_report_html
+from registration.report import (
+    ReportSurface,
+    all_figures,
+    network_drawing,
+    write_report_html,
+)
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.pdf import write_report_pdf
 from registration.result import SIGN, scaled_vertices
 from registration.views import Views, add_scan_places, take_views
+
+__all__ = ["Registered", "network_drawing"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +103,23 @@ class Registered:
             "registration": numbers,
         }
 
-    def write(self, out: Path, data: dict[str, Any], pdf: bool) -> list[str]:
-        """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve."""
+    def write(
+        self, out: Path, data: dict[str, Any], pdf: bool, drawn: dict[str, bytes]
+    ) -> list[str]:
+        """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve.
+
+        `drawn`: figures that are drawn already (`network_drawing`).
+        """
         out.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
             judged = self.found, data["registration"]
             exports = beside.submit(write_exports, out, self.scan, self.vessels, judged)
-            made = self._origin(out)
+            made, why_not = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
             # Drawn once for page and PDF; the page alone draws while it packs.
             views = self._views(data["registration"])
-            drawn = all_figures(data, self.vessels, None, views) if pdf else None
+            if pdf:
+                drawn = all_figures(data, self.vessels, drawn, views)
             self._write_page(out, data, drawn, views)
             if pdf:
                 origin = scan_origin(self.source, self.network)
@@ -115,15 +127,13 @@ class Registered:
                     out / PDF, {**data, "provenance": origin}, self.vessels, drawn, views
                 )
             exports.result()
-        if NO_ORIGIN not in made:
-            return []
-        return [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
+        return why_not
 
     def _views(self, numbers: dict[str, Any]) -> Views:
         return take_views(self.scan, self.surface, self.found, numbers, not relaid(self.scan))
 
     def _write_page(
-        self, out: Path, data: dict[str, Any], drawn: dict[str, bytes] | None, views: Views
+        self, out: Path, data: dict[str, Any], drawn: dict[str, bytes], views: Views
     ) -> None:
         write_deviation(out / DEVIATION, self.found)
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
@@ -133,9 +143,17 @@ class Registered:
         ]
         write_report_html(out / HTML, data, shown, self.vessels, drawn, views=views)
 
-    def _origin(self, out: Path) -> dict[str, Any]:
-        """How the part was made, where the model is a run; a compensation needs it."""
-        return keep_origin(self.model, self.source, out) if self.model.is_dir() else {}
+    def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:
+        """How the part was made, where the model is a run, and why a compensation can't use it."""
+        if not self.model.is_dir():
+            return {}, []
+        # All that makes a run; a lone STL doesn't wait for it.
+        from printctl.feedback import NO_ORIGIN, keep_origin
+
+        made = keep_origin(self.model, self.source, out)
+        if NO_ORIGIN not in made:
+            return made, []
+        return made, [f"`printctl compensate` can't use this registration: {made[NO_ORIGIN]}"]
 
 
 def _json(data: dict[str, Any]) -> str:

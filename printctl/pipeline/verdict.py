@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from registration.alignment import AlignmentOptions
 from registration.judging import Decision, reason, worst
 from registration.report.gauging_sections import pressure_words
 
@@ -13,6 +14,7 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
+POSE_LEAD: Final = AlignmentOptions().ambiguous_below
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
@@ -21,7 +23,7 @@ def verdict(registration: Record) -> dict[str, Any]:
 
     The print passes when every feature of every vessel passes, the pose is unambiguous and every
     vessel that should carry flow does. It fails when one of these fails. Else it is undecided:
-    neither is proven.
+    neither is proven. Of a part that may lie otherwise nothing is proven.
 
     Parameters
     ----------
@@ -45,12 +47,27 @@ def verdict(registration: Record) -> dict[str, Any]:
         *_pose(registration),
         *_proven(registration, features),
     ]
+    if _lies_otherwise(registration["ambiguity"]):
+        found = [_in_this_pose(*one) for one in found]
     whole = worst(decision for decision, _ in found)
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
         "reasons": [text for decision in _ORDER for text in _some(found, decision)],
     }
+
+
+def _lies_otherwise(ambiguity: Record) -> bool:
+    """Whether the part may lie so that other places are compared: a symmetry of it changes none."""
+    close = [one for one in ambiguity.get("rivals", ()) if one["lead"] < POSE_LEAD]
+    symmetric = bool(close) and all(one["same"] for one in close)
+    return bool(ambiguity["flag"]) and not symmetric
+
+
+def _in_this_pose(decision: Decision, text: str) -> Finding:
+    return (
+        ("undecided", f"{text}, if the pose is right") if decision == "fail" else (decision, text)
+    )
 
 
 def _told(features: Sequence[Record]) -> list[Record]:
@@ -119,5 +136,5 @@ def _flow(registration: Record) -> list[Finding]:
 def _pose(registration: Record) -> list[Finding]:
     if registration["ambiguity"]["flag"]:
         doubts = registration["ambiguity"].get("doubts") or ["another one fits nearly as well"]
-        return [("fail", f"The pose is ambiguous: {doubts[0]}")]
+        return [("undecided", f"The pose is ambiguous: {doubts[0]}")]
     return [("pass", "The pose is unambiguous")]

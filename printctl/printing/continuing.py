@@ -9,7 +9,9 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.errors import PrintctlError, UsageError
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import PrintClient, attach, resume_print
-from printctl.link.record import load_record
+from printctl.link.journal import read_journal
+from printctl.link.marks import MarkKind
+from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
 from printctl.printing.print_actions import refuse_forgotten
 from printctl.printing.syringes import usable_mm
@@ -57,12 +59,38 @@ def continue_print(
         raise PrintctlError(
             f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
         )
+    if told and status.ended:
+        _refuse_unchanged(folder)
     with restart(folder, port) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
+            if told and not client.status.ended:
+                raise PrintctlError(
+                    f"the print in {folder} goes on with the syringe that was told before its link "
+                    "process died; what was told now isn't counted"
+                )
             return client.status
         change = new_syringe_of(client, syringe, plunger_mm) if told else None
         client.resume(change, unchanged)
         return client.status
+
+
+def _refuse_unchanged(folder: Path) -> None:
+    """Refuse a new syringe where the print had not made room for one when its process died.
+
+    Raises
+    ------
+    PrintctlError
+    """
+    history = read_journal(folder / JOURNAL)
+    if history.reload is not None:
+        return
+    asked = history.wanted is not None and history.wanted["after"] == MarkKind.RELOAD
+    then = "the change asked for is made first" if asked else "`printctl reload RUN` makes room"
+    raise PrintctlError(
+        f"when its link process died, the print in {folder} wasn't held for a change of syringe "
+        f"(last {history.state.value}), so no new one can be told; `printctl resume RUN` without "
+        f"--syringe and --plunger-mm, then {then}"
+    )
 
 
 def restart(folder: Path, port: str | None = None) -> PrintClient:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 from design.files import write_bytes
-from firmware_profiles import Printer, load
+from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.errors import PrintctlError
+from printctl.link.care import Care
 from printctl.link.errors import LinkError
 from printctl.link.job import load_job
 from printctl.link.journal import read_journal
@@ -16,6 +18,16 @@ from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import NoCheckpoint, Recovery, plan_recovery
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
+
+
+def _ul_per_mm(care: Care) -> float | None:
+    """Ink of the plunger's travel; None where the syringe isn't known, as of several heads."""
+    if care.head_capacity_mm or not care.syringe:
+        return None
+    try:
+        return math.pi / 4 * load(Syringe, care.syringe).inner_mm ** 2
+    except ProfileError:
+        return None
 
 
 def planned(folder: Path, from_line: int | None = None) -> Recovery:
@@ -52,7 +64,8 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
         raise PrintctlError(f"the print in {folder} was done; there is nothing to recover")
     retreat = Retreat(**record.retreat)
     try:
-        return plan_recovery(job, path.read_bytes(), history, printer, retreat, from_line)
+        ink = _ul_per_mm(Care.from_dict(record.care))
+        return plan_recovery(job, path.read_bytes(), history, printer, retreat, from_line, ink)
     except NoCheckpoint:
         raise
     except LinkError as exc:  # nothing was sent, so it isn't the printer that failed

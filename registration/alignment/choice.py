@@ -78,9 +78,13 @@ class Contestants:
         own = self._refined(own_symmetries(self.search, few, best.fit, OWN), STRAIGHT)
         poses = self._distinct([best, *poses, *own])
         best = self._winner(poses)
-        others = [pose for pose in poses if pose is not best]
-        others += self._refined(self.search.poses(few * MIRROR, MIRRORED), MIRROR)
-        return self._compared(best, others)
+        mirrored = self._refined(self.search.poses(few * MIRROR, MIRRORED), MIRROR)
+        for _ in poses:  # on all points another may fit better than on few
+            choice, better = self._compared(best, [p for p in [*poses, *mirrored] if p is not best])
+            if better is None:
+                break
+            best = better
+        return choice
 
     def _refined(self, fits: list[Fit], axes: FloatArray) -> list[_Pose]:
         some = thinned(self.points, REFINED_POINTS) * axes
@@ -94,28 +98,38 @@ class Contestants:
         return residuals(self.search.surface, thinned(self.points, count) * pose.axes, pose.fit)
 
     def _winner(self, poses: list[_Pose]) -> _Pose:
-        under = [self._under(pose, COMPARED_POINTS) for pose in poses]
-        best = 0
-        for k in range(1, len(poses)):
-            if contest(under[best], under[k]) < 1.0:
-                best = k
-        return poses[best]
+        """Return the pose whose least lead over the others is the greatest.
 
-    def _compared(self, best: _Pose, others: list[_Pose]) -> Choice:
-        """Compare on few points with all, and on all with those that come close."""
+        Each pair is compared where it differs, so that of three each may lead over the next.
+        """
+        under = [self._under(pose, COMPARED_POINTS) for pose in poses]
+        leads = [
+            min((contest(mine, under[k]) for k in range(len(poses)) if k != j), default=np.inf)
+            for j, mine in enumerate(under)
+        ]
+        return poses[int(np.argmax(leads))]
+
+    def _compared(self, best: _Pose, others: list[_Pose]) -> tuple[Choice, _Pose | None]:
+        """Compare on few points with all, and on all with those that come close.
+
+        Returns the pose that fits better than the best, too, where there is one.
+        """
         most = self.search.options.contest_points
         mine, wide = self._under(best, COMPARED_POINTS), self._under(best, most)
         seen = best.fit.apply(thinned(self.points, COMPARED_POINTS))
-        rivals, mirror_lead = [], 0.0
+        rivals, mirror_lead, better = [], 0.0, None
         for other in others:
             lead = contest(mine, self._under(other, COMPARED_POINTS))
             if lead < CLEAR_LEAD:
                 under = self._under(other, most)
                 lead = contest(wide, under)
                 mirror_lead = max(mirror_lead, contest(under, wide) * other.mirrored)
+            if lead < 1.0 and not other.mirrored:
+                better = other
             surface = self.search.surface
             rivals.append(describe(surface, seen, best.fit, other.fit, lead, other.mirrored))
-        return Choice(best.fit, tuple(sorted(rivals, key=lambda r: r.lead)), mirror_lead)
+        rivals.sort(key=lambda r: r.lead)
+        return Choice(best.fit, tuple(rivals), mirror_lead), better
 
     def _distinct(self, poses: list[_Pose]) -> list[_Pose]:
         """The poses that differ from those before them."""

@@ -18,15 +18,16 @@ FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
 
 @jit
 def closest_on_triangle(
-    px: float, py: float, pz: float, tri: FloatArray
+    px: float, py: float, pz: float, triangles: FloatArray, t: int
 ) -> tuple[float, float, float, int]:
-    """Nearest point of triangle (3, 3) and the feature it lies on.
+    """Nearest point of a triangle of (m, 3, 3) and the feature it lies on.
 
     Voronoi regions after Ericson, Real-Time Collision Detection (2005), section 5.1.5.
     """
-    ax, ay, az = tri[0, 0], tri[0, 1], tri[0, 2]
-    bx, by, bz = tri[1, 0] - ax, tri[1, 1] - ay, tri[1, 2] - az
-    cx, cy, cz = tri[2, 0] - ax, tri[2, 1] - ay, tri[2, 2] - az
+    # Numbers are taken one by one: a view of a row would cost more than what is computed of it.
+    ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+    bx, by, bz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
+    cx, cy, cz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
     qx, qy, qz = px - ax, py - ay, pz - az
     d1 = bx * qx + by * qy + bz * qz
     d2 = cx * qx + cy * qy + cz * qz
@@ -65,59 +66,66 @@ def closest_on_triangle(
 
 
 @jit
-def _box_distance2(box: FloatArray, px: float, py: float, pz: float) -> float:
-    dx = max(box[0] - px, 0.0, px - box[3])
-    dy = max(box[1] - py, 0.0, py - box[4])
-    dz = max(box[2] - pz, 0.0, pz - box[5])
+def _box_distance2(boxes: FloatArray, node: int, px: float, py: float, pz: float) -> float:
+    dx = max(boxes[node, 0] - px, 0.0, px - boxes[node, 3])
+    dy = max(boxes[node, 1] - py, 0.0, py - boxes[node, 4])
+    dz = max(boxes[node, 2] - pz, 0.0, pz - boxes[node, 5])
     return dx * dx + dy * dy + dz * dz
 
 
 @jit
 def _nearest_one(
-    point: FloatArray,
+    px: float,
+    py: float,
+    pz: float,
     triangles: FloatArray,
     boxes: FloatArray,
     nodes: IntArray,
     order: IntArray,
     stack: IntArray,
+    away: FloatArray,
     guess: int,
-    found: FloatArray,
-) -> tuple[int, int]:
-    """Nearest triangle and feature; foot and squared distance go into `found`.
+) -> tuple[int, int, float, float, float, float]:
+    """Nearest triangle, feature, foot and squared distance.
 
-    A `guess` (the last point's triangle, or -1) bounds the search from its beginning.
+    A `guess` (the last point's triangle, or -1) bounds the search from its beginning. `stack` and
+    `away` are room for nodes that are still to be looked at, and for their squared distances.
     """
-    px, py, pz = point
-    best = np.inf
+    best, fx, fy, fz = np.inf, 0.0, 0.0, 0.0
     feature, triangle = 0, 0
     if guess >= 0:
-        x, y, z, feature = closest_on_triangle(px, py, pz, triangles[guess])
-        best = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
+        fx, fy, fz, feature = closest_on_triangle(px, py, pz, triangles, guess)
+        best = (px - fx) ** 2 + (py - fy) ** 2 + (pz - fz) ** 2
         triangle = guess
-        found[0], found[1], found[2] = x, y, z
-    stack[0] = 0
+    stack[0], away[0] = 0, 0.0
     top = 1
     while top > 0:
         top -= 1
         node = stack[top]
-        if _box_distance2(boxes[node], px, py, pz) >= best:
+        if away[top] >= best:
             continue
-        if nodes[node, 0] < 0:
-            for k in range(-1 - nodes[node, 0], nodes[node, 1]):
+        left, right = nodes[node, 0], nodes[node, 1]
+        if left < 0:
+            for k in range(-1 - left, right):
                 t = order[k]
-                x, y, z, where = closest_on_triangle(px, py, pz, triangles[t])
+                x, y, z, where = closest_on_triangle(px, py, pz, triangles, t)
                 d2 = (px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2
                 if d2 < best:
                     best, feature, triangle = d2, where, t
-                    found[0], found[1], found[2] = x, y, z
+                    fx, fy, fz = x, y, z
             continue
-        left, right = nodes[node]
-        if _box_distance2(boxes[left], px, py, pz) < _box_distance2(boxes[right], px, py, pz):
-            left, right = right, left
-        stack[top], stack[top + 1] = left, right
-        top += 2
-    found[3] = best
-    return triangle, feature
+        to_left = _box_distance2(boxes, left, px, py, pz)
+        to_right = _box_distance2(boxes, right, px, py, pz)
+        if to_left < to_right:
+            left, right, to_left, to_right = right, left, to_right, to_left
+        # The nearer one goes on top; what is farther than the best isn't looked at again.
+        if to_left < best:
+            stack[top], away[top] = left, to_left
+            top += 1
+        if to_right < best:
+            stack[top], away[top] = right, to_right
+            top += 1
+    return triangle, feature, fx, fy, fz, best
 
 
 @pjit
@@ -142,23 +150,24 @@ def nearest(
     face = np.empty(n, dtype=np.int64)
     for chunk in numba.prange((n + CHUNK - 1) // CHUNK):
         stack = np.empty(128, dtype=np.int64)
-        found = np.empty(4)
+        away = np.empty(128)
         triangle = -1
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            triangle, feature = _nearest_one(
-                points[i], triangles, boxes, nodes, order, stack, triangle, found
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            triangle, feature, fx, fy, fz, best = _nearest_one(
+                px, py, pz, triangles, boxes, nodes, order, stack, away, triangle
             )
-            ex, ey, ez = points[i] - found[:3]
-            normal = normals[triangle, feature]
-            side = 1.0 if ex * normal[0] + ey * normal[1] + ez * normal[2] >= 0.0 else -1.0
-            length = np.sqrt(found[3])
-            distance[i] = side * length
-            foot[i] = found[:3]
-            face[i] = triangle
+            ex, ey, ez = px - fx, py - fy, pz - fz
+            nx, ny, nz = (
+                normals[triangle, feature, 0],
+                normals[triangle, feature, 1],
+                normals[triangle, feature, 2],
+            )
+            side = 1.0 if ex * nx + ey * ny + ez * nz >= 0.0 else -1.0
+            length = np.sqrt(best)
+            distance[i], face[i] = side * length, triangle
+            foot[i, 0], foot[i, 1], foot[i, 2] = fx, fy, fz
             if length > 1e-6:
-                direction[i, 0] = side * ex / length
-                direction[i, 1] = side * ey / length
-                direction[i, 2] = side * ez / length
-            else:
-                direction[i] = normal
+                nx, ny, nz = side * ex / length, side * ey / length, side * ez / length
+            direction[i, 0], direction[i, 1], direction[i, 2] = nx, ny, nz
     return distance, foot, direction, face

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
-from registration.distance.bvh import build
+from registration.distance.bvh import hierarchy
 from registration.distance.closest import nearest
 from registration.distance.curvature import Edges, face_curvature, rim_samples
 
@@ -54,7 +54,7 @@ class ModelSurface:
     rims : (r, 3) float64, mm
         Points on its sharp edges.
     boxes, nodes, order : arrays
-        See `registration.distance.bvh.build`.
+        See `registration.distance.bvh.hierarchy`.
     """
 
     triangles: FloatArray
@@ -76,7 +76,7 @@ class ModelSurface:
         normals = _pseudonormals(faces, triangles, len(solid.vertices))
         edges = Edges.of(faces, triangles)
         curvature, rims = face_curvature(triangles, edges), rim_samples(edges)
-        return ModelSurface(triangles, normals, curvature, rims, *build(triangles))
+        return ModelSurface(triangles, normals, curvature, rims, *hierarchy(triangles))
 
     @property
     def bounds(self) -> FloatArray:

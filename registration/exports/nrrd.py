@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.files import write_bytes
 from registration.result import RegistrationReport
 from registration.scan import Scan
-from registration.segmentation.filters import bin_mean
+from registration.segmentation.filters import binned
 
 FloatArray = NDArray[np.float64]
 
@@ -57,14 +57,16 @@ def _binned(
     edges = np.array(scan.geometric_voxel_mm)
     if voxel_mm is None:
         # NRRD has no bool and no half floats; everything else goes as it is.
-        volume = np.ascontiguousarray(scan.volume)
+        volume: NDArray[np.generic] = np.ascontiguousarray(scan.volume)
+        if scan.counts is not None:
+            volume = scan.counts.decibels(volume)
         if volume.dtype.kind not in "iu" and volume.dtype not in (np.float32, np.float64):
             volume = volume.astype(np.float32)
         return volume, edges[::-1].copy(), np.zeros(3)
     bins = np.maximum(1, np.round(voxel_mm / edges)).astype(int)
     bins = np.minimum(bins, scan.volume.shape)
     bz, by, bx = bins.tolist()
-    volume = bin_mean(scan.volume, (bz, by, bx), scan.scale == "db", 0.0)
+    volume = binned(scan, (bz, by, bx))
     if scan.volume.dtype.kind in "iu" and scan.scale != "db":
         # Back to whole numbers: half the file, and less noise to compress.
         volume = np.round(volume).astype(scan.volume.dtype)

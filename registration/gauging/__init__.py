@@ -13,6 +13,7 @@ from registration.gauging.deviation import (
     summarise,
     within,
 )
+from registration.gauging.junctions import find_junction_changes
 from registration.gauging.parts import led_through, part_of, without_dead_ends
 from registration.gauging.perfusion import Perfusion, perfusion, with_interval
 from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
@@ -33,6 +34,7 @@ __all__ = [
     "deviations",
     "find_changes",
     "find_closures",
+    "find_junction_changes",
     "gauge_vessels",
     "hausdorff_p95_um",
     "led_through",

@@ -9,7 +9,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst
-    from registration.judging.judged import judge, judge_plain, listed
+    from registration.judging.judged import RULE, judge, judge_plain, listed
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from registration.judging.wording import reason
 
 __all__ = [
+    "RULE",
     "Decision",
     "Limit",
     "Override",

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 FeatureName = Literal[
-    "section", "narrowest", "mean", "offset", "open", "seen", "measured", "leak", "rms"
+    "section", "narrowest", "mean", "change", "offset", "open", "seen", "measured", "leak", "rms"
 ]
 
 
@@ -29,8 +29,9 @@ class Feature:
     Attributes
     ----------
     name : str
-        ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``offset``:
-        of the axis; ``open``, ``seen``, ``measured``: without a value; ``leak``: the width of a
+        ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
+        of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
+        ``measured``: without a value; ``leak``: the width of a
         leak or bridge; ``rms``: of the scaled fit.
     decision : str
     vessel : int or None
@@ -40,6 +41,8 @@ class Feature:
     value_um, u_um, lower_um, upper_um : float or None, µm
         Diameters: deviation from the design, half width of its 95 % interval, allowed deviation.
         Offset, leak, RMS: the value, upper limit alone.
+    fail_um : float or None, µm
+        Half width with which a fail is proven of one of many sections (`guard.fail_width`).
     designed_um : float or None, µm
         Of diameters.
     limit : str
@@ -54,6 +57,7 @@ class Feature:
     at_mm: float | None = None
     value_um: float | None = None
     u_um: float | None = None
+    fail_um: float | None = None
     lower_um: float | None = None
     upper_um: float | None = None
     designed_um: float | None = None
@@ -129,6 +133,7 @@ def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:
             at_mm=float(series.along_mm[k]),
             value_um=float(series.error_um[k]),
             u_um=float(series.u_um[k]),
+            fail_um=float(band.u_fail_um[k]),
             lower_um=-float(below[0]),
             designed_um=float(series.designed_um[k]),
             limit=str(limits.narrowest),
@@ -145,6 +150,7 @@ def _diameter(name: FeatureName, band: Band, k: int, decision: Decision, limit: 
         at_mm=float(series.along_mm[k]),
         value_um=float(series.error_um[k]),
         u_um=float(series.u_um[k]),
+        fail_um=float(band.u_fail_um[k]),
         lower_um=-float(band.below_um[k]),
         upper_um=float(band.above_um[k]),
         designed_um=float(series.designed_um[k]),
@@ -171,6 +177,7 @@ def mean_feature(row: Record, band: Band, limits: VesselLimits) -> list[Feature]
             vessel=int(row["vessel"]),
             value_um=error,
             u_um=half,
+            fail_um=float(wide[0]),
             lower_um=-float(below[0]),
             upper_um=float(above[0]),
             designed_um=designed,
@@ -238,6 +245,23 @@ def open_features(row: Record, limits: VesselLimits, closed: bool) -> list[Featu
     if gaps:
         out.append(Feature("measured", "undecided", vessel, unseen_mm=gaps))
     return out
+
+
+def change_feature(finding: Record) -> Feature:
+    """Return the decision on a change that no section shows."""
+    size, below_above = float(finding["deviation_um"]), finding["tolerance_um"]
+    return Feature(
+        name="change",
+        decision=finding["decision"],
+        vessel=int(finding["vessel"]),
+        at_mm=float(finding["at_mm"]),
+        value_um=size,
+        u_um=finding["u_um"],
+        lower_um=float(below_above[0]),
+        upper_um=float(below_above[1]),
+        designed_um=100 * size / float(finding["deviation_percent"]),
+        limit=str(finding["limit"]),
+    )
 
 
 def leak_feature(defect: Record, limits: VesselLimits) -> Feature:

@@ -15,6 +15,7 @@ import numpy as np
 from registration.judging.features import (
     Band,
     Feature,
+    change_feature,
     leak_feature,
     mean_feature,
     narrowest_feature,
@@ -24,7 +25,7 @@ from registration.judging.features import (
     section_feature,
 )
 from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst
-from registration.judging.runs import findings
+from registration.judging.runs import apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
 from registration.result import json_ready
@@ -32,9 +33,9 @@ from registration.result import json_ready
 Record = Mapping[str, Any]
 
 RULE = (
-    "ISO 14253-1: a pass is proven where value and 95 % interval lie within the limits, a fail "
-    "where they lie beyond; else undecided. A vessel within its limits fails with a probability "
-    "of at most 1 %."
+    "ISO 14253-1, guard bands: a pass is proven where value ± U (95 %) lies within the limits, a "
+    "fail where it lies beyond them by more than any section of a sound vessel does in 99 of 100 "
+    "vessels; else undecided."
 )
 _WAYS = ("leak", "bridge")
 
@@ -137,6 +138,9 @@ class _Vessel:
             *open_features(row, limits, bool(closures)),
         ]
         self.findings = [*closures, *findings(row, band, limits.diameter, own)]
+        self.features += [
+            change_feature(one) for one in self.findings if apart_from_sections(band, one)
+        ]
         self.row = {
             **row,
             "decision": worst(f.decision for f in self.features),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.judging.features import Band, worst_section
-from registration.judging.guard import ORDER
+from registration.judging.guard import ORDER, decide, single_width
 from registration.judging.tolerance import Limit
 
 IntArray = NDArray[np.int64]
@@ -149,11 +150,30 @@ def judged_change(row: Record, band: Band, limit: Limit, change: Record) -> dict
     inside = _inside(band, own)
     if inside.any():
         return own | _judged(band, limit, inside)
-    # Between sections that count nothing is proven.
-    return own | {
-        "decision": "undecided", "deviation_um": None, "deviation_percent": None, "u_um": None,
-        "tolerance_um": None, "limit": str(limit),
-    }  # fmt: skip
+    return own | _alone(row, limit, own)
+
+
+def apart_from_sections(band: Band, finding: Record) -> bool:
+    """Whether a finding is a change where no section counts, as within a junction."""
+    return finding["kind"] in _SIGN and not _inside(band, finding).any()
+
+
+def _alone(row: Record, limit: Limit, change: Record) -> dict[str, Any]:
+    """Decide on such a change by its own size and interval."""
+    size, u = float(change["size_um"]), float(change["error_um"] or math.nan)
+    percent = float(change["percent"] or math.nan)
+    designed = 100 * size / percent if math.isfinite(percent) else float(row["designed_um"])
+    below, above = limit.around(np.array([designed]))
+    half = np.array([u])
+    code = decide(np.array([size]), half, np.array([single_width(u)]), below, above)
+    return {
+        "decision": ORDER[int(code[0])],
+        "deviation_um": size,
+        "deviation_percent": 100 * size / designed,
+        "u_um": u if math.isfinite(u) else None,
+        "tolerance_um": [-float(below[0]), float(above[0])],
+        "limit": str(limit),
+    }
 
 
 def _inside(band: Band, extent: Record) -> BoolArray:

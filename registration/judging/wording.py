@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 Record = Mapping[str, Any]
 
-_NAMES = {"section": "diameter", "narrowest": "narrowest diameter", "mean": "mean diameter"}
+_NAMES = {
+    "section": "diameter",
+    "narrowest": "narrowest diameter",
+    "mean": "mean diameter",
+    "change": "diameter within a junction, by what wall it has there,",
+}
 
 
 def reason(feature: Record) -> str:
@@ -32,12 +38,23 @@ def _diameter(feature: Record) -> str:
     designed = feature["designed_um"]
     percent = signed(100 * feature["value_um"] / designed)
     u = feature.get("u_um")
-    half = "unknown" if u is None else f"{100 * u / designed:.1f}"
-    um = f"{signed(feature['value_um'], 0)} ± {'unknown' if u is None else f'{u:.0f}'} µm"
+    half = "" if u is None else f" ± {100 * u / designed:.1f}"
+    um = f"{signed(feature['value_um'], 0)}{'' if u is None else f' ± {u:.0f}'} µm"
     return (
-        f"{_place(feature)}: {_NAMES[feature['name']]} measured {percent} ± {half} % ({um}), "
-        f"limit {feature['limit']}{_end(feature)}"
+        f"{_place(feature)}: {_NAMES[feature['name']]} measured {percent}{half} % ({um}), "
+        f"limit {feature['limit']}{_by_chance(feature) or _end(feature)}"
     )
+
+
+def _by_chance(feature: Record) -> str:
+    """Say why a value beyond its limit by more than U is no fail; empty of all others."""
+    value, u, wide = feature["value_um"], feature.get("u_um"), feature.get("fail_um")
+    ends = feature.get("lower_um", -math.inf), feature.get("upper_um", math.inf)
+    beyond = max(ends[0] - value, value - ends[1])
+    if feature["decision"] != "undecided" or u is None or wide is None or beyond <= u:
+        return ""
+    percent = 100 * wide / feature["designed_um"]
+    return f": beyond it, but one of many sections may err by ± {percent:.1f} %, so no fail yet"
 
 
 def _end(feature: Record) -> str:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon, contains_xy, prepare, symmetric_difference
+from shapely import Polygon, contains_xy, prepare
 
 from registration.overlay.lines import LayerLines
 
@@ -114,6 +113,11 @@ class Raster:
 
     def inside(self, rings: Sequence[FloatArray]) -> Mask:
         """Pixels inside closed contours (k, 2), mm, by the even-odd rule, (ny, nx)."""
-        shape = reduce(symmetric_difference, map(Polygon, rings), Polygon())
-        prepare(shape)
-        return np.asarray(contains_xy(shape, *np.meshgrid(self.x_mm, self.y_mm)))
+        found = np.zeros(self.shape, np.bool_)
+        for ring in rings:
+            where = self._box(ring.min(axis=0), ring.max(axis=0))
+            shape = Polygon(ring)
+            prepare(shape)
+            x, y = np.meshgrid(self.x_mm[where[1]], self.y_mm[where[0]])
+            found[where] ^= contains_xy(shape, x, y)
+        return found

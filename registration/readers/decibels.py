@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
 
+from registration.counts import CountLine
 from registration.errors import ScanFileError
 from registration.readers.found import Array
 from registration.readers.storage import empty
@@ -20,19 +20,6 @@ COUNT_KEYS = ("db_range", "count_range", "counts_per_db", "db_at_zero")
 _MOST_DB = 1000.0
 _MOST_SPAN_DB = 200.0
 _SLAB_VOXELS = 1 << 24
-
-
-@dataclass(frozen=True)
-class CountLine:
-    """dB of a count: ``db = db_at_zero + count / counts_per_db``."""
-
-    counts_per_db: float
-    db_at_zero: float
-
-    @property
-    def plain(self) -> bool:
-        """Whether counts are dB as they stand."""
-        return (self.counts_per_db, self.db_at_zero) == (1.0, 0.0)
 
 
 def layered(*layers: Mapping[str, Any]) -> dict[str, Any]:
@@ -64,8 +51,12 @@ def with_scale(known: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return {**known, "scale": "db"}
 
 
-def in_decibels(volume: Array, known: Mapping[str, Any], path: Path) -> Array:
+def in_decibels(
+    volume: Array, known: Mapping[str, Any], path: Path, keep: bool = False
+) -> tuple[Array, CountLine | None]:
     """A volume whose scale is "db" as dB: integers become float32 unless a count is a dB.
+
+    `keep`: counts of up to 16 bit stay, and the line is returned that makes dB of them.
 
     Raises
     ------
@@ -74,10 +65,12 @@ def in_decibels(volume: Array, known: Mapping[str, Any], path: Path) -> Array:
     """
     line = count_line(volume.dtype, known, path)
     if line is None:
-        return volume
+        return volume, None
     if known.get("count_range") is not None:
         _check_within(volume, known["count_range"], path)
-    return volume if line.plain else _converted(volume, line, path)
+    if keep and volume.dtype.kind in "ui" and volume.dtype.itemsize <= 2:
+        return volume, line
+    return volume if line.plain else _converted(volume, line, path), None
 
 
 def count_line(
@@ -165,6 +158,5 @@ def _converted(volume: Array, line: CountLine, path: Path) -> Array:
     for first in range(0, volume.shape[axis], step):
         part = [slice(None)] * 3
         part[axis] = slice(first, first + step)
-        counts = volume[tuple(part)].astype(np.float32)
-        out[tuple(part)] = counts / np.float32(line.counts_per_db) + np.float32(line.db_at_zero)
+        out[tuple(part)] = line.decibels(volume[tuple(part)])
     return out

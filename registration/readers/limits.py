@@ -19,7 +19,7 @@ DEFLATE_RATIO = 1032
 ANY_RATIO = 8 * DEFLATE_RATIO
 """Other compressions have no such bound, but no scan that shows anything shrinks by more."""
 
-IN_MEMORY_BYTES = 2 << 30
+IN_MEMORY_BYTES = 64 << 20
 """A volume up to this is read into memory; a larger one stays a view of a file."""
 
 

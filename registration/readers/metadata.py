@@ -138,9 +138,15 @@ def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str,
 
 
 def build_scan(
-    found: Found, beside: Mapping[str, Any], overrides: ScanOverrides, path: Path
+    found: Found,
+    beside: Mapping[str, Any],
+    overrides: ScanOverrides,
+    path: Path,
+    keep_counts: bool = False,
 ) -> Scan:
     """Check and join what is known of a scan.
+
+    `keep_counts`: leave counts that stand for dB as they are (`Scan.counts`).
 
     Raises
     ------
@@ -165,9 +171,12 @@ def build_scan(
     turned = _oriented(found, known, voxel, path)
     _check_finite(turned.volume, path)
     light = light_notes(turned.volume, known, "scale" in said, path)
-    counted = known["scale"] == "db"
+    volume, counts = turned.volume, None
+    if known["scale"] == "db":
+        volume, counts = in_decibels(volume, known, path, keep_counts)
     return Scan(
-        volume=in_decibels(turned.volume, known, path) if counted else turned.volume,
+        volume=volume,
+        counts=counts,
         voxel_mm=voxel,
         refractive_index=_index(known["refractive_index"], path),
         optical_depth=known["optical_depth"],

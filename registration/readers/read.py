@@ -43,8 +43,13 @@ _HDF5_PLACES = (0, 512)
 """MATLAB 7.3 puts HDF5 behind 512 bytes of its own."""
 
 
-def read_scan(path: Path, overrides: ScanOverrides | None = None) -> Scan:
+def read_scan(
+    path: Path, overrides: ScanOverrides | None = None, *, keep_counts: bool = False
+) -> Scan:
     """Read a scan of any known format.
+
+    `keep_counts`: leave counts that stand for dB as they are (`Scan.counts`): a quarter of the
+    memory.
 
     Units and kin come from the file, from ``NAME.json`` or ``NAME.yaml`` beside it, or from
     `overrides`, the later over the earlier; nothing is guessed.
@@ -59,7 +64,7 @@ def read_scan(path: Path, overrides: ScanOverrides | None = None) -> Scan:
     more = RAW_KEYS if reader is raw.read_raw else ()
     found = reader(path)
     said = {k: v for k, v in sidecar(path, more).items() if k not in RAW_KEYS}
-    return build_scan(found, said, overrides or ScanOverrides(), path)
+    return build_scan(found, said, overrides or ScanOverrides(), path, keep_counts)
 
 
 def _reader(path: Path) -> Reader:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import mmap
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from registration.pages import drop_pages
 from registration.readers.found import Array
 from registration.readers.limits import IN_MEMORY_BYTES, bytes_of, check_available
 
@@ -77,16 +77,9 @@ def native(volume: Array) -> Array:
         part[axis] = slice(first, first + count)
         out[tuple(part)] = volume[tuple(part)]
         if first // count % max(1, _DROP_BYTES // _COPY_BYTES) == 0:
-            _drop_pages(volume)
-    _drop_pages(volume)
+            drop_pages(volume)
+    drop_pages(volume)
     return out
-
-
-def _drop_pages(volume: Array) -> None:
-    """Give back what of a file was read: else a copy would cost its memory twice."""
-    pages = getattr(volume, "_mmap", None)
-    if pages is not None and hasattr(mmap, "MADV_DONTNEED"):
-        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _is_mapped(volume: Array) -> bool:

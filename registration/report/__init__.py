@@ -7,7 +7,7 @@ from registration.report.figures import (
     network_figure,
 )
 from registration.report.network_page import NetworkPage, write_network_html
-from registration.report.page import all_figures, write_report_html
+from registration.report.page import all_figures, network_drawing, write_report_html
 from registration.report.surface import ReportSurface
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "all_figures",
     "diameter_figure",
     "histogram_figure",
+    "network_drawing",
     "network_figure",
     "write_network_html",
     "write_report_html",

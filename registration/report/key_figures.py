@@ -72,7 +72,7 @@ def _worst_error(data: Mapping[str, Any]) -> KeyFigure | None:
     value = number(worst["error_percent"], 3)
     sign = "+" if worst["error_percent"] > 0 else ""
     note = f"vessel {plain(worst.get('vessel'))}"
-    return KeyFigure("Largest diameter error", sign + value, "%", note)
+    return KeyFigure("Largest error of a mean diameter", sign + value, "%", note)
 
 
 def _pressure(data: Mapping[str, Any]) -> KeyFigure | None:

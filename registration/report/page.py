@@ -181,6 +181,14 @@ def scene(
     }
 
 
+NETWORK_DRAWING = "design/Network, coloured by diameter"
+
+
+def network_drawing(network: VesselNetwork) -> dict[str, bytes]:
+    """The one drawing of `all_figures` that needs no numbers, to be made ahead of them."""
+    return {NETWORK_DRAWING: network_figure(network)}
+
+
 def all_figures(
     data: Mapping[str, Any],
     network: VesselNetwork | None,
@@ -219,7 +227,7 @@ def _drawings(
     if any(is_number(r.get("measured_um")) for r in gauged):
         made["diameters/Measured against designed diameter"] = partial(_diameters, gauged, limit)
     if network is not None:
-        made["design/Network, coloured by diameter"] = partial(network_figure, network)
+        made[NETWORK_DRAWING] = partial(network_figure, network)
         rows = records(mapping(data, "flow"), "vessels")
         ends = columns(rows, ("pressure_in_mmhg", "pressure_out_mmhg"), network.vessel_count)
         pressure = point_pressure(

@@ -9,14 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
 FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
+IntArray = NDArray[np.int64]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 _CHUNK = 12
-"""Planes a thread smooths at a time: enough to spread the halo, little enough for memory."""
+"""Planes that a thread smooths at a time, at least: enough to spread the halo, little enough for
+memory; three times the halo where that is wide."""
+
+
+_PER_DB = np.float32(math.log(10.0) / 10.0)
 
 
 @pjit
@@ -41,10 +47,55 @@ def bin_mean(
                         for i in range(x * bx, (x + 1) * bx):
                             value = np.float32(raw[k, j, i])
                             if decibel:
-                                value = np.float32(10.0) ** (value * np.float32(0.1))
+                                value = np.exp(value * _PER_DB)
                             row[x] += value
             for x in range(nx):
                 out[z, y, x] = row[x] * share - np.float32(offset)
+    return out
+
+
+@pjit
+def bin_counts(
+    raw: NDArray[np.generic],
+    bins: tuple[int, int, int],
+    intensities: NDArray[np.float32],
+    first: int,
+) -> FloatVolume:
+    """Mean of what counts stand for, over blocks of ``bins`` (z, y, x) voxels.
+
+    ``intensities[count - first]`` is that of a count.
+    """
+    bz, by, bx = bins
+    nz, ny, nx = raw.shape[0] // bz, raw.shape[1] // by, raw.shape[2] // bx
+    out = np.empty((nz, ny, nx), dtype=np.float32)
+    share = np.float32(1.0 / (bz * by * bx))
+    for z in numba.prange(nz):
+        row = np.empty(nx, dtype=np.float32)
+        for y in range(ny):
+            row[:] = 0.0
+            for k in range(z * bz, (z + 1) * bz):
+                for j in range(y * by, (y + 1) * by):
+                    for x in range(nx):
+                        total = np.float32(0.0)
+                        for i in range(x * bx, (x + 1) * bx):
+                            total += intensities[np.int64(raw[k, j, i]) - first]
+                        row[x] += total
+            for x in range(nx):
+                out[z, y, x] = row[x] * share
+    return out
+
+
+def binned(scan: Scan, bins: tuple[int, int, int]) -> FloatVolume:
+    """Mean linear intensity of blocks of ``bins`` (z, y, x) voxels, read slab by slab."""
+    counts = [size // of for size, of in zip(scan.volume.shape, bins, strict=True)]
+    out = np.empty(counts, dtype=np.float32)
+    table = scan.intensities
+    least = int(np.iinfo(scan.volume.dtype.name).min) if table is not None else 0
+    for slab in scan.slabs(bins):
+        if table is None:
+            out[slab.where] = bin_mean(slab.voxels, bins, scan.scale == "db", 0.0)
+        else:
+            out[slab.where] = bin_counts(slab.voxels, bins, table, least)
     return out
 
 
@@ -94,36 +145,39 @@ def smooth(
     wz, wy, wx = weights
     nz, ny, nx = values.shape
     rz, ry, rx = len(wz) // 2, len(wy) // 2, len(wx) // 2
-    for chunk in numba.prange((nz + _CHUNK - 1) // _CHUNK):
-        first = int(np.int64(chunk)) * _CHUNK  # numba's own index is unsigned
-        last = min(nz, first + _CHUNK)
+    thick = max(_CHUNK, min(3 * rz, (nz + 1) // 2))
+    for chunk in numba.prange((nz + thick - 1) // thick):
+        first = int(np.int64(chunk)) * thick  # numba's own index is unsigned
+        last = min(nz, first + thick)
         low, high = max(0, first - rz), min(nz, last + rz)
         planes = np.empty((high - low, ny, nx), dtype=np.float32)
         row = np.empty(nx + 2 * rx, dtype=np.float32)
+        line = np.empty(nx, dtype=np.float32)
         for z in range(low, high):
             for y in range(ny):
                 row[:] = 0.0
                 for j in range(-ry, ry + 1):
-                    source = min(max(y + j, 0), ny - 1)
-                    weight = wy[j + ry]
+                    source = values[z, min(max(y + j, 0), ny - 1)]
+                    weight, part = wy[j + ry], row[rx : rx + nx]
                     for x in range(nx):
-                        row[x + rx] += weight * np.float32(values[z, source, x])
+                        part[x] += weight * np.float32(source[x])
                 for i in range(rx):
                     row[i], row[nx + rx + i] = row[rx], row[nx + rx - 1]
-                for x in range(nx):
-                    total = np.float32(0.0)
-                    for i in range(2 * rx + 1):
-                        total += wx[i] * row[x + i]
-                    planes[z - low, y, x] = total
-        line = np.empty(nx, dtype=np.float32)
+                # Weights outside, places inside: many places at a time.
+                line[:] = 0.0
+                for i in range(2 * rx + 1):
+                    weight, part = wx[i], row[i : i + nx]
+                    for x in range(nx):
+                        line[x] += weight * part[x]
+                planes[z - low, y, :] = line
         for z in range(first, last):
             for y in range(ny):
                 line[:] = np.float32(rounding)
                 for k in range(-rz, rz + 1):
-                    source = min(max(z + k, 0), nz - 1) - low
+                    source = planes[min(max(z + k, 0), nz - 1) - low, y]
                     weight = wz[k + rz]
                     for x in range(nx):
-                        line[x] += weight * planes[source, y, x]
+                        line[x] += weight * source[x]
                 for x in range(nx):
                     out[z, y, x] = line[x]
 
@@ -146,18 +200,54 @@ def between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x:
     return float(top * (1 - w) + (near * (1 - v) + far * v) * w)
 
 
+@jit
+def _steps(count: int, size: int, factor: int) -> tuple[IntArray, FloatVolume]:
+    """Along an axis of `size` voxels: the coarse one below each, and how far it is to the next.
+
+    `count` coarse ones, block centres at every `factor`-th voxel, as in `between`.
+    """
+    index, part = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.float32)
+    for voxel in range(size):
+        at = min(max((voxel + 0.5) / factor - 0.5, 0.0), count - 1.0)
+        index[voxel] = min(int(at), max(count - 2, 0))
+        part[voxel] = at - index[voxel]
+    return index, part
+
+
+@jit
+def _row_between(
+    field: FloatVolume, k: int, w: np.float32, j: int, v: np.float32, out: FloatVolume
+) -> None:
+    """A coarse field's row between its layers `k`, and between its rows `j`, into `out`."""
+    up, ahead = min(k + 1, field.shape[0] - 1), min(j + 1, field.shape[1] - 1)
+    one = np.float32(1.0)
+    for i in range(field.shape[2]):
+        near = field[k, j, i] * (one - v) + field[k, ahead, i] * v
+        far = field[up, j, i] * (one - v) + field[up, ahead, i] * v
+        out[i] = near * (one - w) + far * w
+
+
 @pjit
 def normalise(
     values: FloatVolume, low: FloatVolume, high: FloatVolume, factor: tuple[int, int, int]
 ) -> None:
     """Map in place what is `low` to 0 and `high` to 1; both at every `factor`-th voxel."""
     nz, ny, nx = values.shape
+    mz, my, mx = low.shape
+    layer, w = _steps(mz, nz, factor[0])
+    line, v = _steps(my, ny, factor[1])
+    place, u = _steps(mx, nx, factor[2])
     for z in numba.prange(nz):
+        lows, highs = np.empty(mx + 1, np.float32), np.empty(mx + 1, np.float32)
         for y in range(ny):
+            _row_between(low, layer[z], w[z], line[y], v[y], lows)
+            _row_between(high, layer[z], w[z], line[y], v[y], highs)
+            lows[mx], highs[mx] = lows[mx - 1], highs[mx - 1]
             for x in range(nx):
-                at = between(low, factor, z, y, x)
-                span = max(between(high, factor, z, y, x) - at, 0.1)
-                values[z, y, x] = np.float32((values[z, y, x] - at) / span)
+                i, part = place[x], u[x]
+                at = lows[i] + part * (lows[i + 1] - lows[i])
+                span = max(highs[i] + part * (highs[i + 1] - highs[i]) - at, np.float32(0.1))
+                values[z, y, x] = (values[z, y, x] - at) / span
 
 
 @pjit

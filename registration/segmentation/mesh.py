@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from kernels import pjit
 from registration.errors import SegmentationError
 from registration.segmentation.nets import surface
 from registration.segmentation.volume import GelField, Strength
 
 FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -70,16 +73,28 @@ def _lit(position: FloatArray, gradient: FloatArray, strength: Strength) -> NDAr
 
     Averaged over neighbours within the gel: a single voxel of speckle or noise says nothing.
     """
-    last = np.array(strength.signal.shape[::-1]) - 1
-    around = np.arange(-LIT_VOXELS, LIT_VOXELS + 1)
-    total = np.zeros(len(position))
-    middle = position + (1 + LIT_VOXELS) * gradient
-    for dz in around:
-        for dy in around:
-            for dx in around:
-                place = np.clip(np.round(middle + (dx, dy, dz)), 0, last).astype(int)
-                total += strength.signal[place[:, 2], place[:, 1], place[:, 0]]
-    return np.asarray(total > LIT * strength.noise * len(around) ** 3)
+    least = LIT * strength.noise * (2 * LIT_VOXELS + 1) ** 3
+    return _beside(position, gradient, strength.signal) > least
+
+
+@pjit
+def _beside(position: FloatArray, gradient: FloatArray, signal: FloatVolume) -> FloatArray:
+    """Sum of the signal over a cube of voxels beside each vertex, on the gel's side."""
+    nz, ny, nx = signal.shape
+    out = np.empty(len(position))
+    for i in numba.prange(len(position)):
+        x = position[i, 0] + (1 + LIT_VOXELS) * gradient[i, 0]
+        y = position[i, 1] + (1 + LIT_VOXELS) * gradient[i, 1]
+        z = position[i, 2] + (1 + LIT_VOXELS) * gradient[i, 2]
+        total = 0.0
+        for dz in range(-LIT_VOXELS, LIT_VOXELS + 1):
+            k = min(max(int(np.rint(z + dz)), 0), nz - 1)
+            for dy in range(-LIT_VOXELS, LIT_VOXELS + 1):
+                j = min(max(int(np.rint(y + dy)), 0), ny - 1)
+                for dx in range(-LIT_VOXELS, LIT_VOXELS + 1):
+                    total += signal[k, j, min(max(int(np.rint(x + dx)), 0), nx - 1)]
+        out[i] = total
+    return out
 
 
 def _large_components(

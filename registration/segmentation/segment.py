@@ -129,7 +129,7 @@ def _check_volume(scan: Scan) -> None:
     if low == high:
         raise SegmentationError(f"the volume is empty: every sampled voxel is {low}")
     clipped = float((probe == high).mean())
-    if clipped > 0.05 and np.issubdtype(volume.dtype, np.integer):
+    if clipped > 0.05 and np.issubdtype(volume.dtype, np.integer) and scan.counts is None:
         raise SegmentationError(
             f"the volume is saturated: {100 * clipped:.0f} % of its voxels hold the largest "
             f"value {high} (limit 5 %); scan again with less power or gain"

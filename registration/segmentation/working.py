@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.scan import Scan
-from registration.segmentation.filters import Weights, bin_mean, gaussian_weights, smooth
+from registration.segmentation.filters import Weights, binned, gaussian_weights, smooth
 from registration.segmentation.volume import Volume
 
 FloatArray = NDArray[np.float64]
@@ -42,22 +42,15 @@ class Working:
     @staticmethod
     def of(scan: Scan, voxel_mm: float, smoothing_mm: float) -> Working:
         """Average to voxels of about `voxel_mm`, smooth by `smoothing_mm`."""
-        voxel = np.array(scan.geometric_voxel_mm)
-        most = np.array(scan.volume.shape) // 8
-        bins = np.clip(np.round(voxel_mm / voxel), 1, most).astype(int)
-        origin = ((bins - 1) / 2 * voxel)[::-1]
-        bz, by, bx = bins.tolist()
-        blur = float(np.sqrt(smoothing_mm**2 + np.mean((voxel * bins) ** 2) / 12))
-        sigma = smoothing_mm / (voxel * bins)
-        return Working((bz, by, bx), sigma, (voxel * bins)[::-1], origin, blur)
+        voxel, counts = np.array(scan.geometric_voxel_mm), bins(scan, voxel_mm)
+        size = voxel * counts
+        origin = ((size - voxel) / 2)[::-1]
+        blur = float(np.sqrt(smoothing_mm**2 + np.mean(size**2) / 12))
+        return Working(counts, smoothing_mm / size, size[::-1], origin, blur)
 
     def binned(self, scan: Scan) -> FloatVolume:
         """Mean linear intensity on the working grid, read slab by slab."""
-        counts = [size // of for size, of in zip(scan.volume.shape, self.bins, strict=True)]
-        out = np.empty(counts, dtype=np.float32)
-        for slab in scan.slabs(self.bins):
-            out[slab.where] = bin_mean(slab.voxels, self.bins, scan.scale == "db", 0.0)
-        return out
+        return binned(scan, self.bins)
 
     def smoothed(self, values: FloatVolume, part: float = 1.0) -> FloatVolume:
         """Gaussian-smoothed copy, by a `part` of the standard deviation."""
@@ -74,6 +67,14 @@ class Working:
     def _weights(self, part: float) -> Weights:
         z, y, x = (gaussian_weights(part * float(sigma)) for sigma in self.sigma)
         return z, y, x
+
+
+def bins(scan: Scan, voxel_mm: float) -> tuple[int, int, int]:
+    """How many of a scan's voxels along z, y, x make one of about `voxel_mm`."""
+    most = np.array(scan.volume.shape) // 8
+    counts = np.clip(np.round(voxel_mm / np.array(scan.geometric_voxel_mm)), 1, most)
+    bz, by, bx = counts.astype(int).tolist()
+    return bz, by, bx
 
 
 def probe(values: Volume) -> FloatArray:

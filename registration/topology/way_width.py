@@ -1,7 +1,7 @@
 """Width of a way through the gel, by the gel missing across it.
 
-The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; no
-blur changes an integral, so that a way as narrow as the resolution is measured too.
+The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; blur
+changes it little (`EDGE`), so that a way as narrow as the resolution is measured too.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from registration.alignment import Fit
 from registration.gauging.planes import to_scan
@@ -22,10 +23,19 @@ FloatArray = NDArray[np.float64]
 
 _REACH_MM = (0.16, 0.5)
 """Discs are at least and at most so large in radius."""
-_BEYOND_MM = 0.1
-"""And reach so far beyond the way: blur and a crooked path."""
-_RING_MM = 0.12
+_BEYOND_MM = 0.06
+"""And reach so far beyond the way: blur and a crooked path. Not farther: below a way gel is
+brighter than beside it, by what liquid saves of the light."""
+_RING_MM = 0.15
 """Of the gel in a ring so wide around the disc a way must stand out."""
+EDGE = 0.3
+"""Of the scan's coarsest voxel a way is wider than its evidence says. Evidence is capped at gel's
+mean (`evidence.BRIGHTEST`): of speckle of mean power p it holds p (1 - exp(-1/p)) / (1 - 1/e), more
+than p says, so that the blurred edge of a way (blur σ, about half a voxel) comes out 0.4 σ further
+in on each side."""
+RELATIVE = 0.06
+"""Standard uncertainty of a width, of itself: reflections of the way's walls, and brighter gel
+below, hide some of it. Set on ways of the shared generator (`../shared/scans`)."""
 _ROUNDS = 4
 _STEP_MM = 0.02
 
@@ -52,13 +62,20 @@ def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tu
             return float("nan"), float("nan")
         half = np.sqrt(max(float(np.median(area)), 0.0) / np.pi)
         radius = float(np.clip(half + _BEYOND_MM, *_REACH_MM))
+    return _with_interval(area, scene.grid.step_mm, float(evidence.voxel_mm.max()))
+
+
+def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, float]:
+    """Return diameter and half its 95 % interval, mm, from areas of cuts (n,), mm²."""
     # The median: at its ends a way widens into what it joins.
-    middle = max(float(np.median(area)), np.pi * (scene.grid.step_mm / 2) ** 2)
-    spread = 1.4826 * float(np.median(np.abs(area - middle))) if len(area) > 2 else middle
-    diameter = 2 * float(np.sqrt(middle / np.pi))
+    middle = max(float(np.median(area)), np.pi * (step / 2) ** 2)
+    spread = float(np.std(area, ddof=1)) if len(area) > 2 else middle
+    bare, edge = 2 * float(np.sqrt(middle / np.pi)), EDGE * voxel
     # d = 2 √(A/π), so that its relative error is half the area's; of a median π/2 more variance.
-    error = np.sqrt(np.pi / 2) * spread / np.sqrt(len(area))
-    return diameter, 1.96 * diameter * error / (2 * middle)
+    error = np.sqrt(np.pi / 2 / len(area)) * spread * bare / (2 * middle)
+    speckle = float(student.ppf(0.975, max(len(area) - 1, 1))) * error
+    shared = 1.96 * np.hypot(RELATIVE * (bare + edge), edge / 2)
+    return bare + edge, float(np.hypot(speckle, shared))
 
 
 def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, float]:
@@ -116,8 +133,8 @@ def _areas(
     known = np.where(counts, share, np.nan)
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        gel = np.minimum(np.nanmean(known[:, ~disc], axis=1, keepdims=True), 1.0)
-    lacking = (gel - known[:, disc]) / np.maximum(gel - scene.liquid, 0.1)
+        gel = float(np.nanmean(known[:, ~disc]))
+    lacking = (gel - known[:, disc]) / max(gel - scene.liquid, 0.1)
     inside = counts[:, disc].mean(axis=1)
     area = np.nansum(lacking, axis=1) * _STEP_MM**2
-    return np.where((inside >= 0.5) & np.isfinite(gel[:, 0]), area, np.nan)
+    return np.where((inside >= 0.5) & np.isfinite(gel), area, np.nan)

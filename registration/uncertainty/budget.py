@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 LEVEL = 0.95
 """Coverage probability of expanded uncertainties."""
@@ -71,7 +71,7 @@ class Budget:
 
 def coverage_factor(dof: float) -> float:
     """Student's t for 95 % both ways; NaN for NaN."""
-    return float(student.ppf((1 + LEVEL) / 2, max(dof, 1.0)))
+    return float(stdtrit(max(dof, 1.0), (1 + LEVEL) / 2))
 
 
 def rectangular(half_width: float) -> float:

@@ -21,6 +21,7 @@ SORTS: Final[dict[str, str]] = {
     "unknown_word": "words that the firmware doesn't know for this code",
     "unknown_axis": "axes that the machine hasn't",
     "repeated_word": "words that stand twice in a line",
+    "too_long": "lines longer than any firmware takes",
     "ambiguous": "words that firmwares read differently",
     "too_many": "places where reading was given up",
 }

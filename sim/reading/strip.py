@@ -21,6 +21,9 @@ _PARENTHESES: Final = re.compile(rb"\([^()]*\)")
 _NUMBER: Final = re.compile(rb"[Nn]-?\d{1,10}(?![\d.])[ \t]*")
 _CHECKSUM: Final = re.compile(rb"\*[ \t]*(\d+)[ \t]*")
 _CRC_DIGITS: Final = 5
+_LONGEST: Final = 2_000
+"""Bytes of a command as it stands in a file, without the comment behind a semicolon: firmwares take
+some 100 to 250, and what is sent is held against the profile's own limit (``max_line_bytes``)."""
 
 
 def command_in(text: bytes, family: str) -> bytes:
@@ -36,11 +39,17 @@ def command_in(text: bytes, family: str) -> bytes:
     Raises
     ------
     LineError
-        For a wrong checksum, comments that don't close, or characters that can't be sent.
+        For a wrong checksum, comments that don't close, characters that can't be sent, or too many
+        of them.
     """
     command = text.partition(b";")[0].strip(b" \t\r\n")
     if not command:
         return b""
+    if len(command) > _LONGEST:
+        raise refusal(
+            "too_long", text, f"its command has {len(command)} bytes, at most {_LONGEST} are read "
+            "(firmwares take some 100); take out what is too much"
+        )  # fmt: skip
     command = _without_number(command, text, family)
     if b"(" in command or b")" in command:
         _comments_in_parentheses(text, family)

@@ -10,7 +10,7 @@ from registration.alignment import Alignment, Uncertainty
 from registration.distance import ModelSurface
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import deviations, find_changes
-from registration.segmentation import Segmentation
+from registration.segmentation import Segmentation, gel_evidence
 from registration.uncertainty import ScanErrors
 from tests.registration.phantom import (
     CHANNEL,
@@ -36,8 +36,21 @@ def findings(segmentation: Segmentation) -> Findings:
     deviation = deviations(surface, segmentation.vertices, False)
     fits = Alignment(IDENTITY, IDENTITY, 2, True, np.inf, (), SURE, "upright", ())
     network = ladder()
+    evidence = gel_evidence(segmentation.field, segmentation.strength)
     return inspect(
-        Inspection(network, surface, False, segmentation, fits, deviation, 0.1, 1e-3, None, ERRORS)
+        Inspection(
+            network,
+            surface,
+            False,
+            segmentation,
+            fits,
+            deviation,
+            0.1,
+            1e-3,
+            None,
+            ERRORS,
+            evidence,
+        )
     )
 
 

@@ -239,6 +239,8 @@ def test_rings_are_filled_by_the_even_odd_rule() -> None:
     inside = raster.inside([circle, 0.5 * circle[::-1]])
     assert inside.sum() * 1e-4 == pytest.approx(np.pi * 0.75, rel=0.005)
     assert not inside[120, 120]
+    crossed = 0.0031 + np.array([[-1, -1], [1, 1], [1, -1], [-1, 1]])  # at its middle
+    assert raster.inside([crossed]).sum() * 1e-4 == pytest.approx(2.0, rel=0.01)
 
 
 GOOD = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1.01, 3], [0, 0, 0, 1]]

@@ -33,6 +33,8 @@ def test_a_way_of_200_um_is_found_in_single_look_speckle(seed: int) -> None:
     found = findings(speckled(block(extra=way), 0.15, seed=seed)).defects
     kinds = [(d.kind, d.vessel, d.other) for d in found if d.kind in ("leak", "bridge")]
     assert kinds == [("bridge", CHANNEL, WIDE)]
+    (bridge,) = (d for d in found if d.kind == "bridge")
+    assert abs(bridge.size_um - 200) < bridge.error_um < 80
 
 
 @pytest.mark.parametrize("seed", range(2))

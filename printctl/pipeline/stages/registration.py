@@ -6,20 +6,25 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
 from design.files import write_text
-from design.network import VesselNetwork
-from design.solids import Solid, write_ply
+from design.solids import Solid
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, SOLID
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.registration_files import (
+    DEVIATION,
+    NUMBERS,
+    VIEWS,
+    design_facts,
+    scan_facts,
+    surface_facts,
+    write_deviation,
+    write_exports,
+)
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.tracing import by_layer, made_by, read_job
@@ -30,29 +35,14 @@ from printctl.recipe.record import RecordPart
 from registration import (
     RegistrationOptions,
     RegistrationReport,
-    Scan,
     register_scan,
     report_dict,
 )
-from registration.exports import (
-    write_axes_vtp,
-    write_scan_nrrd,
-    write_surface_vtp,
-    write_tables,
-)
-from registration.gauging.near_lumen import apart
 from registration.judging import judge
 from registration.optics import relaid
-from registration.result import SIGN, scaled_vertices
+from registration.result import SIGN
 from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
-
-NUMBERS, DEVIATION = "registration.json", "deviation.ply"
-VIEWS = "views.npz"
-SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
-
-_MOST_VOXELS = 8_000_000
-"""Of the scan as it is written for 3D Slicer."""
 
 
 def depends(context: RunContext) -> Any:
@@ -111,37 +101,6 @@ def _options(context: RunContext) -> RegistrationOptions:
     return RegistrationOptions(lumens="bright" if part.filled else "dark", walls=walls, flow=flow)
 
 
-def design_facts(network: Path) -> dict[str, str]:
-    """What tells this design's registrations from another's, for a comparison of prints."""
-    return {"network_sha256": digest_file(network)}
-
-
-def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
-    """Deviations of lumens and of outer faces apart."""
-    seen = found.seen
-    return apart(
-        scaled_vertices(found)[seen],
-        network,
-        found.deviation_um[seen],
-        found.scaled_deviation_um[seen],
-    )
-
-
-def scan_facts(scan: Scan) -> dict[str, Any]:
-    """What a compensation must know of the scan behind the numbers."""
-    dz, dy, dx = scan.geometric_voxel_mm
-    return {
-        "modality": scan.modality,
-        "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
-        "optical_depth": scan.optical_depth,
-        "depth_standard": scan.depth_standard,
-        "handedness": scan.handedness,
-        "space": None
-        if scan.space is None
-        else {"name": scan.space.name, "from_scan": scan.space.from_scan.tolist()},
-    }
-
-
 def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:
     """Say of each layer how far off it is, and of each defect which lines wrote around it."""
     part, stretch = context.recipe.toolpath, context.corrections.stretch
@@ -163,45 +122,6 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         line_mm = 0.0
     for defect in summary["findings"]:
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
-
-
-def write_exports(
-    folder: Path,
-    scan: Scan,
-    network: VesselNetwork,
-    judged: tuple[RegistrationReport, dict[str, Any]],
-) -> list[str]:
-    """Tables, and files for ParaView and 3D Slicer, of a report and its judged numbers."""
-    found, numbers = judged
-    write_surface_vtp(folder / SURFACE_VTP, found)
-    write_axes_vtp(folder / AXES_VTP, network, found)
-    # Fine enough to see the thinnest lumen, and small enough to be looked at.
-    size = float(np.prod(np.array(scan.geometric_voxel_mm) * scan.volume.shape))
-    voxel = max(float(2 * network.radius.min()) / 8, (size / _MOST_VOXELS) ** (1 / 3))
-    write_scan_nrrd(folder / SCAN_NRRD, scan, found, voxel)
-    return [*write_tables(folder, numbers), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
-
-
-def write_deviation(path: Path, found: RegistrationReport) -> None:
-    """Write the scanned surface after the scaled fit, part frame, with its signed deviation.
-
-    The deviation is NaN (grey in viewers) where the surface wasn't seen.
-    """
-    surface = Solid(scaled_vertices(found), found.faces)
-    write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
-
-
-def load_deviation(
-    path: Path,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-    """Read back what `write_deviation` wrote: vertices, faces, deviation in µm."""
-    mesh = trimesh.load_mesh(path, process=False)
-    values = mesh.metadata["_ply_raw"]["vertex"]["data"]["deviation_um"]
-    return (
-        np.asarray(mesh.vertices, dtype=np.float64),
-        np.asarray(mesh.faces, dtype=np.int32),
-        np.asarray(values, dtype=np.float64).reshape(-1),
-    )
 
 
 def check_truth(context: RunContext, found: RegistrationReport, model: Solid) -> dict[str, Any]:

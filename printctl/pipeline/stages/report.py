@@ -18,9 +18,9 @@ from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.artefacts import GCODE, HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.registration_files import DEVIATION, VIEWS, load_deviation
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
-from printctl.pipeline.stages.registration import DEVIATION, VIEWS, load_deviation
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
 from registration.report import ReportSurface, all_figures, write_report_html

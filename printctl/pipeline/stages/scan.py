@@ -234,7 +234,7 @@ def load_scan(context: RunContext) -> Scan:
     )
     folder = context.recipe_folder
     device = None if part.oct_calibration is None else folder / part.oct_calibration
-    return corrected_scan(folder / part.file, said, device, part.air_above)
+    return corrected_scan(folder / part.file, said, device, part.air_above, True)
 
 
 def describe(scan: Scan, source: str) -> dict[str, Any]:

@@ -27,6 +27,8 @@ from design.solids import (
     write_solid_vtp,
     write_stl,
 )
+from design.solids.read import load_mesh
+from design.solids.stl import read_corners
 from design.units import LengthUnit
 from tests.design.solids.networks import ladder
 
@@ -238,3 +240,16 @@ def test_vtp_holds_points_and_triangles(tmp_path: Path) -> None:
     corners = np.frombuffer(found["connectivity"][8:], "<i4").reshape(-1, 3)
     assert np.array_equal(corners, solid.faces)
     assert np.frombuffer(found["offsets"][8:], "<i4")[-1] == 3 * len(solid.faces)
+
+
+def test_a_binary_stl_reads_alike_with_and_without_the_mesh_library(tmp_path: Path) -> None:
+    path = tmp_path / "block.stl"
+    write_stl(path, block_solid((3.0, 2.0, 1.0)))
+    mesh = load_mesh(path)
+    found = read_solid(path, "mm")
+    np.testing.assert_array_equal(
+        np.sort(found.vertices[found.faces].reshape(-1, 9), axis=0),
+        np.sort(np.asarray(mesh.vertices)[np.asarray(mesh.faces)].reshape(-1, 9), axis=0),
+    )
+    path.write_bytes(path.read_bytes() + b"x")
+    assert read_corners(path) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -37,6 +38,12 @@ from printctl.cli.main import main
         ("slice cube.stl --unit um --out a.gcode", 1, "check the part's unit"),
         ("slice bin.yaml --unit mm --out a.gcode", 1, ".yaml isn't one of .stl"),
         ("slice cube.stl --unit mm --out a.gcode --infill gyroid", 1, "meet above 0.7"),
+        ("simulate /dev/zero --printer generic_marlin", 2, "it is a device and no regular file"),
+        ("simulate . --printer generic_marlin", 2, "it is a folder and no regular file"),
+        ("simulate pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
+        ("lumens pipe.gcode --printer generic_marlin --line-um 400", 2, "it is a pipe and no"),
+        ("view pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
+        ("print pipe.gcode --printer generic_marlin --port simulated", 2, "it is a pipe and no"),
         ("ports --printer nope", 2, "no printer profile 'nope'"),
     ],
 )
@@ -54,6 +61,7 @@ def test_one_message_and_the_right_exit_code(
     (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")
     (tmp_path / "bad.csv").write_text("travel_mm,mass_mg\n1,abc\n")
     write_stl(tmp_path / "cube.stl", block_solid(np.full(3, 2.0)))
+    os.mkfifo(tmp_path / "pipe.gcode")
     before = sorted(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path.with_name(tmp_path.name + "_data")))

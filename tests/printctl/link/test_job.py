@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -74,6 +76,9 @@ def test_empty_and_missing_jobs_are_named(tmp_path):
         parse_job(b"; nothing\n", "a")
     with pytest.raises(JobError, match="can't be read"):
         load_job(tmp_path / "none.gcode")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(JobError, match="it is a pipe and no regular file"):
+        load_job(tmp_path / "pipe")
 
 
 def test_modal_state_is_found_by_reading_back():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.journal import read_journal
+from printctl.link.journal import read_journal, read_records
 from printctl.link.marks import MarkKind
 from printctl.link.reloading import plan_reloads, plunger_travel
 from printctl.link.requests import Request
@@ -201,6 +203,64 @@ def test_host_killed_in_the_middle_of_a_change_goes_on_exactly(tmp_path, last, p
     assert died or last > 15
     assert status.state is LinkState.DONE, status
     assert_same_print(printer.executed())
+
+
+@pytest.mark.parametrize("planned", [True, False], ids=["planned", "asked for"])
+@pytest.mark.parametrize("last", [1, 2, 4, 7, 9])
+def test_a_change_isnt_forgotten_where_the_host_died_before_there_was_room_for_it(
+    tmp_path, last, planned
+):
+    at = JOB.marks.of(MarkKind.RELOAD)[1].index
+    care = Care(reload_at=(at,)) if planned else Care()
+    printer, clock = MarlinPrinter(PRINTER, START), VirtualClock()
+    transport = SimTransport(printer, clock)
+    script = Arming(transport, last, 0.0, on_paused=change)
+    if not planned:
+        pausing(transport, script, lambda streamer: streamer.reload())
+    with pytest.raises(HostDiedError):
+        played(DATA, tmp_path, transport, script, care)
+    assert again(tmp_path, SimTransport(printer, clock), care).state is LinkState.DONE
+    told = [record for record in read_records(tmp_path / "journal.log") if record]
+    changes = [record["done"] for record in told if record["t"] == "syringe"]
+    assert len(changes) == 1
+    assert changes[0] in [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]
+    assert_same_print(printer.executed())
+
+
+def test_a_change_that_was_taken_back_is_wanted_no_more(tmp_path):
+    script, transport = Script(), SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    pausing(transport, script, lambda streamer: (streamer.reload(), streamer.resume()))
+    assert played(DATA, tmp_path, transport, script).state is LinkState.DONE
+    assert not script.pauses
+    assert read_journal(tmp_path / "journal.log").wanted is None
+
+
+def test_a_new_syringe_isnt_taken_while_room_is_being_made_for_it(tmp_path):
+    refused = []
+
+    def while_pausing(status: Status) -> None:
+        if status.state is LinkState.PAUSING and script.streamer is not None:
+            with pytest.raises(LinkError, match="isn't paused"):
+                script.streamer.resume(NewSyringe())
+            refused.append(status.state)
+
+    script = Watching(while_pausing, on_paused=change)
+    transport = SimTransport(MarlinPrinter(PRINTER, START), VirtualClock())
+    care = Care(reload_at=(JOB.marks.of(MarkKind.RELOAD)[0].index,))
+    assert played(DATA, tmp_path, transport, script, care).state is LinkState.DONE
+    assert refused
+
+
+class Watching(Script):
+    """A script that is shown each status as well."""
+
+    def __init__(self, show: Callable[[Status], None], **said: Any) -> None:
+        super().__init__(**said)
+        self.show = show
+
+    def status(self, status: Status) -> None:
+        self.show(status)
+        super().status(status)
 
 
 def again(folder: Path, transport: SimTransport, care: Care) -> Status:

@@ -59,11 +59,23 @@ def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
     assert find_stood(PLACED, 1, 6, place) == Stood(1, None, False)
 
 
-def test_arcs_and_counts_set_anew_offer_the_first_that_may_be_open():
+def test_an_arc_offers_the_first_that_may_be_open():
     arc = [*PLACED[:3], b"G2 X20 Y10 I5 J0 E3"]
     assert find_stood(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
-    anew = [*PLACED[:3], b"G92 E0", b"G1 X0 E1"]
-    assert find_stood(anew, 1, 5, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+
+
+@pytest.mark.parametrize("e", [1.4, -0.6], ids=["the move's count", "the last count"])
+def test_a_plunger_counted_anew_behind_a_move_hinders_no_search(e):
+    """A firmware may set the count when it reads the line, or among the moves."""
+    anew = [*PLACED[:3], b"G92 E0"]
+    found = find_stood(anew, 1, 4, Modal(10.0, 4.0, 1.0, e))
+    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+
+
+def test_the_same_way_in_two_counts_is_uncertain():
+    lines = [*PLACED[:3], b"G92 E1", b"G1 X10 Y0 E1", b"G1 X10 Y10 E2"]
+    found = find_stood(lines, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
+    assert (found.line, found.certain) == (2, False)
 
 
 def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
@@ -136,3 +148,33 @@ def test_an_uncertain_place_adds_no_line_to_those_made(tmp_path):
     assert stood is not None
     assert not stood["certain"]
     assert status.lines_executed <= stood["line"]
+
+
+EACH = HEADER + "".join(
+    f"G92 E0\nG1 X{50 + 20 * (k % 2)} Y{50 + k / 4:.2f} E0.1 F1200\n" for k in range(1, 61)
+)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.9, 4.7])
+def test_a_rest_begins_where_it_stood_though_each_line_counts_anew(tmp_path, after_s):
+    _, wire = stopped(Moment(b"G1 X", after_s, 20), tmp_path, job=EACH)
+    history = read_journal(tmp_path / "journal.log")
+    assert history.stood is not None
+    assert history.stood["certain"], history.stood
+    job = parse_job(EACH.encode(), "test.gcode")
+    plan = plan_recovery(job, EACH.encode(), history, MARLIN, RETREAT)
+    rest = dry_run(plan.gcode, MARLIN, (50.0, 50.0, 10.0), cold_extrusion=True).executed
+    whole = written(dry_run(EACH.encode(), MARLIN, (50.0, 50.0, 10.0)).executed)
+    made = np.add(written(wire.printer.executed()), written(rest))
+    assert made[0] == pytest.approx(whole[0], abs=0.05)
+    assert made[1] == pytest.approx(whole[1], abs=0.003)
+
+
+def test_an_uncertain_beginning_says_how_much_is_written_twice():
+    job = HEADER + "G1 X60 E0.5 F600\nG3 X60 Y60 I0 J5 E1\nG1 Z20\nG1 X50 E1.5\n"
+    stood = {"line": 6, "begin_at": None, "certain": False, "dropped": True}
+    history = History(done=9, stood=stood)
+    read = parse_job(job.encode(), "a")
+    plan = plan_recovery(read, job.encode(), history, MARLIN, RETREAT, ul_per_mm=10.0)
+    told = "at most 25.7 mm of path and 10.00 µL (1.000 mm of plunger), lines 7 to 9."
+    assert f"Written twice may be {told}" in plan.steps[-1]

@@ -93,8 +93,19 @@ def test_rms_beyond_its_limit_fails() -> None:
     assert not judged(scaled={"rms_um": 130.0})["passed"]
 
 
-def test_ambiguous_pose_fails() -> None:
-    assert not judged(ambiguity={"flag": True})["passed"]
+def test_of_an_ambiguous_pose_nothing_is_proven() -> None:
+    bad = good(0, open=False)
+    found = judged(bad, ambiguity={"flag": True})
+    assert not found["passed"]
+    assert found["undecided"]
+    assert "Vessel 0: closed, if the pose is right" in found["reasons"]
+
+
+def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
+    same = {"flag": True, "rivals": [{"lead": 1.0, "same": True, "mirrored": False}]}
+    found = judged(good(0, open=False), ambiguity=same)
+    assert not found["undecided"]
+    assert "Vessel 0: closed" in found["reasons"]
 
 
 def test_starved_vessel_fails() -> None:

@@ -19,6 +19,7 @@ from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.readers.light import speckle_of
 from registration.readers.metadata import NAMES
+from registration.segmentation.filters import binned
 
 KNOWN: dict[str, Any] = {
     "axes": "zyx", "voxel_mm": [0.01, 0.02, 0.03], "modality": "oct", "optical_depth": True,
@@ -187,3 +188,14 @@ def test_every_place_takes_what_can_be_said_of_a_scan() -> None:
         assert wanted <= set(inspect.signature(command).parameters)
     assert wanted <= set(FileScan.model_fields)
     assert wanted == set(ScanSaid.model_fields)
+
+
+@pytest.mark.parametrize("kind", ["uint8", "int8", "uint16", "int16"])
+def test_counts_that_stay_counts_are_averaged_as_their_decibels(tmp_path: Path, kind: str) -> None:
+    said = {"db_range": [-40.0, 20.0]}
+    path = raw(tmp_path / "s.raw", to_counts(in_db(speckled()), kind), **said)
+    kept, made = read_scan(path, keep_counts=True), read_scan(path)
+    assert (kept.volume.dtype, made.volume.dtype) == (np.dtype(kind), np.dtype(np.float32))
+    np.testing.assert_allclose(binned(kept, (2, 4, 5)), binned(made, (2, 4, 5)), rtol=1e-5)
+    assert kept.counts is not None
+    np.testing.assert_array_equal(kept.counts.decibels(kept.volume), made.volume)

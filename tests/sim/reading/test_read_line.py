@@ -117,6 +117,19 @@ def test_what_cant_be_read_is_refused_with_the_line_and_a_remedy(text, sort):
     assert sort in SORTS
 
 
+@pytest.mark.parametrize("printer", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize(
+    "text",
+    [b"G1 X101" + b" " * 2000 + b"F600", b"M117 " + b"x" * 2000, b"(" * 2001, b"G1" + b" X1" * 700]
+    + [b"N" + b"1" * 2000 + b" M105"],
+)
+def test_a_line_that_no_firmware_takes_is_refused_before_it_is_looked_at(text, printer):
+    with pytest.raises(LineError, match="at most 2000 are read") as caught:
+        read_line(text, printer)
+    assert caught.value.sort == "too_long"
+    assert read_line(b"G1 X1 ;" + text, printer).text == b"G1 X1"
+
+
 @pytest.mark.parametrize(
     ("family", "text"),
     [

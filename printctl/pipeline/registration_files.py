@@ -1,0 +1,104 @@
+"""Files that a registration leaves, and what it says of design and scan.
+
+Apart from the stage, so that `printctl register` needn't load all that makes a run.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.solids import Solid, write_ply
+from printctl.pipeline.manifest import digest_file
+from registration import RegistrationReport, Scan
+from registration.exports import (
+    write_axes_vtp,
+    write_scan_nrrd,
+    write_surface_vtp,
+    write_tables,
+)
+from registration.gauging.near_lumen import apart
+from registration.result import scaled_vertices
+
+NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+VIEWS = "views.npz"
+SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
+
+_MOST_VOXELS = 8_000_000
+"""Of the scan as it is written for 3D Slicer."""
+
+
+def design_facts(network: Path) -> dict[str, str]:
+    """What tells this design's registrations from another's, for a comparison of prints."""
+    return {"network_sha256": digest_file(network)}
+
+
+def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+    """Deviations of lumens and of outer faces apart."""
+    seen = found.seen
+    return apart(
+        scaled_vertices(found)[seen],
+        network,
+        found.deviation_um[seen],
+        found.scaled_deviation_um[seen],
+    )
+
+
+def scan_facts(scan: Scan) -> dict[str, Any]:
+    """What a compensation must know of the scan behind the numbers."""
+    dz, dy, dx = scan.geometric_voxel_mm
+    return {
+        "modality": scan.modality,
+        "voxel_um": [dx * 1e3, dy * 1e3, dz * 1e3],
+        "optical_depth": scan.optical_depth,
+        "depth_standard": scan.depth_standard,
+        "handedness": scan.handedness,
+        "space": None
+        if scan.space is None
+        else {"name": scan.space.name, "from_scan": scan.space.from_scan.tolist()},
+    }
+
+
+def write_exports(
+    folder: Path,
+    scan: Scan,
+    network: VesselNetwork,
+    judged: tuple[RegistrationReport, dict[str, Any]],
+) -> list[str]:
+    """Tables, and files for ParaView and 3D Slicer, of a report and its judged numbers."""
+    found, numbers = judged
+    write_surface_vtp(folder / SURFACE_VTP, found)
+    write_axes_vtp(folder / AXES_VTP, network, found)
+    # Fine enough to see the thinnest lumen, and small enough to be looked at.
+    size = float(np.prod(np.array(scan.geometric_voxel_mm) * scan.volume.shape))
+    voxel = max(float(2 * network.radius.min()) / 8, (size / _MOST_VOXELS) ** (1 / 3))
+    write_scan_nrrd(folder / SCAN_NRRD, scan, found, voxel)
+    return [*write_tables(folder, numbers), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
+
+
+def write_deviation(path: Path, found: RegistrationReport) -> None:
+    """Write the scanned surface after the scaled fit, part frame, with its signed deviation.
+
+    The deviation is NaN (grey in viewers) where the surface wasn't seen.
+    """
+    surface = Solid(scaled_vertices(found), found.faces)
+    write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
+
+
+def load_deviation(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Read back what `write_deviation` wrote: vertices, faces, deviation in µm."""
+    import trimesh  # heavy, and only reading back needs it
+
+    mesh = trimesh.load_mesh(path, process=False)
+    values = mesh.metadata["_ply_raw"]["vertex"]["data"]["deviation_um"]
+    return (
+        np.asarray(mesh.vertices, dtype=np.float64),
+        np.asarray(mesh.faces, dtype=np.int32),
+        np.asarray(values, dtype=np.float64).reshape(-1),
+    )

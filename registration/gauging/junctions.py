@@ -1,0 +1,138 @@
+"""Bulges and stenoses within junctions, where no section has a wall all round.
+
+What wall a vessel has there is held against the design's surface: walls that lie off by w on
+average change its diameter by 2 w. The same average, taken where whole sections were measured, says
+how much it scatters in this very scan; with a part of the wall alone it scatters by one over the
+root of that part more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import ndtri
+
+from registration.gauging.defect import Defect
+from registration.gauging.trace import VesselTrace
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+LEAST_WALL = 0.2
+"""Of a section's usual wall: with less there is nothing to average."""
+LEAST_UM = 25.0
+"""A smaller change of a diameter isn't told from a junction's rounded rim."""
+LEAST_SECTIONS, LEAST_OWN = 10, 5
+"""Whole sections of all vessels, to know the scatter; of a vessel, to be its own level."""
+_MAD = 1.4826
+
+
+@dataclass(frozen=True)
+class _Walls:
+    """The wall's mean change of the diameter at every station of all vessels, in order.
+
+    Attributes
+    ----------
+    change : (n,) float64, mm
+        NaN without wall.
+    points : (n,) int64
+        Surface points it is the mean of.
+    """
+
+    change: FloatArray
+    points: IntArray
+
+
+def find_junction_changes(
+    traces: tuple[VesselTrace, ...],
+    wall: FloatArray,
+    deviation_mm: FloatArray,
+    false_alarm: float,
+) -> list[Defect]:
+    """Find runs of stations without a whole section whose wall stands out from the rest.
+
+    Parameters
+    ----------
+    traces : tuple of VesselTrace
+    wall : (n, 3) float64, mm
+        Points of the scanned surface that were seen, away from sharp edges; part frame.
+    deviation_mm : (n,) float64, mm
+        Of those, positive where the lumen reaches beyond the design.
+    false_alarm : float
+        Probability, at most, that a clean scan shows one.
+    """
+    walls = _walls(traces, wall, deviation_mm)
+    whole = np.concatenate([trace.counted & (trace.diameter > 0) for trace in traces])
+    whole &= np.isfinite(walls.change)
+    if whole.sum() < LEAST_SECTIONS:
+        return []
+    radius = np.concatenate([trace.radius for trace in traces])
+    usual = float(np.median(walls.points[whole] / radius[whole]))
+    every, spread = _level_and_spread(walls.change[whole])
+    least = float(ndtri(1 - false_alarm / (2 * max(1, int((~whole).sum())))))
+    ends = np.cumsum([len(trace.along) for trace in traces])
+    out = []
+    for trace, last in zip(traces, ends.tolist(), strict=True):
+        here = slice(last - len(trace.along), last)
+        own = walls.change[here][whole[here]]
+        share = walls.points[here] / (usual * trace.radius)
+        error = spread / np.sqrt(np.clip(share, LEAST_WALL, 1.0))
+        level = float(np.median(own)) if len(own) >= LEAST_OWN else every
+        asked = trace.seen & ~trace.own & (share >= LEAST_WALL)
+        off = np.where(asked, walls.change[here] - level, 0.0)
+        far = (np.abs(off) > least * error) & (np.abs(off) > 1e-3 * LEAST_UM)
+        out += _defects(trace, off, error, far)
+    return out
+
+
+def _walls(traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray) -> _Walls:
+    """Mean of 2 w over the wall nearest to each station, within half a radius of the design's."""
+    centre = np.concatenate([trace.centre for trace in traces])
+    radius = np.concatenate([trace.radius for trace in traces])
+    away, which = cKDTree(centre).query(wall, workers=1)
+    near = np.abs(away - radius[which]) < np.maximum(0.5 * radius[which], 0.1)
+    count = np.bincount(which[near], minlength=len(centre))
+    total = np.bincount(which[near], 2 * off[near], len(centre))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return _Walls(total / count, count.astype(np.int64))
+
+
+def _level_and_spread(change: FloatArray) -> tuple[float, float]:
+    """Median, and standard deviation of a station with its whole wall, robustly, mm."""
+    level = float(np.median(change))
+    return level, max(_MAD * float(np.median(np.abs(change - level))), 1e-3)
+
+
+def _defects(
+    trace: VesselTrace, off: FloatArray, error: FloatArray, stands_out: BoolArray
+) -> list[Defect]:
+    sign = np.where(stands_out, np.sign(off), 0).astype(np.int64)
+    edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
+    out = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if sign[first] == 0:
+            continue
+        worst = first + int(np.argmax(np.abs(off[first:last])))
+        size = float(off[worst])
+        out.append(
+            Defect(
+                kind="bulge" if size > 0 else "stenosis",
+                vessel=trace.vessel,
+                other=None,
+                from_mm=float(first * trace.spacing),
+                to_mm=float(last * trace.spacing),
+                at_mm=float(trace.along[worst]),
+                point_mm=tuple(trace.centre[worst].tolist()),
+                size_um=1e3 * size,
+                error_um=1.96e3 * float(error[worst]),
+                percent=100 * size / (2 * float(trace.radius[worst])),
+                wall_um=500 * size,
+                significance=abs(size) / float(error[worst]),
+                seen=True,
+            )
+        )
+    return out

@@ -1,0 +1,78 @@
+"""Changes of walls within junctions, where no section is whole."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.gauging.junctions import find_junction_changes
+from registration.gauging.trace import VesselTrace
+
+FloatArray = NDArray[np.float64]
+RADIUS, LENGTH, STATIONS, OWN_FROM = 0.22, 4.0, 40, 8
+
+
+def trace(vessel: int, x: float) -> VesselTrace:
+    """Return an upright vessel, the lowest stations of which lie within a junction."""
+    along = (np.arange(STATIONS) + 0.5) * LENGTH / STATIONS
+    own = np.arange(STATIONS) >= OWN_FROM
+    made: dict[str, Any] = {
+        "vessel": vessel,
+        "along": along,
+        "centre": np.column_stack([np.full(STATIONS, x), np.zeros(STATIONS), along]),
+        "radius": np.full(STATIONS, RADIUS),
+        "counted": own,
+        "own": own,
+        "seen": np.ones(STATIONS, dtype=np.bool_),
+        "diameter": np.where(own, 2 * RADIUS, np.nan),
+        "spacing": LENGTH / STATIONS,
+    }
+    return cast(VesselTrace, SimpleNamespace(**made))
+
+
+def walls(x: float, noise: float, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Return points of a vessel's wall, half of them gone within the junction, and their noise."""
+    rng = np.random.default_rng(seed)
+    angle, z = rng.uniform(0, 2 * np.pi, 12_000), rng.uniform(0, LENGTH, 12_000)
+    kept = (z > OWN_FROM * LENGTH / STATIONS) | (angle < np.pi)
+    angle, z = angle[kept], z[kept]
+    points = np.column_stack([x + RADIUS * np.cos(angle), RADIUS * np.sin(angle), z])
+    return points, rng.normal(0, noise, len(z))
+
+
+def scanned(*, change_mm: float, seed: int = 1) -> list[Any]:
+    first, off = walls(0.0, 0.015, seed)
+    second, clean = walls(3.0, 0.015, seed + 1)
+    at = (first[:, 2] > 0.3) & (first[:, 2] < 0.6)
+    off[at] += change_mm / 2
+    return find_junction_changes(
+        (trace(0, 0.0), trace(1, 3.0)),
+        np.vstack([first, second]),
+        np.concatenate([off, clean]),
+        1e-3,
+    )
+
+
+def test_a_stenosis_that_half_a_wall_shows_is_found_with_place_and_size() -> None:
+    (found,) = scanned(change_mm=-0.12)
+    assert (found.kind, found.vessel) == ("stenosis", 0)
+    assert abs(found.from_mm - 0.3) < 0.11
+    assert abs(found.to_mm - 0.6) < 0.11
+    assert abs(found.size_um + 120) < max(found.error_um, 10)
+
+
+def test_a_bulge_is_a_bulge() -> None:
+    (found,) = scanned(change_mm=0.1)
+    assert found.kind == "bulge"
+
+
+def test_a_clean_junction_shows_nothing() -> None:
+    assert [one for seed in range(0, 40, 2) for one in scanned(change_mm=0.0, seed=seed)] == []
+
+
+def test_a_whole_vessel_that_is_off_has_no_change_in_its_junction() -> None:
+    points, off = walls(0.0, 0.01, 5)
+    assert find_junction_changes((trace(0, 0.0),), points, off - 0.03, 1e-3) == []
