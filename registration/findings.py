@@ -138,8 +138,9 @@ def inspect(case: Inspection) -> Findings:
     defects = (*through, *_not_beside(changes, through, traces))
     near = max(margin, float(case.network.radius.min()) / 2)
     vessels = gauge_vessels(
-        case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors
-    )
+        case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors,
+        case.alignment.uncertainty,
+    )  # fmt: skip
     return Findings(
         vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),

@@ -52,6 +52,18 @@ class Uncertainty:
     offset_mm: float
     budgets: dict[str, Budget] = field(default_factory=dict)
 
+    def of_place(self, arm: FloatArray) -> float:
+        """Return how far a place may lie off in a plane through it, half width, mm.
+
+        ``arm`` (3,) mm runs from the part's middle. Of three half widths the larger two count:
+        a plane has two directions.
+        """
+        turn, stretch = np.deg2rad(self.rotation_deg), np.nan_to_num(self.scale) * arm
+        square = self.shift_mm**2 + stretch**2
+        for k in range(3):
+            square[k] += (turn[k - 2] * arm[k - 1]) ** 2 + (turn[k - 1] * arm[k - 2]) ** 2
+        return float(np.sqrt(np.sort(square)[1:].sum()))
+
 
 @dataclass(frozen=True)
 class FitErrors:

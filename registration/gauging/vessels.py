@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
-from registration.alignment import Fit
+from registration.alignment import Fit, Uncertainty
 from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
@@ -130,6 +130,7 @@ def gauge_vessels(
     fit: Fit,
     deviation_mm: FloatArray,
     errors: ScanErrors,
+    pose: Uncertainty,
 ) -> tuple[VesselGauge, ...]:
     """Sum up the traces of a network's vessels.
 
@@ -147,6 +148,8 @@ def gauge_vessels(
         Of the segmentation's vertices after that fit.
     errors : ScanErrors
         What all measurements of the scan share.
+    pose : Uncertainty
+        Of that fit: what offsets share.
     """
     rms = _wall_rms(network, segmentation, fit, deviation_mm)
     return tuple(
@@ -156,13 +159,19 @@ def gauge_vessels(
             float(rms[trace.vessel]),
             fit,
             errors,
+            pose,
         )
         for trace in traces
     )
 
 
 def _gauge(
-    trace: VesselTrace, kind: VesselKind, rms: float, fit: Fit, errors: ScanErrors
+    trace: VesselTrace,
+    kind: VesselKind,
+    rms: float,
+    fit: Fit,
+    errors: ScanErrors,
+    pose: Uncertainty,
 ) -> VesselGauge:
     sections, counted = trace.sections, trace.counted
     shift = np.einsum("ni,nij->nj", sections.shift, trace.planes.across) @ fit.rotation.T
@@ -176,6 +185,7 @@ def _gauge(
     )
     mean = own.mean_budget()
     stretch = _stretch(trace, fit)
+    placed = pose.of_place(trace.centre.mean(axis=0) - fit.centre)
     summary = _summary(trace, stretch)
     return VesselGauge(
         vessel=trace.vessel,
@@ -199,7 +209,7 @@ def _gauge(
         place_mm=trace.centre[counted],
         u_um=1e3 * own.expanded,
         measured_u_um=1e3 * mean.expanded,
-        offset_u_um=1e3 * own.offset_expanded(),
+        offset_u_um=1e3 * float(np.hypot(own.offset_expanded(), placed)),
         resistance_ratio_95=own.resistance_interval(summary["resistance_ratio"]),
         budget=mean,
         errors=own,

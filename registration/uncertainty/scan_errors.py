@@ -24,9 +24,10 @@ WALL_DOF = 12.0
 LEVEL_PART = 0.015
 """Standard uncertainty of the surface's level, of the step from liquid to gel without haze: local
 levels are known to this by their spread (calibrated on the spectral generator's upright walls)."""
-OUTER_PART = 0.043
-"""The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`);
-a millimetre down that is known to this (calibrated on the spectral generator's upright faces)."""
+OUTER_PART = 0.11
+"""The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`),
+and a beam that widens away from its focus takes part of its light past the face (calibrated on a
+third generator with such a beam; the spectral one's upright faces show 0.043)."""
 LEAST_STEP = 0.25
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
 BLUR_PART = 0.1
