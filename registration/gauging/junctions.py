@@ -86,6 +86,7 @@ def find_junction_changes(
         error = RIM * spread / np.sqrt(np.clip(share, LEAST_WALL, 1.0))
         level = float(np.median(own)) if len(own) >= LEAST_OWN else every
         asked = trace.seen & ~trace.own & (share >= LEAST_WALL)
+        asked &= trace.to_end > 2 * trace.radius  # a mouth's rim is no junction
         off = np.where(asked, walls.change[here] - level, 0.0)
         far = (np.abs(off) > least * error) & (np.abs(off) > 1e-3 * LEAST_UM)
         out += _defects(trace, off, error, far)

@@ -50,6 +50,8 @@ class VesselTrace:
         Seen, with a diameter (0 where closed) that is the vessel's own.
     own : (n,) bool
         With (nearly) all of its wall its own by design: where a diameter should be measured.
+    to_end : (n,) float64, mm
+        Way to the nearest free end, where the lumen opens; inf without one.
     short : bool
         No station lies clear; diameters are twice the median ray's.
     """
@@ -65,6 +67,7 @@ class VesselTrace:
     apart: BoolArray
     counted: BoolArray
     own: BoolArray
+    to_end: FloatArray
     short: bool
 
     @property
@@ -109,6 +112,7 @@ def trace_vessels(
             float(lengths[vessel]),
             stations(network, vessel, spacing_mm),
             trim[vessel],
+            degree[vessel] == 1,
             border,
             (segmentation, fit, neighbours),
         )
@@ -121,6 +125,7 @@ def _trace(
     length: float,
     where: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     trim: FloatArray,
+    free: BoolArray,
     border: float,
     scene: tuple[Segmentation, Fit, Neighbours],
 ) -> VesselTrace:
@@ -133,6 +138,10 @@ def _trace(
     apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0
     # Within a junction there is no gel around to send light back.
     seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
+    ways = np.where(free[:, None], [along, length - along], np.inf)
+    to_end = np.asarray(ways.min(axis=0))
+    # Light that goes past an upright face makes the last of a lumen as bright as gel.
+    seen &= sections.open | (to_end > 2 * border)
     short = not apart.any()
     if short:
         # Its middle third, where half of the rays must meet the wall; those that look into a
@@ -144,8 +153,9 @@ def _trace(
         own = apart
         counted = seen & own & (sections.closed_outline | ~sections.open)
     return VesselTrace(
-        vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, short
-    )
+        vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, to_end,
+        short,
+    )  # fmt: skip
 
 
 def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:

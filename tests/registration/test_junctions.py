@@ -26,6 +26,7 @@ def trace(vessel: int, x: float) -> VesselTrace:
         "radius": np.full(STATIONS, RADIUS),
         "counted": own,
         "own": own,
+        "to_end": np.full(STATIONS, np.inf),
         "seen": np.ones(STATIONS, dtype=np.bool_),
         "diameter": np.where(own, 2 * RADIUS, np.nan),
         "spacing": LENGTH / STATIONS,
