@@ -87,7 +87,7 @@ def find_junction_changes(
         level = float(np.median(own)) if len(own) >= LEAST_OWN else every
         asked = trace.seen & ~trace.own & (share >= LEAST_WALL)
         asked &= trace.to_end > 2 * trace.radius  # a mouth's rim is no junction
-        off = np.where(asked, walls.change[here] - level, 0.0)
+        off = np.where(asked, _lesser(walls.change[here], level, every), 0.0)
         far = (np.abs(off) > least * error) & (np.abs(off) > 1e-3 * LEAST_UM)
         out += _defects(trace, off, error, far)
     return out
@@ -103,6 +103,16 @@ def _walls(traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray) -
     total = np.bincount(which[near], 2 * off[near], len(centre))
     with np.errstate(invalid="ignore", divide="ignore"):
         return _Walls(total / count, count.astype(np.int64))
+
+
+def _lesser(change: FloatArray, own: float, every: float) -> FloatArray:
+    """Deviation from the vessel's level or the print's, the lesser; 0 between the two.
+
+    Where a whole vessel is off, a wall that it shares with another needn't be.
+    """
+    from_own, from_every = change - own, change - every
+    lesser = np.where(np.abs(from_own) < np.abs(from_every), from_own, from_every)
+    return np.asarray(np.where(from_own * from_every > 0, lesser, 0.0))
 
 
 def _level_and_spread(change: FloatArray) -> tuple[float, float]:
