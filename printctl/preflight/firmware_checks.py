@@ -104,6 +104,8 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
     seconds, line = _least_timeout(run, timeout)
     dwell, dwells_at = _longest_dwell(run)
     if seconds <= 0:
+        off = "without it" if line else "the job doesn't set it, so"
+        wanted = heats or (line > 0 and printer.idle_timeout_s > 0)
         return Check(
             _NAME,
             0,
@@ -111,26 +113,34 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
             "s",
             False,
             f"line {line} switches it off" if line else "before the first move",
-            f"the job doesn't set it, so a dead host leaves everything on; begin it with "
+            f"{off} a dead host leaves everything on; begin the job with "
             f"{timeout.example} (profile: idle_timeout_s {printer.idle_timeout_s:g})",
-            "refuses" if heats else "warns",
+            "refuses" if wanted else "warns",
         )
     return Check(
-        f"{_NAME}, above the longest dwell",
+        f"{_NAME}, above the longest dwells between moves",
         seconds,
         dwell,
         "s",
         seconds > dwell,
         f"line {line}" if seconds > dwell else f"line {dwells_at}, timeout of line {line}",
-        "a longer dwell would kill the print; raise idle_timeout_s or shorten the dwell",
+        "longer dwells would kill the print; raise idle_timeout_s or shorten them",
     )
 
 
 def _longest_dwell(run: DryRun) -> tuple[float, int]:
-    """Seconds, and the line; zeros for none."""
-    seconds = np.where(run.program.kind == DWELL, run.program.value, 0.0)
-    row = int(seconds.argmax()) if len(seconds) else -1
-    return (float(seconds[row]), int(run.program.line[row])) if row >= 0 else (0.0, 0)
+    """Seconds of the longest dwells between two moves, and the last one's line; zeros for none.
+
+    A firmware counts from its last move: dwells that follow each other are one to it.
+    """
+    kind, line = run.program.kind, run.program.line
+    dwells = np.flatnonzero(kind == DWELL)
+    if not len(dwells):
+        return 0.0, 0
+    between = np.cumsum(kind == MOVE)[dwells]
+    seconds = np.bincount(between, run.program.value[dwells])
+    longest = int(seconds.argmax())
+    return float(seconds[longest]), int(line[dwells[between == longest][-1]])
 
 
 def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:

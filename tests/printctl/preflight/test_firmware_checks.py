@@ -116,6 +116,20 @@ def test_a_dwell_longer_than_the_timeout_is_refused() -> None:
     assert check.limit == 61
 
 
+def test_dwells_that_follow_each_other_are_one_to_the_firmware() -> None:
+    text = f"M85 S60\n{body()}G4 S40\nM105\nG4 S40\nG1 X51 F600\nG4 S30\n"
+    check = named(checks_of(text, MARLIN), "the firmware's own switch-off")
+    assert check.refuses
+    assert check.limit == 80
+    apart = text.replace("M105", "G1 X52 F600")
+    assert named(checks_of(apart, MARLIN), "the firmware's own switch-off").passed
+
+
+def test_a_job_that_switches_the_timeout_off_is_refused_cold_too() -> None:
+    check = named(checks_of(f"M85 S0\n{body()}", MARLIN), "the firmware's own switch-off")
+    assert check.refuses
+
+
 @pytest.mark.parametrize("printer", [DUET, of("smoothieware")])
 def test_a_firmware_without_a_timeout_is_an_alarm_not_silence(printer: Printer) -> None:
     checks = checks_of("M140 S37\n" + body(), printer)
