@@ -29,6 +29,6 @@ def load_job(path: Path, printer: Printer = MARLIN) -> Job:
     """`printctl.link.job.load_job`."""
     return (
         parse_job(path.read_bytes(), path.name, printer)
-        if path.exists()
+        if path.is_file()
         else job.load_job(path, printer)
     )
