@@ -237,7 +237,7 @@ def test_the_shipped_example_fills_six_wells() -> None:
     [
         ({"plate": {"sweep": {"toolpath.colour": [1, 2]}}}, "toolpath.colour: is no key here"),
         ({"plate": {"sweep": {"toolpath.write_speed_mm_s": [1, -2]}}}, "must be above 0"),
-        ({"plate": {"sweep": {"ink.flow_factor": [1, 9]}}}, "ink.flow_factor: .* to 5"),
+        ({"plate": {"sweep": {"ink.flow_factor": [1, 9]}}}, "ink.flow_factor: must be at most 5"),
         ({"plate": {**ONE, "a1_mm": [190, 100]}}, "middle of well C3 is at x 228.6 mm"),
         ({"printer": {"profile": "two_syringe_marlin"}}, "has 2 heads"),
         ({"printer": {"dish": "petri_60mm"}}, "printer.dish is of one dish"),

@@ -155,7 +155,7 @@ def test_embedded_vessels_are_moved_and_widened(first: Path) -> None:
         ({"made_with": {"method": "embedded"}}, UsageError, "measured on prints by embedded"),
         ({"stretch": {"factor": [1.2, 1, 1]}}, ToolpathError, "1.200 times as long along x"),
         ({"nodes": [{"node": 9, "offset_um": [0, 5, 0]}]}, ToolpathError, "node 9"),
-        ({"schema": 3}, UsageError, "schema: Extra inputs"),
+        ({"schema": 3}, UsageError, "schema: is no key here"),
         ({"stretch": {"factor": [1, 1]}}, UsageError, "stretch.factor"),
     ],
 )
