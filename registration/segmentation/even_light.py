@@ -33,8 +33,9 @@ REACH_MM = (0.25, 0.4, 0.4)
 COARSE_MM = 0.09
 SURE = 0.97
 """Share of gel around, for a voxel to tell the gel's level."""
-LEAST, MOST = 0.2, 5.0
-"""The level is no further from the model's."""
+LEAST = 0.2
+"""Of the model's level. It is never raised: in a thin sheet the lowest gel, which alone is sure, may
+come out brighter than the rest."""
 
 
 def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
@@ -90,7 +91,7 @@ def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVo
             break
         known = int(np.count_nonzero(gel))
         level *= local_level(share, gel, (1, 1, 1), sigma, 1.0, False)
-        np.clip(level, LEAST, MOST, out=level)
+        np.clip(level, LEAST, 1.0, out=level)
     return np.asarray(light / _over(np.ones_like(light), level, (z, y, x)))
 
 
