@@ -34,8 +34,8 @@ COARSE_MM = 0.09
 SURE = 0.97
 """Share of gel around, for a voxel to tell the gel's level."""
 LEAST = 0.2
-"""Of the model's level. It is never raised: in a thin sheet the lowest gel, which alone is sure, may
-come out brighter than the rest."""
+"""Of the model's level. It is never raised: in a thin sheet the lowest gel, which alone is sure,
+may come out brighter than the rest."""
 
 
 def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
