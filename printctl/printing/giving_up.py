@@ -5,16 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from firmware_profiles import Printer, ProfileError, load
 from printctl.link.client import attach
-from printctl.link.errors import Refused
+from printctl.link.errors import JobError, Refused
+from printctl.link.gating import settings_changed_by
 from printctl.link.history import remember_meanwhile
-from printctl.link.journal import Journal
+from printctl.link.job import load_job
+from printctl.link.journal import Journal, read_journal
 from printctl.link.process import only_one
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
 from printctl.printing.print_actions import PrintAction, possible_actions
 
 _PATIENCE_S = 5.0
+_UNDER_WAY = 32
+"""Lines behind the last that is known to be taken, which may have been."""
 
 
 def give_up(folder: Path, who: str) -> Status:
@@ -45,7 +50,7 @@ def give_up(folder: Path, who: str) -> Status:
         status = replace(
             status,
             state=LinkState.GIVEN_UP,
-            message=f"given up by {who}; before: {status.message}",
+            message=f"given up by {who}; before: {status.message}{_settings_left(folder, status)}",
             position_known=False,
         )
         journal = Journal(folder / JOURNAL)
@@ -61,3 +66,18 @@ def give_up(folder: Path, who: str) -> Status:
         replace(load_record(folder), address="", token="", status=status.to_dict()).save(folder)
     remember_meanwhile(folder).join(_PATIENCE_S)
     return status
+
+
+def _settings_left(folder: Path, status: Status) -> str:
+    """Name what sets the firmware back that the job changed; empty where it changed nothing."""
+    record = load_record(folder)
+    try:
+        printer = load(Printer, record.profile)
+        lines = load_job(Path(record.job), printer).lines[: status.lines_done + _UNDER_WAY]
+    except (JobError, ProfileError):
+        return ""
+    before = read_journal(folder / JOURNAL).settings
+    commands = [before[code] for code in settings_changed_by(lines, printer) if before.get(code)]
+    if not commands:
+        return ""
+    return f"; settings may be the job's still, send {', '.join(commands)} to have them as before"

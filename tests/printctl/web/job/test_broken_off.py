@@ -118,7 +118,9 @@ def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     os.kill(load_station(core.workspace.station).pid, signal.SIGKILL)
     until(service, job, ended(LinkState.INTERRUPTED))
     assert service.hands.give_up(OPERATOR, job).state is LinkState.GIVEN_UP
-    assert service.hands.give_up(OPERATOR, job).message.startswith("given up by Ada")
+    said = service.hands.give_up(OPERATOR, job).message
+    assert said.startswith("given up by Ada")
+    assert "settings may be the job's still, send M" in said
     given_up = until(service, job, ended(LinkState.GIVEN_UP))
     assert not given_up.truth.may(PrintAction.GO_ON).possible
     with pytest.raises(Refused, match="given_up"):
