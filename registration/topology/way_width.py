@@ -35,7 +35,7 @@ than p says, so that the blurred edge of a way (blur σ, about half a voxel) com
 in on each side."""
 RELATIVE = 0.06
 """Standard uncertainty of a width, of itself: reflections of the way's walls, and brighter gel
-below, hide some of it. Set on ways of the shared generator (`../shared/scans`)."""
+below, hide some of it. Chosen while looking at ways of both generators of the bench."""
 _ROUNDS = 4
 _STEP_MM = 0.02
 
