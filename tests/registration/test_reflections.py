@@ -8,6 +8,12 @@ import pytest
 from registration.segmentation.reflections import without_lines
 
 DEPTH, WALL = 60, 30
+FAINT = pytest.param(
+    1.0,
+    marks=pytest.mark.xfail(
+        strict=True, reason="a line as bright as gel passes for its speckle: 2 voxels into liquid"
+    ),
+)
 
 
 def share(line: float, down: bool) -> np.ndarray:
@@ -43,7 +49,7 @@ def deep(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("down", [True, False])
-@pytest.mark.parametrize("line", [4.0, 30.0])
+@pytest.mark.parametrize("line", [FAINT, 4.0, 30.0])
 def test_a_line_doesnt_move_the_wall(line: float, down: bool):
     values = speckled(4)
     values[WALL] *= 0.5
