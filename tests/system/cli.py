@@ -29,7 +29,7 @@ def printctl(
         env=None,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
         check=False,
         preexec_fn=preexec,
     )
