@@ -16,6 +16,7 @@ from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
+from registration.topology.shade import may_be_shade
 from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
     LEAST_MM,
@@ -106,7 +107,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
-        tuple(_defect(*found, traces) for found in ways),
+        tuple(_defect(*found, _shade(*found[:2], scene, search), traces) for found in ways),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
     )
@@ -132,7 +133,14 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _defect(way: Way, size: float, error: float, traces: tuple[VesselTrace, ...]) -> Defect:
+def _shade(way: Way, size: float, scene: Scene, search: LeakSearch) -> bool:
+    glints = search.evidence.glints
+    return may_be_shade(way, size, scene, glints, search.surface, search.fit)
+
+
+def _defect(
+    way: Way, size: float, error: float, shade: bool, traces: tuple[VesselTrace, ...]
+) -> Defect:
     vessel, other = way.ends
     trace = traces[vessel]
     nearest = int(np.linalg.norm(trace.centre - way.path[0], axis=1).argmin())
@@ -152,4 +160,5 @@ def _defect(way: Way, size: float, error: float, traces: tuple[VesselTrace, ...]
         wall_um=float("nan"),
         significance=way.significance,
         seen=bordered(trace, (at - half, at + half)),
+        shade=shade,
     )
