@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +102,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     mean, scatter = averaged(grid, search.evidence, search.fit)
     told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
-    ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
+    ways = [_measured(way, scene, search) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
@@ -113,13 +113,14 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     )
 
 
-def _width(way: Way, scene: Scene, search: LeakSearch) -> tuple[float, float]:
-    if search.evidence.speckled:
-        return width(way.path, scene, search.evidence, search.fit)
-    outlined = outline_width(way.path, search.field, search.fit)
-    if np.isfinite(outlined[0]):
-        return outlined
-    return width(way.path, scene, search.evidence, search.fit)
+def _measured(way: Way, scene: Scene, search: LeakSearch) -> tuple[Way, float, float]:
+    """Return a way, moved to its axis, its diameter and half its 95 % interval, mm."""
+    if not search.evidence.speckled:
+        outlined = outline_width(way.path, search.field, search.fit)
+        if np.isfinite(outlined[0]):
+            return (way, *outlined)
+    size, error, shift = width(way.path, scene, search.evidence, search.fit)
+    return replace(way, path=way.path + shift), size, error
 
 
 def _voxels(way: Way, scene: Scene) -> IntArray:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
 from registration.segmentation.volume import Strength
-from registration.topology.ways import _scores
+from registration.topology import leaks
+from registration.topology.ways import _scores, find_ways
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 
@@ -116,3 +117,18 @@ def test_longest_ways_that_are_all_real_stand_out_still() -> None:
     score = _scores(length, share)
     assert np.median(score[7000:]) > 10
     assert score[:7000].max() < 6
+
+
+def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the cheapest path runs along a side of it."""
+    aside = np.array([0.12, 0.0, 0.0])
+    monkeypatch.setattr(
+        leaks,
+        "find_ways",
+        lambda *given: [replace(way, path=way.path + aside) for way in find_ways(*given)],
+    )
+    way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.18)
+    found = findings(speckled(block(extra=way), 0.15)).defects
+    (bridge,) = (d for d in found if d.kind == "bridge")
+    assert bridge.point_mm[0] == pytest.approx(5.0, abs=0.05)
+    assert abs(bridge.size_um - 360) < bridge.error_um < 80
