@@ -67,12 +67,12 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     rows = numbers["vessels"]
     tolerances.check({int(row["vessel"]): str(row["kind"]) for row in rows})
     before = [d for d in numbers["defects"] if d.get("local", True)]
-    judged = [
-        _Vessel(row, series, tolerances.of(int(row["vessel"]), str(row["kind"])), before)
-        for row, series in zip(rows, series_of(rows), strict=True)
-    ]
     ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
             if d["kind"] in _WAYS]  # fmt: skip
+    judged = [
+        _Vessel(row, series, tolerances.of(int(row["vessel"]), str(row["kind"])), before, ways)
+        for row, series in zip(rows, series_of(rows), strict=True)
+    ]
     features = [f for vessel in judged for f in vessel.features]
     features += [f for _, f in ways]
     features.append(rms_feature(numbers["scaled"]["rms_um"], tolerances.rms_um))
@@ -125,7 +125,12 @@ class _Vessel:
     """One vessel's features, findings and row."""
 
     def __init__(
-        self, row: Record, series: Series, limits: VesselLimits, found: Sequence[Record]
+        self,
+        row: Record,
+        series: Series,
+        limits: VesselLimits,
+        found: Sequence[Record],
+        ways: Sequence[tuple[Record, Feature]],
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
         band = band_of(series, limits.diameter)
@@ -141,9 +146,11 @@ class _Vessel:
         self.features += [
             change_feature(one) for one in self.findings if apart_from_sections(band, one)
         ]
+        # Features of ways stand once in the print's list; here they count for both ends.
+        leaking = [f for d, f in ways if row["vessel"] in (d["vessel"], d.get("other"))]
         self.row = {
             **row,
-            "decision": worst(f.decision for f in self.features),
+            "decision": worst(f.decision for f in [*self.features, *leaking]),
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),
