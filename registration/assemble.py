@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from registration.alignment import Alignment
 from registration.findings import Findings
 from registration.gauging import VesselGauge, hausdorff_p95_um, summarise, within
+from registration.geometry import Characteristic, Frame
 from registration.notes import contrast_notes, pose_notes, sight_notes, wall_notes
 from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
@@ -59,6 +60,8 @@ class Registered:
     rigid: BothWays
     scaled: BothWays
     findings: Findings
+    frame: Frame
+    characteristics: tuple[Characteristic, ...]
 
 
 def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> RegistrationReport:
@@ -98,6 +101,8 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         curve_um=CURVE_UM,
         curve_rigid=_curve(rigid.there_mm),
         curve_scaled=_curve(scaled.there_mm),
+        frame=found.frame,
+        characteristics=found.characteristics,
         vessels=findings.vessels,
         all_open=_all_open(findings.vessels),
         defects=findings.defects,
