@@ -74,7 +74,7 @@ def register_scan(
             errors=errors,
         )
         section_mm = options.section_mm or thinnest / 4
-        faces = () if is_lumen else outer_faces(surface, network, segmentation, alignment.rigid)
+        faces = () if is_lumen else outer_faces(surface, network, segmentation, alignment.scaled)
         frame = laid(
             options.datums, alignment, Ground(network, segmentation, faces, errors, section_mm)
         )

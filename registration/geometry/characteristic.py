@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 Name = Literal["axis", "port", "cylindricity", "lumen", "face"]
-LEVEL = 95.0
+LEVEL = 97.5
 
 
 @dataclass(frozen=True)

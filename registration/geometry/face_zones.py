@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from registration.distance import ModelSurface
 from registration.geometry.characteristic import Characteristic, Zone
 from registration.geometry.faces import Face
-from registration.geometry.filters import ALPHA
+from registration.geometry.filters import ALPHA, cells
 from registration.geometry.frame import COVERAGE, Frame
 from registration.geometry.lumen import DRAWS
 from registration.geometry.vessel_zones import SURFACE
@@ -21,7 +21,10 @@ FloatArray = NDArray[np.float64]
 CUT_OFF_MM = 0.8
 """Of the Gaussian over a face (ISO 4288's and ISO 25178-3's usual nesting index)."""
 CELL_MM = 0.2
-_LEAST_CELLS = 9
+APART_MM = 0.6
+"""Between places whose noise is compared."""
+NORMAL_QUARTILE = 0.6745
+_LEAST_CELLS = 30
 
 
 def face_zone(
@@ -37,8 +40,7 @@ def face_zone(
     if len(places) == 0:
         return found
     height = _height(face, surface, places)
-    _, cell = np.unique(np.floor(places / CELL_MM).astype(np.int64), axis=0, return_inverse=True)
-    cell = np.asarray(cell).reshape(-1)
+    cell = cells(places, CELL_MM)
     count = np.bincount(cell).astype(np.float64)
     if len(count) < _LEAST_CELLS:
         return found
@@ -46,8 +48,8 @@ def face_zone(
     mean = np.bincount(cell, height) / count
     smooth = _gaussian(middle, count)
     off = smooth @ mean
-    spread = _spread(mean - off, smooth)
-    drawn = smooth @ np.random.default_rng(0).normal(0.0, spread, (len(count), DRAWS))
+    drawn = smooth @ np.random.default_rng(0).standard_normal((len(count), DRAWS))
+    drawn *= _noise(middle, off[:, None]) / max(_noise(middle, drawn), 1e-12)
     worst = int(np.abs(off).argmax())
     normal = face.normal if face.normal is not None else frame.fit.rotation @ errors.beam
     zone = Zone(
@@ -80,13 +82,18 @@ def _gaussian(middle: FloatArray, count: FloatArray) -> csr_matrix:
     return csr_matrix(weight.multiply(1.0 / whole[:, None]))
 
 
-def _spread(rest: FloatArray, smooth: csr_matrix) -> float:
-    """Standard deviation of a cell's mean by what the filter took off, robustly."""
-    own = smooth.diagonal()
-    kept = np.sqrt(
-        np.maximum(1 - 2 * own + np.asarray(smooth.multiply(smooth).sum(1)).ravel(), 0.05)
-    )
-    return 1.4826 * float(np.median(np.abs(rest / kept)))
+def _noise(middle: FloatArray, off: FloatArray) -> float:
+    """Standard deviation of filtered heights (n, k), by second differences along the axes.
+
+    Robust. Places stand so far apart that they share no noise through the filter; a slope has none.
+    """
+    tree = cKDTree(middle)
+    found = []
+    for way in APART_MM * np.eye(3):
+        (ahead_mm, ahead), (back_mm, back) = tree.query(middle + way), tree.query(middle - way)
+        both = np.maximum(ahead_mm, back_mm) < 0.75 * CELL_MM
+        found.append((off[ahead] - 2 * off + off[back])[both] / np.sqrt(6))
+    return float(np.median(np.abs(np.concatenate(found))) / NORMAL_QUARTILE)
 
 
 def _shared(place: FloatArray, normal: FloatArray, frame: Frame, errors: ScanErrors) -> float:

@@ -26,7 +26,9 @@ POINTS = 60_000
 REACH_MM = 0.5
 """Surface farther from its face than this isn't taken for it."""
 RIM_BLURS = 3.0
-"""So many standard deviations of the blur a face is rounded off beside a sharp edge."""
+"""So many standard deviations of the blur a face is rounded off beside a sharp edge ..."""
+RIM_MM = 0.2
+"""... and so far the filter over a face reaches beyond it; the larger is left out."""
 SEEN_WITHIN_MM = 0.3
 """A place of the design is seen where the scan has a point of its face this near along it."""
 CURVED = "curved outer face"
@@ -75,16 +77,16 @@ def outer_faces(
         Its lumens' walls aren't outer faces.
     segmentation : Segmentation
     fit : Fit
-        Scan to part, by which places are told to their faces.
+        Scan to part, the scaled one, so that edges lie on the edges of the print.
     """
     label, planes = _planes(surface)
-    rim = RIM_BLURS * segmentation.field.blur_mm
+    rim = max(RIM_BLURS * segmentation.field.blur_mm, RIM_MM)
     drawn = surface_points(surface)
-    drawn = drawn[~near_lumen(drawn, network) & ~surface.near_rims(drawn, max(rim, 1e-3))]
+    drawn = drawn[~near_lumen(drawn, network) & ~surface.near_rims(drawn, rim)]
     chosen = np.flatnonzero(segmentation.seen)
     chosen = chosen[:: max(1, len(chosen) // POINTS)]
     places = fit.apply(segmentation.vertices[chosen])
-    kept = ~near_lumen(places, network) & ~surface.near_rims(places, max(rim, 1e-3))
+    kept = ~near_lumen(places, network) & ~surface.near_rims(places, rim)
     chosen, places = chosen[kept], places[kept]
     there, near = surface.query(drawn), surface.query(places)
     looks = segmentation.outward[chosen] @ fit.rotation.T

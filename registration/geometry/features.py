@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.geometry.faces import Face
-from registration.geometry.filters import open_filter
+from registration.geometry.filters import cells, open_filter
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
@@ -74,7 +74,7 @@ def plane_rows(face: Face, there: Setting) -> Rows:
     tilt = [reach * (normal @ (motion(way) - motion(np.zeros(3)))) for way in (u, v)]
     matrix = np.vstack([*tilt, at])
     rest = height - design @ np.array([slope_u, slope_v, distance])
-    patch = _patches(points)
+    patch = cells(points, PATCH_MM)
     noise = np.column_stack([np.bincount(patch, rest * column) for column in design.T]) @ bread
     light = float((normal @ (there.fit.rotation @ there.errors.beam)) ** 2)
     level = np.hypot(there.errors.outer_mm, there.errors.faint_mm)
@@ -223,8 +223,3 @@ def _across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
     u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
     u = u / np.linalg.norm(u)
     return u, np.cross(way, u)
-
-
-def _patches(points: FloatArray) -> NDArray[np.int64]:
-    _, found = np.unique(np.floor(points / PATCH_MM).astype(np.int64), axis=0, return_inverse=True)
-    return np.asarray(found).reshape(-1)

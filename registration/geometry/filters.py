@@ -27,6 +27,15 @@ def closed_filtered(profile: FloatArray, cut_off: float) -> FloatArray:
     return np.fft.irfft(np.fft.rfft(profile, axis=-1) * keep, rays, axis=-1)
 
 
+def cells(places: FloatArray, edge_mm: float) -> NDArray[np.int64]:
+    """Number of the cube of `edge_mm` that each place (n, 3) lies in, from 0 without gaps."""
+    index = np.floor(places / edge_mm).astype(np.int64)
+    index -= index.min(axis=0)
+    size = index.max(axis=0) + 1
+    flat = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
+    return np.asarray(np.unique(flat, return_inverse=True)[1]).reshape(-1)
+
+
 def open_filter(along: FloatArray, cut_off: float, at: FloatArray | None = None) -> FloatArray:
     """Matrix (m, n) that filters values at n places `along` a line, for places `at` (its own).
 

@@ -128,7 +128,8 @@ class Lumen:
     def shared(self, weights: FloatArray) -> float:
         """Standard deviation that noise leaves in a weighted sum of centroids' coordinates, mm."""
         apart = np.abs(self.along[:, None] - self.along) / max(self.correlation_mm, 1e-9)
-        return self.noise_mm * float(np.sqrt(max(weights @ np.exp(-(apart**2)) @ weights, 0.0)))
+        square = float(weights @ np.exp(-(apart**2)) @ weights)
+        return self.noise_mm * float(np.sqrt(max(square, 0.0)))
 
     def drawn_walls(self, rng: np.random.Generator) -> FloatArray:
         """Noise of the filtered wall alone, radial, (`DRAWS`, n, rays), mm."""

@@ -63,16 +63,21 @@ def test_profile_of_a_lumen_is_twice_the_largest_deviation() -> None:
 
 def test_profile_of_a_leaning_face_is_twice_its_largest_distance() -> None:
     # 0.01 x - 0.04: 40 µm off at both ends, less what the edges and the filter leave out.
-    assert zone(printed(), "face", "face \N{MINUS SIGN}z").zone_um == pytest.approx(77, abs=3)
+    assert zone(printed(), "face", "face \N{MINUS SIGN}z").zone_um == pytest.approx(74, abs=3)
     assert zone(printed(), "face", "face +z").zone_um < 1
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_intervals_hold_the_truth_under_noise(seed: int) -> None:
+def test_intervals_hold_the_truth_under_noise() -> None:
     clean = printed()
-    for row in printed(0.006, seed):
-        true = zone(clean, row.name, row.feature).zone_um
-        assert row.low_um - 1 <= true <= row.high_um + 1, (row, true)
+    rows = [row for seed in range(2) for row in printed(0.006, seed)]
+    true = [zone(clean, row.name, row.feature).zone_um for row in rows]
+    missed = [
+        (row, value)
+        for row, value in zip(rows, true, strict=True)
+        if not row.low_um - 1 <= value <= row.high_um + 1
+    ]
+    # Of 42 intervals of 95 % more than four miss in one of 20 trials.
+    assert len(missed) <= 4, missed
 
 
 def test_noise_makes_a_flat_zone_larger_and_its_interval_reaches_zero() -> None:
