@@ -30,6 +30,7 @@ def reason(feature: Record) -> str:
         said = "not known" if value is None else f"{value:.1f} µm"
         return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
     if name == "leak":
+<<<<<<< HEAD
         return _way(feature)
     return _sight(feature)
 
@@ -43,6 +44,25 @@ def _way(feature: Record) -> str:
             f"{said}: not proven, as gel below a bubble or a particle looks alike; see its picture"
         )
     return said
+=======
+        return f"{_place(feature)}: a way {_measured(feature)} wide leads out, {feature['limit']}"
+    if name == "zone":
+        return _zone(feature)
+    return _sight(feature)
+
+
+def _zone(feature: Record) -> str:
+    """Say of a zone: its width, interval and limit."""
+    value, ends = feature.get("value_um"), feature.get("interval_um")
+    place = str(feature["of"])
+    said = f"{place[:1].upper()}{place[1:]}: {feature['words']} "
+    if value is None or not ends:
+        return f"{said}isn't known, limit {feature['limit']}"
+    ends_said = f"{ends[0]:.0f} to {ends[1]:.0f}"
+    unseen = feature["decision"] == "undecided" and ends[1] <= feature["upper_um"]
+    end = ": not all of it was seen" if unseen else _end(feature)
+    return f"{said}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
+>>>>>>> datums
 
 
 def _diameter(feature: Record) -> str:

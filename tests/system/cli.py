@@ -22,7 +22,7 @@ SHARED = ROOT.parent / "shared"
 def printctl(
     *args: str | Path, cwd: Path, preexec: Callable[[], None] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``printctl`` with ``args`` in ``cwd``; never longer than five minutes."""
+    """Run ``printctl`` with ``args`` in ``cwd``; never longer than twenty minutes."""
     return subprocess.run(
         [sys.executable, "-m", "printctl", *map(str, args)],
         cwd=cwd,
