@@ -50,17 +50,14 @@ class Feature:
         In the user's words, like "±10 %".
     unseen_mm : list of (from, to)
         Of ``seen`` and ``measured``: what wasn't.
-<<<<<<< HEAD
     other : int or None
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided.
-=======
     words, of : str
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
         Of a zone.
->>>>>>> datums
     """
 
     name: FeatureName
@@ -75,14 +72,11 @@ class Feature:
     designed_um: float | None = None
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
-<<<<<<< HEAD
     other: int | None = None
     doubt: Literal["", "shade"] = ""
-=======
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
->>>>>>> datums
 
 
 @dataclass(frozen=True)

@@ -70,23 +70,17 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     tolerances.check(kinds)
     zones, of_zones = judged_zones(numbers.get("characteristics", ()), kinds, tolerances)
     before = [d for d in numbers["defects"] if d.get("local", True)]
-<<<<<<< HEAD
-=======
+    ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
+            if d["kind"] in _WAYS]  # fmt: skip
     judged = [
         _Vessel(
             row,
             series,
             tolerances.of(int(row["vessel"]), str(row["kind"])),
             before,
+            ways,
             [f for f in of_zones if f.vessel == row["vessel"]],
         )
-        for row, series in zip(rows, series_of(rows), strict=True)
-    ]
->>>>>>> datums
-    ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
-            if d["kind"] in _WAYS]  # fmt: skip
-    judged = [
-        _Vessel(row, series, tolerances.of(int(row["vessel"]), str(row["kind"])), before, ways)
         for row, series in zip(rows, series_of(rows), strict=True)
     ]
     features = [f for vessel in judged for f in vessel.features]
@@ -148,11 +142,8 @@ class _Vessel:
         series: Series,
         limits: VesselLimits,
         found: Sequence[Record],
-<<<<<<< HEAD
         ways: Sequence[tuple[Record, Feature]],
-=======
         zones: Sequence[Feature],
->>>>>>> datums
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
         band = band_of(series, limits.diameter)

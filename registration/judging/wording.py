@@ -30,8 +30,9 @@ def reason(feature: Record) -> str:
         said = "not known" if value is None else f"{value:.1f} µm"
         return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
     if name == "leak":
-<<<<<<< HEAD
         return _way(feature)
+    if name == "zone":
+        return _zone(feature)
     return _sight(feature)
 
 
@@ -44,11 +45,6 @@ def _way(feature: Record) -> str:
             f"{said}: not proven, as gel below a bubble or a particle looks alike; see its picture"
         )
     return said
-=======
-        return f"{_place(feature)}: a way {_measured(feature)} wide leads out, {feature['limit']}"
-    if name == "zone":
-        return _zone(feature)
-    return _sight(feature)
 
 
 def _zone(feature: Record) -> str:
@@ -62,7 +58,6 @@ def _zone(feature: Record) -> str:
     unseen = feature["decision"] == "undecided" and ends[1] <= feature["upper_um"]
     end = ": not all of it was seen" if unseen else _end(feature)
     return f"{said}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
->>>>>>> datums
 
 
 def _diameter(feature: Record) -> str:
