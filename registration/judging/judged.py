@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from registration.json_ready import json_ready
 from registration.judging.features import (
     Band,
     Feature,
@@ -28,7 +29,6 @@ from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width
 from registration.judging.runs import apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
-from registration.result import json_ready
 
 Record = Mapping[str, Any]
 

@@ -42,6 +42,8 @@ ON_DEMAND = (
     "printctl.gcode_view",
     "printctl.web.live",
     "printctl.recipe",
+    "registration.gauging",
+    "registration.picture",
     "registration.readers",
     "registration.report",
     "registration.views",
