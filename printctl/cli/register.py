@@ -16,6 +16,7 @@ from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.record_option import read_record
 from printctl.cli.register_design import DesignRead, read_design
 from printctl.cli.register_options import (
+    DatumsOption,
     DiameterOption,
     LumensFlag,
     ModelOption,
@@ -53,6 +54,7 @@ from printctl.pipeline.artefacts import HTML, PDF
 from printctl.recipe.record import RecordPart
 from registration import RegistrationOptions, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
+from registration.geometry import Datum, read_datums
 from registration.judging import Tolerances
 from registration.walls_file import read_walls
 
@@ -77,6 +79,8 @@ class _Measuring:
     air_above : bool
     filled : bool
         Lumens are brighter than the gel.
+    datums : tuple of Datum
+        None for the best fit.
     """
 
     scan: Path
@@ -85,12 +89,15 @@ class _Measuring:
     walls: Path | None
     air_above: bool
     filled: bool
+    datums: tuple[Datum, ...]
 
     @property
     def options(self) -> RegistrationOptions:
         """As the registration takes them."""
         walls = None if self.walls is None else read_walls(self.walls)
-        return RegistrationOptions(lumens="bright" if self.filled else "dark", walls=walls)
+        return RegistrationOptions(
+            lumens="bright" if self.filled else "dark", walls=walls, datums=self.datums
+        )
 
 
 def register(
@@ -116,6 +123,7 @@ def register(
     air_above: AirAbove = False,
     walls: WallsFile = None,
     filled: Filled = False,
+    datums: DatumsOption = None,
     printed_in: PrintOption = None,
     record: RecordOption = None,
     tolerance: ToleranceOption = None,
@@ -139,7 +147,8 @@ def register(
         counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
         said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip
-        how = _Measuring(scan, said, oct_calibration, walls, air_above, filled)
+        laid_on = read_datums((datums or "").split(","))
+        how = _Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
         made = _registered(how, design, steps)
         data = _judged(made, how, limits, stated)
         steps.begin("writing")

@@ -25,6 +25,7 @@ from registration.report.finding_figures import finding_figures, views_note
 from registration.report.gauging_figures import (
     curve_figure,
     layer_deviation_figure,
+    parted_curve_figure,
     profile_figure,
 )
 from registration.report.gauging_sections import (
@@ -43,6 +44,7 @@ from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
 from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 from registration.views import Views
 
 _HERE: Final = Path(__file__).parent
@@ -143,6 +145,9 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
         "surface_rows": sections.surface_rows(registration),
         "budget_table": budget_table(registration),
+        "zone_table": zone_table(registration),
+        "zone_note": ZONE_NOTE,
+        "frame_lines": frame_lines(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
         "printed_facts": printed_facts(registration),
@@ -212,12 +217,13 @@ def _drawings(
     """How to draw what there are numbers for."""
     made: dict[str, Callable[[], bytes | None]] = {}
     registration = mapping(data, "registration")
-    histogram = mapping(registration, "histogram")
-    for key, fit in (("counts", "scaled"), ("counts_rigid", "rigid")):
-        if histogram.get(key):
-            made[f"histogram/Signed deviation, {fit} fit"] = partial(
-                histogram_figure, histogram["edges_um"], histogram[key]
-            )
+    for fit, key in (("scaled", "counts"), ("rigid", "counts_rigid")):
+        for of, part in sections.surfaces(registration).items():
+            histogram = mapping(part, "histogram")
+            if histogram.get(key):
+                made[f"histogram/Signed deviation{of and ' of the ' + of}, {fit} fit"] = partial(
+                    histogram_figure, histogram["edges_um"], histogram[key]
+                )
     made |= _gauged(registration)
     made |= _oxygen(mapping(data, "oxygen"))
     gauged = records(registration, "vessels")
@@ -249,7 +255,16 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     """What was gauged: shares within, diameters along the vessels, layers."""
     curve, vessels = mapping(registration, "within_curve"), records(registration, "vessels")
     made: dict[str, Callable[[], bytes | None]] = {}
-    if curve:
+    apart = {
+        of: mapping(part, "within_curve")
+        for of, part in sections.surfaces(registration).items()
+        if of and mapping(part, "within_curve")
+    }
+    if apart:
+        made["curve/Share of lumens and of outer faces within any tolerance"] = partial(
+            parted_curve_figure, apart
+        )
+    elif curve:
         made["curve/Share of the surface within any tolerance"] = partial(
             curve_figure, curve["tolerance_um"], curve["rigid"], curve["scaled"]
         )
