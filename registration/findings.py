@@ -23,11 +23,11 @@ from registration.gauging import (
     find_junction_changes,
     gauge_vessels,
     liquid_level,
-    perfusion,
     trace_vessels,
     with_interval,
     withdrawn,
 )
+from registration.gauging.perfusion import perfusion
 from registration.segmentation import GelEvidence, Segmentation
 from registration.topology import (
     Faults,

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from registration.gauging.defect import Defect
+from registration.gauging.near_walls import near_walls
 from registration.gauging.trace import VesselTrace
 
 FloatArray = NDArray[np.float64]
@@ -97,8 +97,7 @@ def _walls(traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray) -
     """Mean of 2 w over the wall nearest to each station, within half a radius of the design's."""
     centre = np.concatenate([trace.centre for trace in traces])
     radius = np.concatenate([trace.radius for trace in traces])
-    away, which = cKDTree(centre).query(wall, workers=1)
-    near = np.abs(away - radius[which]) < np.maximum(0.5 * radius[which], 0.1)
+    which, near = near_walls(centre, radius, wall)
     count = np.bincount(which[near], minlength=len(centre))
     total = np.bincount(which[near], 2 * off[near], len(centre))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit, Uncertainty
+from registration.gauging.near_walls import near_walls
 from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
@@ -306,10 +306,9 @@ def _wall_rms(
     parts = [stations(network, v, spacing) for v in range(network.vessel_count)]
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     radius = np.concatenate([part[3] for part in parts])
-    tree = cKDTree(np.concatenate([part[1] for part in parts]))
+    centre = np.concatenate([part[1] for part in parts])
     chosen = np.flatnonzero(segmentation.seen)
-    away, which = tree.query(fit.apply(segmentation.vertices[chosen]), workers=1)
-    wall = np.abs(away - radius[which]) < np.maximum(0.5 * radius[which], 0.1)
+    which, wall = near_walls(centre, radius, fit.apply(segmentation.vertices[chosen]))
     squares = np.bincount(owner[which[wall]], deviation_mm[chosen[wall]] ** 2, len(parts))
     count = np.bincount(owner[which[wall]], minlength=len(parts))
     with np.errstate(invalid="ignore", divide="ignore"):
