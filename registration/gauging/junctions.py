@@ -4,7 +4,7 @@ What wall a vessel has there is held against the design's surface: walls that li
 average change its diameter by 2 w. The same average, taken where whole sections were measured, says
 how much it scatters in this very scan; with a part of the wall alone it scatters by one over the
 root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves opposite walls
-oppositely, which a part of the wall doesn't average out: by how much it lies aside is taken from the
+oppositely, which a part of the wall doesn't average out: how far it lies aside is told by the
 nearest whole sections.
 """
 
