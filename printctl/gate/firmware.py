@@ -14,7 +14,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from printctl.gate.speeds import same_corner, speeds_apart
+from printctl.gate.speeds import speeds_apart
 
 Answers = Mapping[str, Sequence[str]]
 
@@ -81,17 +81,12 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
 def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
     """Settings that a job may change, as the commands that set them back, by code.
 
-    A junction deviation that is the profile's, as far as it is told, is left out: a job sets no
-    other, and its last digits aren't told.
+    The junction deviation is left out: no job sets it, and its last digits aren't told.
     """
     found: dict[str, str] = {}
     for code, words in _settings(answers.get("M503 S0", ())).items():
         if code in ("M201", "M203", "M204", "M205"):
-            told = [
-                f"{key}{value}"
-                for key, value in words.items()
-                if (code, key) != ("M205", "J") or not same_corner(float(value), printer)
-            ]
+            told = [f"{key}{value}" for key, value in words.items() if (code, key) != ("M205", "J")]
             found[code] = " ".join([code, *told])
     for text in answers.get("M302", ()):
         cold = _COLD.search(text)

@@ -55,11 +55,18 @@ def _acceleration(known: Known, letter: str) -> tuple[float, str]:
     return known.printer.acceleration_mm_s2, "acceleration_mm_s2"
 
 
-def _corners(known: Known, letter: str) -> tuple[float, str]:
-    printer = known.printer
-    if letter == "J":
-        return printer.junction_deviation_mm, "junction_deviation_mm"
-    return printer.min_segment_time_s * 1e6, "min_segment_time_s, in µs"
+def _least_segment(known: Known, letter: str) -> tuple[float, str]:
+    return known.printer.min_segment_time_s * 1e6, "min_segment_time_s, in µs"
+
+
+def _corners(line: GcodeLine, known: Known) -> Allowed:
+    """Only the least time of a segment: the rest can't be set back."""
+    if "J" in line.words:
+        raise NotAllowed(
+            "the firmware tells J to two decimals, so that it couldn't be set back as it was; set "
+            "the board and the profile (junction_deviation_mm) alike, and take J out"
+        )
+    return as_planned(_least_segment, "B")(line, known)
 
 
 def _advance(key: str) -> Judge:
@@ -175,7 +182,7 @@ _JOB: Final[Rules] = {
     "M201": as_planned(_axis_acceleration, "XYZE"),
     "M203": as_planned(_speed, "XYZE"),
     "M204": as_planned(_acceleration, "PRST"),
-    "M205": as_planned(_corners, "JB"),
+    "M205": _corners,
     "M211": only_with({"S": 1}, "", "the firmware's own limits stay on"),
     "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
     "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),

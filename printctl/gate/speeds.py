@@ -2,9 +2,10 @@
 
 A firmware that is slower than its profile stretches every move: the dry run's times are wrong, and
 a valve that is open for a time writes a thicker line. One that is faster accelerates harder than
-was planned. Marlin tells M201 and M203 by axis, M204 P for moves that write and T for travel. M205
-tells the corners (J), the least time of a segment (B), and the speeds below which no move is made
-(S, T): what is planned as slower is then made faster, and no check counts on that.
+was planned. Marlin tells M201 and M203 by axis, M204 P for moves that write, R for those of the
+plunger alone and T for travel. M205 tells the corners (J), the least time of a segment (B), and the
+speeds below which no move is made (S, T): what is planned as slower is then made faster, and no
+check counts on that.
 """
 
 from __future__ import annotations
@@ -20,11 +21,6 @@ _SAME: Final = 0.01
 """Share by which told and profile's value may differ: M503 rounds to two decimals."""
 _ROUNDED: Final = 0.005 + 1e-9
 """What two decimals hide of a junction deviation, mm (0.013 is told as 0.01)."""
-
-
-def same_corner(told_mm: float, printer: Printer) -> bool:
-    """Whether a junction deviation, mm, is the profile's, as far as M503 tells it."""
-    return abs(told_mm - printer.junction_deviation_mm) <= _ROUNDED
 
 
 def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bool]]:
@@ -49,7 +45,7 @@ def _advanced_apart(told: Mapping[str, str], printer: Printer) -> Iterator[tuple
     """Yield the same for what M205 tells."""
     wanted = printer.junction_deviation_mm
     corner = float(told.get("J", wanted))
-    if not same_corner(corner, printer):
+    if abs(corner - wanted) > _ROUNDED:
         way = "slower" if corner < wanted else "faster"
         text = f"junction deviation (M205 J) is {corner:g} mm, {way} than the profile's {wanted:g}"
         yield f"{text} (junction_deviation_mm)", corner < wanted
@@ -78,7 +74,7 @@ def _pairs(settings: Settings, printer: Printer) -> Iterator[tuple[str, str, str
                 letter = axis.lower()
                 name = f"{what} of {axis} ({code})"
                 yield name, f"{key}.{letter}", unit, float(told), getattr(wanted, letter)
-    for word in ("P", "T"):
+    for word in "PT" if printer.pneumatic else "PRT":
         told_text = settings.get("M204", {}).get(word)
         if told_text is not None:
             name = f"acceleration (M204 {word})"

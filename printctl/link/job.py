@@ -116,6 +116,9 @@ def _read(data: bytes, name: str, printer: Printer) -> GcodeFile:
     return read
 
 
+_TAKE_OUT: Final = "; take it out"
+
+
 def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None:
     sent = len(command) + len(b"N%d *255\n" % number)
     if sent > max_line_bytes:
@@ -129,6 +132,6 @@ def _check_gate(others: Others, name: str, printer: Printer) -> None:
     """Refuse a job with commands that no door lets pass; each code once, by its first line."""
     first: dict[str, str] = {}
     for number, code, why in refused_lines(others, printer):
-        first.setdefault(code, f"{name}, line {number}: {why}; take it out")
+        first.setdefault(code, f"{name}, line {number}: {why}" + _TAKE_OUT * (_TAKE_OUT not in why))
     if first:
         raise JobError("\n".join(first.values()))

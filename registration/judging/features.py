@@ -18,8 +18,9 @@ FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 FeatureName = Literal[
-    "section", "narrowest", "mean", "change", "offset", "open", "seen", "measured", "leak", "rms"
-]
+    "section", "narrowest", "mean", "change", "offset", "open", "seen", "measured", "leak", "rms",
+    "zone",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Feature:
         ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
         of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
         ``measured``: without a value; ``leak``: the width of a
-        leak or bridge; ``rms``: of the scaled fit.
+        leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
     decision : str
     vessel : int or None
         None: of the whole print.
@@ -53,6 +54,10 @@ class Feature:
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided.
+    words, of : str
+        Of a zone: which characteristic, of which feature.
+    interval_um : (low, high), µm
+        Of a zone.
     """
 
     name: FeatureName
@@ -69,6 +74,9 @@ class Feature:
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
     doubt: Literal["", "shade"] = ""
+    words: str = ""
+    of: str = ""
+    interval_um: Sequence[float] = ()
 
 
 @dataclass(frozen=True)

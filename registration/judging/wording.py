@@ -31,6 +31,8 @@ def reason(feature: Record) -> str:
         return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
     if name == "leak":
         return _way(feature)
+    if name == "zone":
+        return _zone(feature)
     return _sight(feature)
 
 
@@ -41,6 +43,19 @@ def _way(feature: Record) -> str:
     if feature.get("doubt") == "shade":
         said += ": not proven, as gel below a bubble or a particle looks alike; see its picture"
     return said
+
+
+def _zone(feature: Record) -> str:
+    """Say of a zone: its width, interval and limit."""
+    value, ends = feature.get("value_um"), feature.get("interval_um")
+    place = str(feature["of"])
+    said = f"{place[:1].upper()}{place[1:]}: {feature['words']} "
+    if value is None or not ends:
+        return f"{said}isn't known, limit {feature['limit']}"
+    ends_said = f"{ends[0]:.0f} to {ends[1]:.0f}"
+    unseen = feature["decision"] == "undecided" and ends[1] <= feature["upper_um"]
+    end = ": not all of it was seen" if unseen else _end(feature)
+    return f"{said}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
 
 
 def _diameter(feature: Record) -> str:

@@ -10,7 +10,7 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from registration.alignment import Fit
 from registration.gauging.planes import to_scan
@@ -80,7 +80,7 @@ def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, 
     bare, edge = 2 * float(np.sqrt(middle / np.pi)), EDGE * voxel
     # d = 2 √(A/π), so that its relative error is half the area's; of a median π/2 more variance.
     error = np.sqrt(np.pi / 2 / len(area)) * spread * bare / (2 * middle)
-    speckle = float(student.ppf(0.975, max(len(area) - 1, 1))) * error
+    speckle = float(stdtrit(max(len(area) - 1, 1), 0.975)) * error
     shared = 1.96 * np.hypot(RELATIVE * (bare + edge), edge / 2)
     return bare + edge, float(np.hypot(speckle, shared))
 

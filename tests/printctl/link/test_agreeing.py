@@ -56,6 +56,7 @@ def test_what_somebody_left_is_reset_and_told_before_the_first_line(tmp_path, di
         (b"M203 Z2\n", "top speed of Z (M203) is 2 mm/s, slower than the profile's 5 (max_speed"),
         (b"M201 X9000\n", "acceleration of X (M201) is 9000 mm/s², faster than the profile's 3000"),
         (b"M204 P500\n", "acceleration (M204 P) is 500 mm/s², slower than the profile's 1000"),
+        (b"M204 R50\n", "acceleration (M204 R) is 50 mm/s², slower than the profile's 1000"),
         (b"M205 J0.2\n", "junction deviation (M205 J) is 0.2 mm, faster than the profile's 0.013"),
         (b"M205 B99999\n", "least time of a segment (M205 B) is 99999 µs, slower than the prof"),
         (b"M205 S9\n", "least speed of moves that write (M205 S) is 9 mm/s, faster than the prof"),
@@ -132,7 +133,7 @@ def test_the_least_temperature_of_extrusion_is_as_before_at_a_job_s_end(
 
 
 def test_corners_and_least_speeds_that_a_job_set_are_as_before_at_its_end(tmp_path):
-    own = b"M205 J%g B%g\n" % (PRINTER.junction_deviation_mm, PRINTER.min_segment_time_s * 1e6)
+    own = b"M205 B%g\n" % (PRINTER.min_segment_time_s * 1e6)
     status, printer, _ = printed(tmp_path, own + DATA, b"M205 J0.2 B100 S9 T4\n")
     assert status.state is LinkState.DONE, status
     state, settings = printer.machine.motion.state, printer.machine.settings

@@ -71,6 +71,12 @@ def test_what_changes_the_firmware_is_refused_by_its_line(line):
         parse_job(f"G90\n{line}\nG1 X1\n".encode(), "a")
 
 
+def test_a_refusal_says_once_what_to_do():
+    with pytest.raises(JobError) as told:
+        parse_job(b"G90\nM205 S0\n", "a")
+    assert str(told.value).count("take it out") == 1
+
+
 def test_empty_and_missing_jobs_are_named(tmp_path):
     with pytest.raises(JobError, match="no command"):
         parse_job(b"; nothing\n", "a")
