@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from registration.gauging.junctions import find_junction_changes
 from registration.gauging.trace import VesselTrace
+from registration.gauging.vessels import VesselGauge, without_resistance
 
 FloatArray = NDArray[np.float64]
 NOISY = 0.06
@@ -97,3 +99,16 @@ def test_a_clean_junction_shows_nothing() -> None:
 def test_a_whole_vessel_that_is_off_has_no_change_in_its_junction() -> None:
     points, off = walls(0.0, 0.01, 5)
     assert find_junction_changes((trace(0, 0.0),), points, off - 0.03, 1e-3) == []
+
+
+def gauged(vessel: int) -> VesselGauge:
+    """A vessel of which only the resistance counts here."""
+    fields: dict[str, Any] = {field.name: None for field in dataclasses.fields(VesselGauge)}
+    fields |= {"vessel": vessel, "resistance_ratio": 0.93, "resistance_ratio_95": (0.85, 1.02)}
+    return VesselGauge(**fields)
+
+
+def test_what_narrows_a_junction_withdraws_its_vessel_s_resistance() -> None:
+    changed, sound = without_resistance((gauged(0), gauged(1)), scanned(change_mm=-0.12))
+    assert np.isnan([changed.resistance_ratio, *changed.resistance_ratio_95]).all()
+    assert (sound.resistance_ratio, sound.resistance_ratio_95) == (0.93, (0.85, 1.02))
