@@ -23,10 +23,10 @@ ZONE_NOTE: Final = (
     "ISO 1101, in the reference frame; the print isn't stretched, so that shrinkage counts. Zone: "
     "diameter about the designed axis (position, and profile of a line), radial width "
     "(cylindricity, minimum zone), width about the designed surface (profile of a surface): twice "
-    "the largest distance. Over what was gauged or seen, clear of junctions and edges. Filters: Gaussian (ISO "
-    "16610), cut-off one designed diameter along a vessel, 7 undulations round it, 0.8 mm over a "
-    "face. Noise makes a largest value larger: nothing is taken off the value, but the interval "
-    "reaches down by all that noise alone would show."
+    "the largest distance. Over what was gauged or seen, clear of junctions and edges. Filters: "
+    "Gaussian (ISO 16610), cut-off one designed diameter along a vessel, 7 undulations round it, "
+    "0.8 mm over a face. Noise makes a largest value larger: nothing is taken off the value, but "
+    "the interval reaches down by all that noise alone would show."
 )
 
 
