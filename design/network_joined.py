@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselNetwork
@@ -109,7 +110,12 @@ def join_lines(path: Path, lines: list[Line]) -> Joined:
     NetworkError
         When nothing is left of a vessel between its joints.
     """
-    feet = [(i, side, _foot(lines, i, side)) for i in range(len(lines)) for side in (0, 1)]
+    near = _Near(lines)
+    feet = [
+        (i, side, near.foot(line.points[-side], i))
+        for i, line in enumerate(lines)
+        for side in (0, 1)
+    ]
     spots = _Spots(lines)
     snaps, free = [], 0
     for i, side, foot in feet:
@@ -123,21 +129,43 @@ def join_lines(path: Path, lines: list[Line]) -> Joined:
     return Joined(network, tuple(snaps), free)
 
 
-def _foot(lines: list[Line], i: int, side: int) -> _Foot | None:
-    end = lines[i].points[-side]
-    best, part = None, REACH
-    for j, line in enumerate(lines):
-        if j == i:
-            continue
-        start, way = line.points[:-1], np.diff(line.points, axis=0)
-        along = np.einsum("ij,ij->i", end - start, way) / np.einsum("ij,ij->i", way, way)
-        along = along.clip(0.0, 1.0)
+class _Near:
+    """Stretches of all lines, found by where they lie.
+
+    Attributes
+    ----------
+    line : (k,) int64
+        The line that each stretch is of.
+    at : (k,) int64
+        Number of the stretch in its line.
+    """
+
+    def __init__(self, lines: list[Line]) -> None:
+        self.line = np.repeat(np.arange(len(lines)), [len(line.points) - 1 for line in lines])
+        self.at = np.concatenate([np.arange(len(line.points) - 1) for line in lines])
+        self._start = np.concatenate([line.points[:-1] for line in lines])
+        self._way = np.concatenate([np.diff(line.points, axis=0) for line in lines])
+        self._radius = np.concatenate([line.radius[:-1] for line in lines])
+        self._taper = np.concatenate([np.diff(line.radius) for line in lines])
+        self._length2 = np.einsum("ij,ij->i", self._way, self._way)
+        widest = max(float(line.radius.max()) for line in lines)
+        self._far = REACH * widest + float(np.sqrt(self._length2.max())) / 2
+        self._tree = cKDTree(self._start + self._way / 2)
+
+    def foot(self, end: FloatArray, own: int) -> _Foot | None:
+        """Place on another line's axis within whose vessel an end lies deepest; None for none."""
+        rows = np.sort(np.array(self._tree.query_ball_point(end, self._far), dtype=np.int64))
+        rows = rows[self.line[rows] != own]
+        if not len(rows):
+            return None
+        start, way = self._start[rows], self._way[rows]
+        along = (np.einsum("ij,ij->i", end - start, way) / self._length2[rows]).clip(0.0, 1.0)
         gap = np.linalg.norm(start + along[:, None] * way - end, axis=1)
-        ratio = gap / (line.radius[:-1] + along * np.diff(line.radius))
+        ratio = gap / (self._radius[rows] + along * self._taper[rows])
         k = int(np.argmin(ratio))
-        if ratio[k] <= part and (best is None or ratio[k] < part):
-            best, part = _Foot(j, float(k + along[k]), float(gap[k])), float(ratio[k])
-    return best
+        if ratio[k] > REACH:
+            return None
+        return _Foot(int(self.line[rows[k]]), float(self.at[rows[k]] + along[k]), float(gap[k]))
 
 
 class _Spots:

@@ -63,7 +63,9 @@ def register_scan(
     points = segmentation.vertices[segmentation.seen]
     with beside() as other:
         # What needs no pose is computed while one is searched for, and so on below.
-        evidence = other.submit(gel_evidence, segmentation.field, segmentation.strength)
+        evidence = other.submit(
+            gel_evidence, segmentation.field, segmentation.strength, scan.depth_down
+        )
         alignment = align(
             surface,
             points,

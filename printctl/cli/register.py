@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from printctl.ahead import call_ahead
+from printctl.ahead import SecondProcess
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
@@ -61,8 +61,8 @@ from registration.walls_file import read_walls
 if TYPE_CHECKING:
     from printctl.pipeline.registering import Registered
 
-REGISTERING: Final = "printctl.pipeline.registering"
-"""What draws and writes."""
+PAGES: Final = "printctl.pipeline.registration_pages"
+"""What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,10 @@ def register(
     Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
-    with steps.whole():
+    with SecondProcess() as second, steps.whole():
         steps.begin("reading")
         design = read_design(model, network, lumens, unit, printed_in)
+        drawn = second.call(PAGES, "network_drawing", design.vessels)
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
@@ -148,11 +149,10 @@ def register(
                             depth_down, mirrored, counts)  # fmt: skip
         laid_on = read_datums((datums or "").split(","))
         how = _Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
-        drawn = call_ahead(REGISTERING, "network_drawing", design.vessels)
         made = _registered(how, design, steps)
         data = _judged(made, how, limits, stated)
         steps.begin("writing")
-        _note(made.write(out, data, pdf, drawn.result()))
+        _note(made.write(out, data, pdf, second, drawn))
     _tell(data, out, pdf, as_json)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)

@@ -76,8 +76,8 @@ def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 _DEFECT_COLUMNS = (
     "kind", "vessel", "other", "from_mm", "to_mm", "at_mm", "x_mm", "y_mm", "z_mm", "size_um",
-    "error_um", "percent", "wall_um", "significance", "seen", "local", "decision", "deviation_um",
-    "deviation_percent", "u_um", "lower_um", "upper_um",
+    "error_um", "percent", "wall_um", "significance", "seen", "shade", "local", "decision",
+    "deviation_um", "deviation_percent", "u_um", "lower_um", "upper_um",
 )  # fmt: skip
 
 

@@ -70,18 +70,19 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     tolerances.check(kinds)
     zones, of_zones = judged_zones(numbers.get("characteristics", ()), kinds, tolerances)
     before = [d for d in numbers["defects"] if d.get("local", True)]
+    ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
+            if d["kind"] in _WAYS]  # fmt: skip
     judged = [
         _Vessel(
             row,
             series,
             tolerances.of(int(row["vessel"]), str(row["kind"])),
             before,
+            ways,
             [f for f in of_zones if f.vessel == row["vessel"]],
         )
         for row, series in zip(rows, series_of(rows), strict=True)
     ]
-    ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
-            if d["kind"] in _WAYS]  # fmt: skip
     features = [f for vessel in judged for f in vessel.features]
     features += [f for _, f in ways]
     features += [f for f in of_zones if f.vessel is None]
@@ -141,6 +142,7 @@ class _Vessel:
         series: Series,
         limits: VesselLimits,
         found: Sequence[Record],
+        ways: Sequence[tuple[Record, Feature]],
         zones: Sequence[Feature],
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
@@ -158,9 +160,11 @@ class _Vessel:
         self.features += [
             change_feature(one) for one in self.findings if apart_from_sections(band, one)
         ]
+        # Features of ways stand once in the print's list; here they count for both ends.
+        leaking = [f for d, f in ways if row["vessel"] in (d["vessel"], d.get("other"))]
         self.row = {
             **row,
-            "decision": worst(f.decision for f in self.features),
+            "decision": worst(f.decision for f in [*self.features, *leaking]),
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),

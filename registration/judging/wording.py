@@ -30,10 +30,21 @@ def reason(feature: Record) -> str:
         said = "not known" if value is None else f"{value:.1f} µm"
         return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
     if name == "leak":
-        return f"{_place(feature)}: a way {_measured(feature)} wide leads out, {feature['limit']}"
+        return _way(feature)
     if name == "zone":
         return _zone(feature)
     return _sight(feature)
+
+
+def _way(feature: Record) -> str:
+    other = feature.get("other")
+    to = "out" if other is None else f"into vessel {other}"
+    said = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
+    if feature.get("doubt") == "shade":
+        return (
+            f"{said}: not proven, as gel below a bubble or a particle looks alike; see its picture"
+        )
+    return said
 
 
 def _zone(feature: Record) -> str:
@@ -51,6 +62,10 @@ def _zone(feature: Record) -> str:
 
 def _diameter(feature: Record) -> str:
     designed = feature["designed_um"]
+    if feature["value_um"] <= -designed:
+        return (
+            f"{_place(feature)}: closed, with {designed:.0f} µm designed, limit {feature['limit']}"
+        )
     percent = signed(100 * feature["value_um"] / designed)
     u = feature.get("u_um")
     half = "" if u is None else f" ± {100 * u / designed:.1f}"

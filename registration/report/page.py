@@ -37,12 +37,11 @@ from registration.report.gauging_sections import (
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
-from registration.report.packing import pack_surfaces
+from registration.report.packing import Surfaces, packed
 from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
-from registration.report.surface import ReportSurface
 from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
 from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
@@ -65,7 +64,7 @@ PLACES: Final = (
 def write_report_html(
     path: Path,
     data: dict[str, Any],
-    surfaces: Sequence[ReportSurface],
+    surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
     play: AddedSection | None = None,
@@ -83,7 +82,8 @@ def write_report_html(
         few words on which side is positive, is shown where it is given.
     surfaces : sequence of ReportSurface
         For the 3D view, in the part's frame. The first one with a scalar is shown at first.
-        Above 400,000 triangles together they are simplified for the page, which says so.
+        Above 400,000 triangles together they are simplified for the page, which says so. They may
+        be packed already (`registration.report.packing.pack_surfaces`).
     network : VesselNetwork or None
         The design, in the part's frame; ``vessel`` in `data` is its number there.
     figures : mapping of str to bytes, optional
@@ -107,7 +107,7 @@ def write_report_html(
 
 def report_html(
     data: Mapping[str, Any],
-    surfaces: Sequence[ReportSurface],
+    surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes],
     play: AddedSection | None = None,
@@ -117,9 +117,9 @@ def report_html(
     modules = import_map(play.folders if play else ())
     entries = f"{ENTRY} {play.entry}" if play else ENTRY
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
-        packed = beside.submit(view_data, data, surfaces, network)
+        shown = beside.submit(view_data, data, surfaces, network)
         drawn = all_figures(data, network, figures, views)
-        view = packed.result()
+        view = shown.result()
     context = {
         "data": data,
         "style": style(),
@@ -165,7 +165,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def view_data(
-    data: Mapping[str, Any], surfaces: Sequence[ReportSurface], network: VesselNetwork | None
+    data: Mapping[str, Any], surfaces: Surfaces, network: VesselNetwork | None
 ) -> dict[str, Any] | None:
     """What the 3D view draws, as JSON values; None when there is nothing to draw."""
     if not surfaces and network is None:
@@ -174,13 +174,11 @@ def view_data(
     return scene("Deviation map" if surfaces else "Network", surfaces, shown)
 
 
-def scene(
-    title: str, surfaces: Sequence[ReportSurface], network: dict[str, Any] | None
-) -> dict[str, Any]:
+def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dict[str, Any]:
     """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
     return {
         "title": title,
-        "surfaces": pack_surfaces(list(surfaces)),
+        "surfaces": packed(surfaces),
         "network": network,
         "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
     }
@@ -209,7 +207,7 @@ def all_figures(
         name: given[name] if name in given else draw()
         for name, draw in _drawings(data, network).items()
     }
-    made |= finding_figures(mapping(data, "registration"), views)
+    made |= finding_figures(mapping(data, "registration"), views, given)
     return {name: picture for name, picture in made.items() if picture is not None} | dict(given)
 
 
