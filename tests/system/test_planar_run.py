@@ -102,19 +102,14 @@ def test_registering_the_scan_again_gives_the_same_numbers(
     try:
         done = printctl(
             "register", planar_run / "scan.tif", "--model", planar_run, "--out", "again", "--pdf",
-            "--datums", "face -z, face -x, face -y", "--json", cwd=tmp_path,
+            "--json", cwd=tmp_path,
         )  # fmt: skip
     finally:
         (tmp_path / "hidden.json").rename(planar_run / "scan_truth.json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)["registration"]
     assert found["scaled"] == planar_report["registration"]["scaled"]
-    assert planar_report["registration"]["frame"]["datums"] == []
-    assert len(found["frame"]["datums"]) == 3
-    assert all(place["interval_95_um"] < 60 for place in found["frame"]["places"])
     text = "".join(page.extract_text() for page in PdfReader(tmp_path / "again/report.pdf").pages)
     digest = hashlib.sha256((planar_run / "scan.tif").read_bytes()).hexdigest()
     assert digest in text
     assert "SHA-256 of G-code" in text
-    assert "Geometric characteristics" in text
-    assert "(primary)" in text
