@@ -184,7 +184,7 @@ def _ours(part: Part, folder: Path, layer_mm: float = LAYER_MM, line_mm: float =
     cpu, memory = timed([*command, "--out", str(out)])
     middle = np.round(BED_MM - _middle(part), 3)
     per_e = np.pi * SYRINGE_MM**2 / 4
-    return Sliced(read_moves(out.read_text()), per_e, False, middle, layer_mm, cpu, memory)
+    return Sliced(read_moves(out.read_text()), per_e, True, middle, layer_mm, cpu, memory)
 
 
 def _peers(part: Part, folder: Path) -> dict[str, Sliced]:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from firmware_profiles.bead import BeadSection, BeadShape, MeasuredExcess
 from firmware_profiles.facts import Celsius, Facts, NonNegative, Positive, Span, Trigger
 
 
@@ -52,6 +53,11 @@ class Ink(Facts):
         description="Diameter of a filament that has lain in the bath over the one that was "
         "written; not measured without, and taken as 1.",
     )
+    bead: BeadShape | MeasuredExcess = Field(
+        default="rounded",
+        description="Cross-section of a line in a layer: rounded, rectangle, ellipse, or by how "
+        "many µm it was measured to be wider than its area over its height.",
+    )
     smallest_gap_mm: Positive | None = Field(
         default=None,
         description="Smallest gap between two written lines that stays open (printctl calibrate "
@@ -82,6 +88,11 @@ class Ink(Facts):
         default=None, min_length=1, description="Where viability_min comes from."
     )
     calibrated: bool = Field(description="Whether the constants were measured on a printer.")
+
+    @property
+    def bead_section(self) -> BeadSection:
+        """Model of a line's cross-section."""
+        return BeadSection(self.bead)
 
     @model_validator(mode="after")
     def _a_viability_budget_has_a_source(self) -> Ink:

@@ -1,34 +1,67 @@
-"""Work done while something else is computed."""
+"""A second process for work beside what this one computes."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from concurrent.futures import Future
+import multiprocessing
+import signal
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
-from threading import Thread
+from types import TracebackType
 from typing import Any
 
-_SWITCH_S = 0.0005
-"""How long a thread may hold the interpreter while another waits: ten times less than usual, so
-that short kernels between lines of Python don't wait long for it."""
 
+class SecondProcess:
+    """Imports modules and calls their functions in a process of its own, one after another.
 
-def call_ahead(module: str, function: str, *arguments: Any) -> Future[Any]:
-    """Import `module` and call its `function` beside what goes on.
-
-    Kernels don't hold the interpreter's lock, so plotting libraries load and draw while they run.
-    What goes wrong shows where the result is asked for.
+    Plotting libraries hold the interpreter's lock while they load and draw; a thread would keep
+    from work what it is to do beside it. Where no second process can run, or when it ends early,
+    the call is made here, when its result is asked for. Leave it by ``with``.
     """
-    sys.setswitchinterval(_SWITCH_S)
-    done: Future[Any] = Future()
-    Thread(target=_work, args=(done, module, function, arguments), daemon=True).start()
-    return done
+
+    def __init__(self) -> None:
+        # Spawned: a fork of a process with numba's threads may hang.
+        spawn = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, spawn, initializer=_leave_interrupts)
+
+    def __enter__(self) -> SecondProcess:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        exc: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._pool.shutdown(wait=exc is None, cancel_futures=True)
+
+    def call(self, module: str, function: str, *arguments: Any) -> Call:
+        """Begin a call; arguments and result go through pickle."""
+        try:
+            begun = self._pool.submit(_work, module, function, arguments)
+        except (BrokenProcessPool, OSError):
+            begun = None
+        return Call(begun, (module, function, arguments))
 
 
-def _work(done: Future[Any], module: str, function: str, arguments: tuple[Any, ...]) -> None:
-    try:
-        work: Callable[..., Any] = getattr(import_module(module), function)
-        done.set_result(work(*arguments))
-    except Exception as exc:
-        done.set_exception(exc)
+class Call:
+    """A call under way."""
+
+    def __init__(self, begun: Future[Any] | None, work: tuple[str, str, tuple[Any, ...]]) -> None:
+        self._begun, self._what = begun, work
+
+    def result(self) -> Any:
+        """Wait for what the function returns; raise what it raises."""
+        try:
+            return _work(*self._what) if self._begun is None else self._begun.result()
+        except BrokenProcessPool:
+            return _work(*self._what)
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C reaches both processes; the first one says what it means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _work(module: str, function: str, arguments: tuple[Any, ...]) -> Any:
+    return getattr(import_module(module), function)(*arguments)

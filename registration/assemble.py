@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from registration.alignment import Alignment
 from registration.findings import Findings
-from registration.gauging import VesselGauge, hausdorff_p95_um, summarise, within
+from registration.gauging import VesselGauge, hausdorff_p95_um, summarise
+from registration.gauging.deviation import (
+    CURVE_UM,
+    HISTOGRAM_EDGES_UM,
+    histogram,
+    within_curve,
+)
+from registration.geometry import Characteristic, Frame
 from registration.notes import contrast_notes, pose_notes, sight_notes, wall_notes
 from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
@@ -17,10 +24,6 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 
 FloatArray = NDArray[np.float64]
-
-HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
-CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
-"""Tolerances for which the share within is told."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class Registered:
     rigid: BothWays
     scaled: BothWays
     findings: Findings
+    frame: Frame
+    characteristics: tuple[Characteristic, ...]
 
 
 def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> RegistrationReport:
@@ -93,11 +98,13 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         scaled_deviation_um=np.where(seen, 1e3 * scaled.all_mm, np.nan),
         seen=seen,
         histogram_edges_um=HISTOGRAM_EDGES_UM,
-        histogram_counts=_histogram(scaled.there_mm),
-        histogram_counts_rigid=_histogram(rigid.there_mm),
+        histogram_counts=histogram(scaled.there_mm),
+        histogram_counts_rigid=histogram(rigid.there_mm),
         curve_um=CURVE_UM,
-        curve_rigid=_curve(rigid.there_mm),
-        curve_scaled=_curve(scaled.there_mm),
+        curve_rigid=within_curve(rigid.there_mm),
+        curve_scaled=within_curve(scaled.there_mm),
+        frame=found.frame,
+        characteristics=found.characteristics,
         vessels=findings.vessels,
         all_open=_all_open(findings.vessels),
         defects=findings.defects,
@@ -114,16 +121,6 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
             *wall_notes(options.walls, findings.vessels),
         ),
     )
-
-
-def _histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
-    clipped = np.clip(1e3 * deviation_mm, HISTOGRAM_EDGES_UM[0], HISTOGRAM_EDGES_UM[-1])
-    return np.histogram(clipped, HISTOGRAM_EDGES_UM)[0].astype(np.int64)
-
-
-def _curve(deviation_mm: FloatArray) -> FloatArray:
-    """Share within each tolerance of `CURVE_UM`."""
-    return np.array([within(deviation_mm, limit) for limit in CURVE_UM])
 
 
 def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:

@@ -6,6 +6,7 @@
     ├── ScanFileError           a scan that can't be read, or comes without its units
     ├── SegmentationError       empty, saturated or contrastless volume
     ├── AlignmentError          scan and model don't fit each other
+    ├── DatumError              a datum that isn't there, isn't seen, or leaves the part free
     ├── DyeError                a film of dye, or its marks, that can't be used
     └── PictureError            a picture of a printed pattern or a board that can't be used
 """
@@ -27,6 +28,10 @@ class SegmentationError(RegistrationError):
 
 class AlignmentError(RegistrationError):
     """A scan that can't be aligned to the model."""
+
+
+class DatumError(RegistrationError):
+    """A datum that can't be used; the message says which, why, and the remedy."""
 
 
 class DyeError(RegistrationError):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
+from kernels import beside
 from registration.alignment import Alignment
 from registration.distance import ModelSurface
 from registration.gauging import (
@@ -117,30 +118,24 @@ def inspect(case: Inspection) -> Findings:
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdrawn(traces, evidence, liquid)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
-    leaks = find_leaks(
-        LeakSearch(
-            grid,
-            case.surface,
-            case.model_is_lumen,
-            _wall(case),
-            case.false_alarm,
-            field,
-            evidence,
-            liquid,
-            fit,
-        ),
-        traces,
-    )
-    closures = find_closures(traces, field, fit)
-    scale = float(np.mean(fit.scale))
-    changes = [*find_changes(traces, scale, case.false_alarm), *_in_junctions(case, traces)]
+    # Fronts that look for leaks run on one core; what needs none of them is done beside.
+    with beside() as other:
+        search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),
+                            case.false_alarm, field, evidence, liquid, fit)  # fmt: skip
+        leaking = other.submit(find_leaks, search, traces)
+        closures = find_closures(traces, field, fit)
+        scale = float(np.mean(fit.scale))
+        changes = [*find_changes(traces, scale, case.false_alarm), *_in_junctions(case, traces)]
+        near = max(margin, float(case.network.radius.min()) / 2)
+        vessels = gauge_vessels(
+            case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors,
+            case.alignment.uncertainty,
+        )  # fmt: skip
+        flow = _perfusion(case, traces, vessels)
+        rigid = overlap(scanned_with(grid, field, case.alignment.rigid), near)
+        leaks = leaking.result()
     through = [*closures, *leaks.defects]
     defects = (*through, *_not_beside(changes, through, traces))
-    near = max(margin, float(case.network.radius.min()) / 2)
-    vessels = gauge_vessels(
-        case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors,
-        case.alignment.uncertainty,
-    )  # fmt: skip
     return Findings(
         vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),
@@ -152,9 +147,9 @@ def inspect(case: Inspection) -> Findings:
             leaks.bridges,
             all(bool(trace.seen.all()) for trace in traces),
         ),
-        overlap_rigid=overlap(scanned_with(grid, field, case.alignment.rigid), near),
+        overlap_rigid=rigid,
         overlap_scaled=overlap(grid, near),
-        perfusion=_perfusion(case, traces, vessels),
+        perfusion=flow,
         contrast=ContrastGauge(liquid, untold / max(seen, 1), leaks.examined),
     )
 

@@ -11,6 +11,7 @@ from design.hemodynamics import FlowConditions
 from registration.alignment import AlignmentOptions
 from registration.gauging import TOLERANCES_UM
 from registration.gauging.changes import FALSE_ALARM
+from registration.geometry.datum import Datum
 from registration.scan import Scan
 from registration.segmentation import SegmentationOptions
 from registration.segmentation.working import bins
@@ -45,6 +46,8 @@ class RegistrationOptions:
         What drives the printed network; None for 1 µL/s of water, which gives the same split.
     alignment : AlignmentOptions
         Of the search.
+    datums : tuple of Datum
+        On which the part's frame is laid, the primary first; none for the best fit.
     """
 
     working_voxel_mm: float | None = None
@@ -56,6 +59,7 @@ class RegistrationOptions:
     false_alarm: float = FALSE_ALARM
     flow: FlowConditions | None = None
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
+    datums: tuple[Datum, ...] = ()
 
 
 def segmentation_options(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,8 @@ from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.findings import Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
+from registration.geometry import Scene, characteristics, cuts_of, outer_faces
+from registration.laying import Ground, laid
 from registration.options import RegistrationOptions, segmentation_options
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -59,7 +63,9 @@ def register_scan(
     points = segmentation.vertices[segmentation.seen]
     with beside() as other:
         # What needs no pose is computed while one is searched for, and so on below.
-        evidence = other.submit(gel_evidence, segmentation.field, segmentation.strength)
+        evidence = other.submit(
+            gel_evidence, segmentation.field, segmentation.strength, scan.depth_down
+        )
         alignment = align(
             surface,
             points,
@@ -69,6 +75,12 @@ def register_scan(
             depth_standard=scan.depth_standard,
             errors=errors,
         )
+        section_mm = options.section_mm or thinnest / 4
+        faces = () if is_lumen else outer_faces(surface, network, segmentation, alignment.scaled)
+        frame = laid(
+            options.datums, alignment, Ground(network, segmentation, faces, errors, section_mm)
+        )
+        alignment = replace(alignment, rigid=frame.fit)
         spread = surface_points(surface)
         scanned = ScannedSurface.of(segmentation)
         rigid = other.submit(_both_ways, surface, scanned, alignment.rigid, spread, is_lumen)
@@ -82,12 +94,18 @@ def register_scan(
                 segmentation,
                 alignment,
                 scaled.all_mm,
-                options.section_mm or thinnest / 4,
+                section_mm,
                 options.false_alarm,
                 options.flow,
                 errors,
                 evidence.result(),
             )
+        )
+        zones = characteristics(
+            Scene(network, faces, cuts_of(findings.vessels), errors),
+            tuple(vessel.gauged_fraction for vessel in findings.vessels),
+            surface,
+            frame,
         )
     found = Registered(
         segmentation,
@@ -98,6 +116,8 @@ def register_scan(
         rigid.result(),
         scaled,
         findings,
+        frame,
+        zones,
     )
     return assemble(found, scan, options)
 

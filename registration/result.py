@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
+from registration.geometry import Characteristic, Frame
 from registration.topology import Overlap, Topology
 from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
@@ -31,7 +32,7 @@ class RegistrationReport:
     Attributes
     ----------
     transform_scan_to_part : (4, 4) float64
-        Rigid map.
+        Rigid map, into `frame`.
     scaled_scan_to_part : (4, 4) float64
         Map with per-axis stretch.
     scale : (3,) float64
@@ -79,6 +80,10 @@ class RegistrationReport:
         beyond.
     curve_um, curve_rigid, curve_scaled : (k,) float64
         Tolerances, and the share of the seen surface within each.
+    frame : Frame
+        How the part's frame was laid: best fit or datums.
+    characteristics : tuple of Characteristic
+        Position and form of axes, mouths, lumens and outer faces, in that frame.
     vessels : tuple of VesselGauge
         One each, in the network's order.
     all_open : bool
@@ -128,6 +133,8 @@ class RegistrationReport:
     curve_um: FloatArray
     curve_rigid: FloatArray
     curve_scaled: FloatArray
+    frame: Frame
+    characteristics: tuple[Characteristic, ...]
     vessels: tuple[VesselGauge, ...]
     all_open: bool
     defects: tuple[Defect, ...]
@@ -191,6 +198,8 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         "overlap": {"rigid": asdict(report.overlap_rigid), "scaled": asdict(report.overlap_scaled)},
         "topology": _topology_dict(report.topology),
         "perfusion": None if report.perfusion is None else _perfusion_dict(report.perfusion),
+        "frame": _frame_dict(report.frame),
+        "characteristics": [_characteristic_dict(one) for one in report.characteristics],
         "vessels": [_vessel_dict(vessel) for vessel in report.vessels],
         "all_open": report.all_open,
         "defects": [asdict(defect) for defect in report.defects],
@@ -249,6 +258,30 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     for name, decimals in _DECIMALS.items():
         plain[name] = _rounded(plain[name], decimals)
     return plain
+
+
+def _frame_dict(frame: Frame) -> dict[str, Any]:
+    return {
+        "datums": list(frame.names),
+        "words": frame.words,
+        "places": [
+            {"datum": name, "interval_95_um": round(u, 2), "from_best_fit_um": round(moved, 2)}
+            for name, u, moved in frame.places
+        ],
+    }
+
+
+def _characteristic_dict(one: Characteristic) -> dict[str, Any]:
+    return {
+        "characteristic": one.words,
+        "name": one.name,
+        "feature": one.feature,
+        "vessel": one.vessel,
+        "zone_um": round(one.zone_um, 2),
+        "interval_95_um": [round(one.low_um, 2), round(one.high_um, 2)],
+        "seen_fraction": round(one.seen, 4),
+        "note": one.note,
+    }
 
 
 def _rival_dict(rival: Rival) -> dict[str, Any]:

@@ -6,8 +6,9 @@ Modelled
   travels, not across retractions), because the ink's and syringe's compliance smooths the single
   motor steps of the plunger.
 - Layered writing (all extruding moves horizontal, on at least two levels): a line is as high as
-  its level lies above the level below it, hangs *below* the tip, and is area / height wide; seen
-  from above it is a capsule (straight flanks, round ends).
+  its level lies above the level below it, hangs *below* the tip, and is area / height wide: its
+  mean width, whatever its sides are like, so that its volume is kept; seen from above it is a
+  capsule (straight flanks, round ends). Its crest stands farther out (`BeadSection`).
 - Embedded writing (anything else): a round filament around the tip's path, its diameter from the
   area.
 - Lines that overlap are united: ink doesn't pile up.

@@ -9,16 +9,19 @@ import numpy as np
 
 SHARED = {"block": 4, "tree": 7, "loop": 13}
 SPECTRAL = {"curved": 8, "slanted": 4, "drum": 4, "compact": 4}
-# Vessels for a bridge: neighbours that a straight way joins without meeting a third.
+# Vessels for a bridge, from the first to the nearest place of the second: between `BRIDGED_AT` of
+# the first's length a way as wide as `WIDEST_MM` meets no third.
 BRIDGES = {
     "block": (0, 1),
     "tree": (3, 4),
-    "loop": (2, 7),
+    "loop": (3, 12),
     "curved": (0, 7),
-    "slanted": (0, 1),
+    "slanted": (1, 0),
     "drum": (0, 3),
     "compact": (1, 3),
 }
+BRIDGED_AT = (0.45, 0.65)
+WIDEST_MM = 0.4
 TOLERANCE_PERCENT = 10.0
 
 
@@ -142,12 +145,13 @@ def ways(generator: str, seed: int) -> Case:
     """Return a leak, bridge, plug or missing vessel of at least 150 um."""
     rng = np.random.default_rng([seed, 4])
     design, vessel = pick(generator, seed // 4, rng)
-    width, place = rng.uniform(0.15, 0.4), rng.uniform(0.35, 0.65)
+    width, place = rng.uniform(0.15, WIDEST_MM), rng.uniform(0.35, 0.65)
     kind = ("leak", "bridge", "plug", "missing")[seed % 4]
     if kind == "leak":
         return Case(generator, design, seed, ("--leak=" + joined(vessel, place, width),))
     if kind == "bridge":
         one, other = BRIDGES[design]
+        place = rng.uniform(*BRIDGED_AT)
         return Case(generator, design, seed, ("--leak=" + joined(one, place, width, other),))
     if kind == "plug":
         return Case(

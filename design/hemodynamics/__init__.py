@@ -1,43 +1,56 @@
-"""Flow in vessel networks: lumped, steady and pulsatile; 1D waves."""
+"""Flow in vessel networks: lumped, steady and pulsatile; 1D waves.
 
-from design.hemodynamics.conditions import Behind, FlowConditions
-from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
-from design.hemodynamics.one_d import (
-    OneDOptions,
-    OneDSolution,
-    one_d_summary,
-    one_d_table,
-    one_d_waves,
-    solve_one_d,
-    write_svoned,
-)
-from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
-from design.hemodynamics.probes import Probes, ProbeWaves
-from design.hemodynamics.vessel.drops import resistance_at
-from design.hemodynamics.vessel.losses import Losses, Stenosis
-from design.hemodynamics.vessel.resistance import vessel_resistance
-from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
-from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
-from design.hemodynamics.zero_d.balance import balance, flow_spread
-from design.hemodynamics.zero_d.flow import FlowSolution
-from design.hemodynamics.zero_d.pulsatile import (
-    MarchOptions,
-    PressureOutlet,
-    PulsatileConditions,
-    PulsatileSolution,
-    ResistanceOutlet,
-    WindkesselOutlet,
-    end_waves,
-    march_pulsatile,
-    pulsatile_summary,
-    pulsatile_table,
-    solve_pulsatile,
-)
-from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
-from design.hemodynamics.zero_d.steady import FlowStructure, flow_structure, node_inflow, solve_flow
-from design.hemodynamics.zero_d.summary import flow_summary
-from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
-from design.hemodynamics.zero_d.validity import question_pressure
+Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.hemodynamics.conditions import Behind, FlowConditions
+    from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
+    from design.hemodynamics.one_d import (
+        OneDOptions,
+        OneDSolution,
+        one_d_summary,
+        one_d_table,
+        one_d_waves,
+        solve_one_d,
+        write_svoned,
+    )
+    from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+    from design.hemodynamics.probes import Probes, ProbeWaves
+    from design.hemodynamics.vessel.drops import resistance_at
+    from design.hemodynamics.vessel.losses import Losses, Stenosis
+    from design.hemodynamics.vessel.resistance import vessel_resistance
+    from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
+    from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
+    from design.hemodynamics.zero_d.balance import balance, flow_spread
+    from design.hemodynamics.zero_d.flow import FlowSolution
+    from design.hemodynamics.zero_d.pulsatile import (
+        MarchOptions,
+        PressureOutlet,
+        PulsatileConditions,
+        PulsatileSolution,
+        ResistanceOutlet,
+        WindkesselOutlet,
+        end_waves,
+        march_pulsatile,
+        pulsatile_summary,
+        pulsatile_table,
+        solve_pulsatile,
+    )
+    from design.hemodynamics.zero_d.shear_band import ShearBand, band_summary
+    from design.hemodynamics.zero_d.steady import (
+        FlowStructure,
+        flow_structure,
+        node_inflow,
+        solve_flow,
+    )
+    from design.hemodynamics.zero_d.summary import flow_summary
+    from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
+    from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
     "Behind",
@@ -93,3 +106,9 @@ __all__ = [
     "write_flow_csv",
     "write_svoned",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,12 +1,20 @@
-"""Measures of a vessel network and of its service to the tissue."""
+"""Measures of a vessel network and of its service to the tissue.
 
-from design.measures.junctions import MurrayResiduals, TerminalFlow
-from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
-from design.measures.morphometry import Morphometry, OrderTable
-from design.measures.oxygen import Oxygen, OxygenModel
-from design.measures.supply import BEYOND_UM, Supply
-from design.measures.table import measures_dict
-from design.measures.ways import Ways
+Names are loaded when first asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.measures.junctions import MurrayResiduals, TerminalFlow
+    from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
+    from design.measures.morphometry import Morphometry, OrderTable
+    from design.measures.oxygen import Oxygen, OxygenModel
+    from design.measures.supply import BEYOND_UM, Supply
+    from design.measures.table import measures_dict
+    from design.measures.ways import Ways
 
 __all__ = [
     "BEYOND_UM",
@@ -23,3 +31,9 @@ __all__ = [
     "measure_network",
     "measures_dict",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

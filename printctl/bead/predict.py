@@ -163,13 +163,16 @@ def _of_head(
     line, writes, source = _lines(run, motion, line_map)
     smoothing = EXACT_MM if printer.pneumatic else SMOOTHING_MM
     style: Style | None = None
+    section = mounted.ink.bead_section
     if line_map is not None and line_map.of_vessels:
         style = "embedded"
 
     def laid(seconds: float, advanced: FloatArray | None) -> tuple[Bead, IntArray]:
         pieces = cut(motion, area, advanced, lag_s=seconds)
         nozzle = nozzle_of(mounted.ink, mounted.needle, seconds, median_flow(pieces))
-        bead = predict_bead(pieces, nozzle, line, writes, smoothing_mm=smoothing, style=style)
+        bead = predict_bead(
+            pieces, nozzle, line, writes, smoothing_mm=smoothing, style=style, section=section
+        )
         of = source[np.maximum.accumulate(np.maximum(pieces.block, 0))]
         return bead, of
 

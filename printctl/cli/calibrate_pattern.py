@@ -125,7 +125,7 @@ def pattern(
             "it; end it in .gcode"
         )
     wide = load(Needle, needle).inner_mm if width is None else width
-    bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead)
+    bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
     if name == "lines":
         asked = Asked(
             numbers_of(speeds, "--speeds"),
@@ -154,14 +154,14 @@ def pattern(
     _write(_Job(output, written, set_for, place, load(Syringe, syringe)))
 
 
-def _bead(wide: float, layer: float | None, round_bead: bool) -> Bead:
+def _bead(wide: float, layer: float | None, round_bead: bool, ink: str) -> Bead:
     high = wide / 2 if layer is None else layer
     if not 0.02 <= wide <= 5 or not 0.01 <= high <= 5:
         raise UsageError(
             f"a line {wide:g} mm wide in layers of {high:g} mm: give 0.02 to 5 mm (--width) and "
             "0.01 to 5 mm (--layer)"
         )
-    return Bead(wide, high, round_bead)
+    return Bead(wide, high, round_bead, load(Ink, ink).bead)
 
 
 def _refuse_others(context: typer.Context, name: str) -> None:

@@ -54,7 +54,6 @@ def lumens(
     filament_mm: options.FilamentOption = None,
     line_um: options.LineOption = None,
     layer_um: options.LayerOption = None,
-    rounded: options.RoundedFlag = False,
     embedded: options.EmbeddedFlag = False,
     place: options.PlaceOption = None,
     printer: PrinterOption = "generic_marlin",
@@ -67,9 +66,7 @@ def lumens(
     Of layers what they leave open; of an embedded print what its filaments make open. Ends with
     exit code 3 when a lumen is closed or leaks.
     """
-    said = InkSaid(
-        printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um, rounded
-    )
+    said = InkSaid(printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um)
     writing, gcode = writing_of(said), read_gcode_file(file)
     designed = None if network is None else read_designed(network, unit)
     part = read_part(model, network, unit)

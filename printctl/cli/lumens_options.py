@@ -31,8 +31,8 @@ InkOption = Annotated[
     str | None,
     typer.Option(
         "--ink",
-        help="Whose flow factor (out over pushed) the file was made for; of a pneumatic head, what "
-        "flows.",
+        help="Whose flow factor (out over pushed) the file was made for, and whose bead lines have "
+        "(without one: rounded); of a pneumatic head, what flows.",
     ),
 ]
 NeedleOption = Annotated[
@@ -54,10 +54,6 @@ LineOption = Annotated[
 LayerOption = Annotated[
     float | None,
     typer.Option("--layer-um", min=1, max=5000, help="Of a file with one layer."),
-]
-RoundedFlag = Annotated[
-    bool,
-    typer.Option("--rounded", help="Lines have round sides, as slicers for plastic plan them."),
 ]
 EmbeddedFlag = Annotated[
     bool,

@@ -10,7 +10,7 @@ import numpy as np
 from design.network import VesselNetwork
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
-from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
+from firmware_profiles import BeadSection, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.cli.options import three_numbers
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
@@ -41,7 +41,6 @@ class InkSaid:
     filament_mm: float | None = None
     line_um: float | None = None
     layer_um: float | None = None
-    rounded: bool = False
 
 
 def writing_of(said: InkSaid) -> Writing:
@@ -54,9 +53,10 @@ def writing_of(said: InkSaid) -> Writing:
     """
     printer = load(Printer, said.printer)
     layer_mm = None if said.layer_um is None else said.layer_um * 1e-3
+    beads = (BeadSection() if said.ink is None else load(Ink, said.ink).bead_section,)
     if printer.pneumatic is not None:
         flow = _flow(said, printer)
-        return Writing(printer, flow_ul_s=flow, layer_mm=layer_mm, rounded=said.rounded)
+        return Writing(printer, flow_ul_s=flow, layer_mm=layer_mm, beads=beads)
     if said.flow_ul_s is not None:
         raise UsageError(
             f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
@@ -67,7 +67,7 @@ def writing_of(said: InkSaid) -> Writing:
         _area(said),
         line_mm=None if said.line_um is None else said.line_um * 1e-3,
         layer_mm=layer_mm,
-        rounded=said.rounded,
+        beads=beads,
     )
 
 

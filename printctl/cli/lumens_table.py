@@ -56,12 +56,19 @@ def _what(found: Numbers) -> str:
     if found["method"] == "layers":
         return (
             f"{count} lumens among lines of {found['line_um']:.0f} µm in layers of "
-            f"{found['layer_um']:.0f} µm"
+            f"{found['layer_um']:.0f} µm{_bead(found['bead_uncertainty_um'])}"
         )
     return (
         f"{count} vessels written in {found['passes']} passes of filament, median "
         f"{found['filament_um']:.0f} µm"
     )
+
+
+def _bead(um: list[float]) -> str:
+    """What isn't known of the lines' cross-section, in words."""
+    if um == [0.0, 0.0]:
+        return ""
+    return f" (bead not measured: all diameters {um[0]:+.0f} to {um[1]:+.0f} µm)"
 
 
 def _at(place: list[float], decimals: int = 2) -> str:

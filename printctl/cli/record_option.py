@@ -7,7 +7,6 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from printctl.errors import UsageError
-from printctl.recipe.load import read_mapping, refusal
 from printctl.recipe.record import RecordPart
 
 
@@ -21,6 +20,9 @@ def read_record(path: Path) -> RecordPart:
     UsageError
         With each wrong key, its value and the remedy.
     """
+    # Loads the schema of a whole recipe; without such a file nobody waits for it.
+    from printctl.recipe.load import read_mapping, refusal
+
     data = read_mapping(path, "record", "one line does: `operator: A. Smith`")
     try:
         return RecordPart.model_validate(data)

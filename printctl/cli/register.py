@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from printctl.ahead import call_ahead
+from printctl.ahead import SecondProcess
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
 from printctl.cli.record_option import read_record
 from printctl.cli.register_design import DesignRead, read_design
 from printctl.cli.register_options import (
+    DatumsOption,
     DiameterOption,
     LumensFlag,
     ModelOption,
@@ -53,14 +54,15 @@ from printctl.pipeline.artefacts import HTML, PDF
 from printctl.recipe.record import RecordPart
 from registration import RegistrationOptions, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
+from registration.geometry import Datum, read_datums
 from registration.judging import Tolerances
 from registration.walls_file import read_walls
 
 if TYPE_CHECKING:
     from printctl.pipeline.registering import Registered
 
-REGISTERING: Final = "printctl.pipeline.registering"
-"""What draws and writes."""
+PAGES: Final = "printctl.pipeline.registration_pages"
+"""What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class _Measuring:
     air_above : bool
     filled : bool
         Lumens are brighter than the gel.
+    datums : tuple of Datum
+        None for the best fit.
     """
 
     scan: Path
@@ -85,12 +89,15 @@ class _Measuring:
     walls: Path | None
     air_above: bool
     filled: bool
+    datums: tuple[Datum, ...]
 
     @property
     def options(self) -> RegistrationOptions:
         """As the registration takes them."""
         walls = None if self.walls is None else read_walls(self.walls)
-        return RegistrationOptions(lumens="bright" if self.filled else "dark", walls=walls)
+        return RegistrationOptions(
+            lumens="bright" if self.filled else "dark", walls=walls, datums=self.datums
+        )
 
 
 def register(
@@ -116,6 +123,7 @@ def register(
     air_above: AirAbove = False,
     walls: WallsFile = None,
     filled: Filled = False,
+    datums: DatumsOption = None,
     printed_in: PrintOption = None,
     record: RecordOption = None,
     tolerance: ToleranceOption = None,
@@ -130,20 +138,21 @@ def register(
     Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
-    with steps.whole():
+    with SecondProcess() as second, steps.whole():
         steps.begin("reading")
         design = read_design(model, network, lumens, unit, printed_in)
+        drawn = second.call(PAGES, "network_drawing", design.vessels)
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
         said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip
-        how = _Measuring(scan, said, oct_calibration, walls, air_above, filled)
-        drawn = call_ahead(REGISTERING, "network_drawing", design.vessels)
+        laid_on = read_datums((datums or "").split(","))
+        how = _Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
         made = _registered(how, design, steps)
         data = _judged(made, how, limits, stated)
         steps.begin("writing")
-        _note(made.write(out, data, pdf, drawn.result()))
+        _note(made.write(out, data, pdf, second, drawn))
     _tell(data, out, pdf, as_json)
     if not data["verdict"]["passed"]:
         raise typer.Exit(1)

@@ -41,6 +41,14 @@ ToleranceOption = Annotated[
         "--tolerance", help="YAML file of limits by vessel and feature (docs/registration.md)."
     ),
 ]
+DatumsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--datums",
+        help="Datum features, primary first, like 'face -z, face -x, axis 3'; also 'inlet 0', "
+        "'outlet 3', 'ports'; else best fit.",
+    ),
+]
 RmsOption = Annotated[
     float | None,
     typer.Option(

@@ -78,6 +78,7 @@ def slice_mesh(
         FreshOptions(
             layer_height_mm=layer_um * 1e-3,
             line_width_mm=line_um * 1e-3,
+            bead=dose.bead_section,
             walls=walls,
             filling=Filling(infill, infill_percent * 1e-2),
             write_speed_mm_s=speed,

@@ -7,7 +7,6 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from printctl.errors import UsageError
-from printctl.recipe.load import read_mapping, refusal
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.tolerances import TolerancesPart
 from registration.judging.tolerance import Tolerances
@@ -31,7 +30,7 @@ def tolerances_of(
     try:
         part = RegistrationPart.model_validate({k: v for k, v in given.items() if v is not None})
     except ValidationError as exc:
-        raise UsageError(refusal(exc, "tolerances", list)) from exc
+        raise UsageError(_refusal(exc, "tolerances")) from exc
     return part.all_tolerances()
 
 
@@ -53,8 +52,18 @@ def read_tolerances(path: Path) -> TolerancesPart:
     UsageError
         With each wrong key, its value and the remedy.
     """
+    # Loads the schema of a whole recipe; without such a file nobody waits for it.
+    from printctl.recipe.load import read_mapping
+
     data = read_mapping(path, "tolerances", "one line does: `diameter_percent: 10`")
     try:
         return TolerancesPart.model_validate(data)
     except ValidationError as exc:
-        raise UsageError(refusal(exc, str(path), list)) from exc
+        raise UsageError(_refusal(exc, str(path))) from exc
+
+
+def _refusal(exc: ValidationError, origin: str) -> str:
+    """Say what is wrong with a file or an option, a line for each key."""
+    from printctl.recipe.load import refusal
+
+    return refusal(exc, origin, list)

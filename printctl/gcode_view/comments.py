@@ -1,4 +1,4 @@
-"""Slicers' comments: kinds of lines, layer heights, filament, the slicer's name."""
+"""Slicers' comments: kinds of lines, layer heights, filament."""
 
 from __future__ import annotations
 
@@ -20,9 +20,6 @@ _KIND: Final = re.compile(rb";[ ]*(?:TYPE:|FEATURE:|feature )[ ]*(.*?)[ ]*\Z")
 _HEIGHT: Final = re.compile(rb";[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")
 _LAYER: Final = re.compile(rb";[ ]*(?:LAYER_CHANGE|CHANGE_LAYER|LAYER:\d+)")
 _FILAMENT: Final = re.compile(rb";[ ]*filament_diameter[ ]*[=:][ ]*(\d*\.?\d+)")
-_STADIUM: Final = re.compile(rb"PrusaSlicer|SuperSlicer|OrcaSlicer|BambuStudio|Slic3r")
-_MADE_BY: Final = 4000
-"""Bytes at the file's head within which a slicer says its name."""
 _BEFORE_MOVING: Final = 200
 
 
@@ -49,9 +46,6 @@ class Comments:
         Where a new layer begins.
     filament_mm : float or None, mm
         Diameter that the slicer counts E in.
-    stadium : bool
-        Whether the slicer takes lines as flat bands with round sides; else as bands with straight
-        sides.
     """
 
     kind_lines: IntArray
@@ -61,7 +55,6 @@ class Comments:
     height_mm: NDArray[np.float64]
     layer_lines: IntArray
     filament_mm: float | None
-    stadium: bool
 
 
 def read_comments(text: bytes) -> Comments:
@@ -89,7 +82,6 @@ def read_comments(text: bytes) -> Comments:
         height_mm=np.array([height for _, height in heights]),
         layer_lines=np.array(layers, np.int64),
         filament_mm=filament_mm or None,
-        stadium=_STADIUM.search(text[:_MADE_BY]) is not None,
     )
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from firmware_profiles import Printer
+from firmware_profiles import BeadSection, Printer
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,8 @@ class Pushing:
         Of a pneumatic head while its valve is open; None takes the profile's measured one.
     layer_mm : float or None, mm
         Height of the lines; None takes what the file says, or the spacing of its levels.
+    bead : BeadSection
+        Cross-section of lines in layers.
     """
 
     printer: Printer
@@ -35,3 +37,4 @@ class Pushing:
     syringe_said: str
     flow_ul_s: float | None = None
     layer_mm: float | None = None
+    bead: BeadSection = field(default_factory=BeadSection)

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import BeadSection
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
 from printctl.gcode_view.doses import plunger_doses, valve_doses
@@ -90,7 +91,7 @@ def read_with_program(
     else:
         dose, said_dose = valve_doses(rows, program, pushing)
         digit_ul = 0.0
-    width, said_width = _widths(rows, layer, layers, dose, digit_ul, said)
+    width, said_width = _widths(rows, layer, layers, dose, digit_ul, pushing.bead)
     line = program.line[rows.row]
     kind, kinds = _kinds(said, line_map, line)
     job = GcodeJob(
@@ -166,7 +167,12 @@ def _with_lifts(rows: Rows, layer: IntArray, layers: Layers) -> NDArray[np.uint8
 
 
 def _widths(
-    rows: Rows, layer: IntArray, layers: Layers, dose: FloatArray, digit_ul: float, said: Comments
+    rows: Rows,
+    layer: IntArray,
+    layers: Layers,
+    dose: FloatArray,
+    digit_ul: float,
+    bead: BeadSection,
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Width of each written row, mm, and how it was found."""
     at = np.flatnonzero(rows.act == Act.WRITE)
@@ -177,13 +183,11 @@ def _widths(
     window = window_mm(digit_ul, float(pushed.sum() / way.sum()))
     area = cross_sections(way, pushed, np.diff(at, prepend=-2) != 1, window)
     height = layers.height_mm[layer[at]]
-    result[at] = widths(area, height, said.stadium)
+    result[at] = widths(area, height, bead)
     if np.isnan(height).all():
         how = "Lines are taken as round"
-    elif said.stadium:
-        how = "Lines are as high as the layer, with round sides, as this slicer takes them"
     else:
-        how = "Lines are as high as the layer, with straight sides"
+        how = f"Lines are as high as the layer, with {bead.words}"
     over = f", as means over {window:.2g} mm, since E is rounded" if window > 0.05 else ""
     notes = [f"{how}; widths follow from volume and way{over}."]
     ratio = float(np.median(result[at] / height))

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import BeadSection
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -39,7 +41,7 @@ def cross_sections(
     return np.asarray(np.where(way >= window, dose / way, there / (end - begin)))
 
 
-def widths(area: FloatArray, height: FloatArray, stadium: bool) -> FloatArray:
+def widths(area: FloatArray, height: FloatArray, bead: BeadSection) -> FloatArray:
     """Width of lines of a cross-section, mm.
 
     Parameters
@@ -47,15 +49,9 @@ def widths(area: FloatArray, height: FloatArray, stadium: bool) -> FloatArray:
     area : (n,) float64, mm²
     height : (n,) float64, mm
         NaN for a round filament.
-    stadium : bool
-        Flat with round sides, ``A = (w - h) h + π h² / 4``; else with straight ones, ``A = w h``.
-        A cross-section too small to be flat so is taken as round.
+    bead : BeadSection
     """
-    area = np.maximum(area, 0.0)
     with np.errstate(invalid="ignore"):
-        round_one = 2.0 * np.sqrt(area / math.pi)
-        flat = area / height
-        if stadium:
-            thick = area >= math.pi * height**2 / 4
-            flat = np.where(thick, flat + height * (1 - math.pi / 4), round_one)
-    return np.asarray(np.where(np.isnan(height), round_one, flat))
+        flat = bead.width(area, height)
+    round_one = 2.0 * np.sqrt(np.maximum(area, 0.0) / math.pi)
+    return np.where(np.isnan(height), round_one, flat)

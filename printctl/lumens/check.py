@@ -33,6 +33,8 @@ class LumenCheck:
         Places are in the part's frame.
     line_mm, layer_mm : float, mm
         Median width of a line, and thickness of a layer.
+    doubt_mm : tuple of float, mm
+        How much narrower and wider the lumens may be, as their lines' bead wasn't measured.
     """
 
     ideal: LumenReport
@@ -40,6 +42,7 @@ class LumenCheck:
     leaks: tuple[Leak, ...]
     line_mm: float
     layer_mm: float
+    doubt_mm: tuple[float, float] = (0.0, 0.0)
 
     @property
     def refusal(self) -> str | None:
@@ -75,6 +78,7 @@ class LumenCheck:
             "method": "layers",
             "line_um": 1e3 * self.line_mm,
             "layer_um": 1e3 * self.layer_mm,
+            "bead_uncertainty_um": [1e3 * value for value in self.doubt_mm],
             **report_dict(self.ideal, self.stepped, self.leaks),
             "notes": self.notes,
         }
@@ -139,6 +143,7 @@ def _check(
         tuple(replace(leak, at_mm=leak.at_mm - place) for leak in leaks),
         _line(lines),
         _layer(lines),
+        (-lines.doubt_mm[0], -lines.doubt_mm[1]),
     )
 
 

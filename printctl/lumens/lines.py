@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens.line_widths import check_level, check_width, dose_per_mm, dots, slabs
 from printctl.lumens.strokes import Strokes, origin, plunger_strokes
@@ -18,6 +20,7 @@ IntArray = NDArray[np.int64]
 
 WINDOW_MM: Final = 1.0
 """Way over which the flow is taken: E has few digits, and says little over a short move."""
+ROUNDED: Final = BeadSection()
 WINDOWLESS_MM: Final = 1e-9
 """No window: what each move doses is known exactly."""
 
@@ -30,13 +33,16 @@ class WrittenLines:
     ----------
     start, end : (n, 2) float64, mm
     width : (n,) float64, mm
-        Cross-section over the layer's thickness.
+        Of its cross-section's model.
     layer : (n,) int64
         From 0 for the lowest.
     low, high : (k,) float64, mm
         Of each layer's slab; the tip stands at its top.
     line : (n,) int64
         Line of the file, from 1.
+    doubt_mm : tuple of float, mm
+        How much wider and narrower lines may be where no bead was measured: the median one's as
+        an ellipse, and as a rectangle.
     """
 
     start: FloatArray
@@ -46,6 +52,7 @@ class WrittenLines:
     low: FloatArray
     high: FloatArray
     line: IntArray
+    doubt_mm: tuple[float, float] = (0.0, 0.0)
 
     def __len__(self) -> int:
         return len(self.width)
@@ -65,13 +72,11 @@ def read_lines(
     *,
     line_mm: float | None = None,
     layer_mm: float | None = None,
-    rounded: bool = False,
+    bead: BeadSection = ROUNDED,
 ) -> WrittenLines:
     """Read what any slicer's G-code writes in layers.
 
-    A line's cross-section is its volume over its length. It is as wide as that over the layer's
-    thickness, width x thickness; or, ``rounded``, as slicers for plastic plan it, a rectangle with
-    round sides, (w - h) h + π h²/4.
+    A line's cross-section is its volume over its length; ``bead`` says how wide that is.
 
     Parameters
     ----------
@@ -84,7 +89,7 @@ def read_lines(
     layer_mm : float or None, mm
         Thickness of the lowest layer and of those with nothing right below; None finds the most
         frequent one.
-    rounded : bool
+    bead : BeadSection
 
     Raises
     ------
@@ -99,7 +104,7 @@ def read_lines(
     strokes = plunger_strokes(program, 1.0 if ul_per_e is None else ul_per_e)
     if len(strokes.line) == 0:
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
-    lines = layered(strokes.moved(origin(program, gcode)), layer_mm, WINDOW_MM, rounded)
+    lines = layered(strokes.moved(origin(program, gcode)), layer_mm, WINDOW_MM, [bead])
     if line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), line_mm))
     check_width(lines.width, lines.line)
@@ -130,9 +135,23 @@ def rounded_to_steps(
 
 
 def layered(
-    strokes: Strokes, layer_mm: float | None, window_mm: float, rounded: bool = False
+    strokes: Strokes,
+    layer_mm: float | None,
+    window_mm: float,
+    beads: Sequence[BeadSection] = (ROUNDED,),
+    head: IntArray | None = None,
 ) -> WrittenLines:
     """Strokes as lines in level layers; see `read_lines`.
+
+    Parameters
+    ----------
+    strokes : Strokes
+    layer_mm : float or None, mm
+    window_mm : float, mm
+    beads : sequence of BeadSection
+        Of each head.
+    head : (n,) int64 or None
+        Of each stroke; None where one head writes all.
 
     Raises
     ------
@@ -144,10 +163,9 @@ def layered(
     low, high, layer = slabs(end[:, 2], layer_mm)
     thick = (high - low)[layer]
     length = np.hypot(*(end - begin)[:, :2].T)
-    width = dose_per_mm(length, strokes.dose_ul, strokes.stroke, window_mm) / thick
+    area = dose_per_mm(length, strokes.dose_ul, strokes.stroke, window_mm)
+    width = _widths(area, thick, beads, np.zeros(len(area), np.int64) if head is None else head)
     width = np.minimum(width, dots(strokes.dose_ul, strokes.stroke) / np.sqrt(thick))
-    if rounded:
-        width += thick * (1 - np.pi / 4)
     return WrittenLines(
         np.ascontiguousarray(begin[:, :2]),
         np.ascontiguousarray(end[:, :2]),
@@ -156,4 +174,27 @@ def layered(
         low,
         high,
         strokes.line,
+        _doubt(area, thick, width, beads),
     )
+
+
+def _widths(
+    area: FloatArray, thick: FloatArray, beads: Sequence[BeadSection], head: IntArray
+) -> FloatArray:
+    """Width of each line by its own head's bead, (n,), mm."""
+    width = np.empty(len(area))
+    for number, bead in enumerate(beads):
+        own = head == number
+        width[own] = bead.width(area[own], thick[own])
+    return width
+
+
+def _doubt(
+    area: FloatArray, thick: FloatArray, width: FloatArray, beads: Sequence[BeadSection]
+) -> tuple[float, float]:
+    """How much wider and narrower lines are by the models that nobody has excluded, mm."""
+    if not len(area) or not any(isinstance(bead.model, str) for bead in beads):
+        return 0.0, 0.0
+    wider = float(np.median(BeadSection("ellipse").width(area, thick) - width))
+    narrower = float(np.median(BeadSection("rectangle").width(area, thick) - width))
+    return max(wider, 0.0), min(narrower, 0.0)

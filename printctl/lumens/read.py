@@ -7,13 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles import Printer
+from firmware_profiles import BeadSection, Printer
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import plain_lines, said_start
 from printctl.lumens.filaments import Filaments, filaments
 from printctl.lumens.heads import of_heads, stacked, stacked_filaments
 from printctl.lumens.line_widths import check_width
 from printctl.lumens.lines import (
+    ROUNDED,
     WINDOW_MM,
     WINDOWLESS_MM,
     WrittenLines,
@@ -56,8 +57,8 @@ class Writing:
         Width of every line, whatever E says; layers only.
     layer_mm : float or None, mm
         Thickness of layers, as for `read_lines`.
-    rounded : bool
-        As for `read_lines`.
+    beads : tuple of BeadSection
+        Cross-section of each head's lines; one for all where there is but one.
     start_mm : tuple or None, mm
         Where the tip stands before the first line; None takes what the file says.
     """
@@ -67,7 +68,7 @@ class Writing:
     flow_ul_s: float | None = None
     line_mm: float | None = None
     layer_mm: float | None = None
-    rounded: bool = False
+    beads: tuple[BeadSection, ...] = (ROUNDED,)
     start_mm: Place | None = None
     ul_per_e_of_heads: tuple[float, ...] = ()
 
@@ -94,7 +95,7 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
             writing.ul_per_e,
             line_mm=writing.line_mm,
             layer_mm=writing.layer_mm,
-            rounded=writing.rounded,
+            bead=writing.beads[0],
         )
         return lines, rounded_to_steps(lines, (printer.steps_per_mm.x, printer.steps_per_mm.y))
     ideal, run = _strokes(gcode, writing, level=True)
@@ -102,8 +103,8 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
         raise UsageError(_NEVER)
     stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
     both = (
-        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.rounded),
-        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.rounded),
+        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads),
+        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads),
     )
     check_width(both[0].width, both[0].line)
     return both
@@ -118,7 +119,8 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     strokes, head = stacked(each)
     if not len(strokes.line):
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
-    lines = layered(strokes, writing.layer_mm, WINDOW_MM, writing.rounded)
+    beads = writing.beads * len(each) if len(writing.beads) == 1 else writing.beads
+    lines = layered(strokes, writing.layer_mm, WINDOW_MM, beads, head)
     if writing.line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), writing.line_mm))
     check_width(lines.width, lines.line)

@@ -7,14 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from design.files import write_text
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.pipeline.artefacts import HTML, PDF
+from printctl.ahead import Call, SecondProcess
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.page_parts import PageParts
 from printctl.pipeline.registration_files import (
     DEVIATION,
     NUMBERS,
@@ -29,18 +30,14 @@ from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
 from registration.optics import relaid
-from registration.report import (
-    ReportSurface,
-    all_figures,
-    network_drawing,
-    write_report_html,
-)
+from registration.report import ReportSurface
 from registration.report.deviation_surfaces import split_surfaces
-from registration.report.pdf import write_report_pdf
+from registration.report.packing import pack_surfaces
 from registration.result import SIGN, scaled_vertices
-from registration.views import Views, add_scan_places, take_views
+from registration.views import add_scan_places, take_views
 
-__all__ = ["Registered", "network_drawing"]
+PAGES: Final = "printctl.pipeline.registration_pages"
+"""What draws and writes the pages; called by this name, it loads in the second process alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,44 +101,41 @@ class Registered:
         }
 
     def write(
-        self, out: Path, data: dict[str, Any], pdf: bool, drawn: dict[str, bytes]
+        self, out: Path, data: dict[str, Any], pdf: bool, second: SecondProcess, drawn: Call
     ) -> list[str]:
         """Write all files of `data`, which `judged` gave, into `out`; say what they don't serve.
 
-        `drawn`: figures that are drawn already (`network_drawing`).
+        `second` draws and writes the pages; `drawn`: its figures that are drawn already
+        (`registration_pages.network_drawing`).
         """
         out.mkdir(parents=True, exist_ok=True)
-        with ThreadPoolExecutor(1) as beside:  # compresses while figures are drawn
+        drawn = second.call(PAGES, "all_figures", data, self.vessels, drawn.result())
+        with ThreadPoolExecutor(1) as beside:  # compresses while pictures are taken
             judged = self.found, data["registration"]
             exports = beside.submit(write_exports, out, self.scan, self.vessels, judged)
+            parts = self._parts(data, pdf, drawn)
+            pages = second.call(PAGES, "write_pages", out, parts)
             made, why_not = self._origin(out)
             write_text(out / NUMBERS, _json(data | made))
-            # Drawn once for page and PDF; the page alone draws while it packs.
-            views = self._views(data["registration"])
-            if pdf:
-                drawn = all_figures(data, self.vessels, drawn, views)
-            self._write_page(out, data, drawn, views)
-            if pdf:
-                origin = scan_origin(self.source, self.network)
-                write_report_pdf(
-                    out / PDF, {**data, "provenance": origin}, self.vessels, drawn, views
-                )
+            write_deviation(out / DEVIATION, self.found)
             exports.result()
+            pages.result()
         return why_not
 
-    def _views(self, numbers: dict[str, Any]) -> Views:
-        return take_views(self.scan, self.surface, self.found, numbers, not relaid(self.scan))
+    def _parts(self, data: dict[str, Any], pdf: bool, drawn: Call) -> PageParts:
+        views = take_views(
+            self.scan, self.surface, self.found, data["registration"], not relaid(self.scan)
+        )
+        surfaces = pack_surfaces(self._surfaces())
+        origin = scan_origin(self.source, self.network) if pdf else None
+        return PageParts(data, surfaces, self.vessels, views, drawn.result(), origin)
 
-    def _write_page(
-        self, out: Path, data: dict[str, Any], drawn: dict[str, bytes], views: Views
-    ) -> None:
-        write_deviation(out / DEVIATION, self.found)
+    def _surfaces(self) -> list[ReportSurface]:
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
-        shown = [
+        return [
             *split_surfaces(vertices, self.found.faces, deviation_um, self.vessels),
             ReportSurface("As designed", self.surface.vertices, self.surface.faces),
         ]
-        write_report_html(out / HTML, data, shown, self.vessels, drawn, views=views)
 
     def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:
         """How the part was made, where the model is a run, and why a compensation can't use it."""

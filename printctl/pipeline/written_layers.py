@@ -150,6 +150,7 @@ def _pushing(context: RunContext, part: Fresh) -> Pushing:
         syringe_said=syringe.name,
         flow_ul_s=context.flow_ul_s,
         layer_mm=part.layer_um * 1e-3,
+        bead=context.ink.bead_section,
     )
 
 

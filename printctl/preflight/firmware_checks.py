@@ -131,14 +131,16 @@ def _timeout(run: DryRun, printer: Printer) -> Check:
 def _longest_dwell(run: DryRun) -> tuple[float, int]:
     """Seconds of the longest dwells between two moves, and the last one's line; zeros for none.
 
-    A firmware counts from its last move: dwells that follow each other are one to it.
+    A firmware counts from the last block that its motors ran: dwells that follow each other, or
+    have only a move to the same place or below the planner's least steps between them, are one.
     """
-    kind, line = run.program.kind, run.program.line
-    dwells = np.flatnonzero(kind == DWELL)
+    program, line = run.program, run.program.line
+    dwells = np.flatnonzero(program.kind == DWELL)
     if not len(dwells):
         return 0.0, 0
-    between = np.cumsum(kind == MOVE)[dwells]
-    seconds = np.bincount(between, run.program.value[dwells])
+    moved = (program.kind == MOVE) & np.isin(program.command, run.executed.line)
+    between = np.cumsum(moved)[dwells]
+    seconds = np.bincount(between, program.value[dwells])
     longest = int(seconds.argmax())
     return float(seconds[longest]), int(line[dwells[between == longest][-1]])
 

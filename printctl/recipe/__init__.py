@@ -1,7 +1,21 @@
-"""The recipe: its schema, and reading it."""
+"""The recipe: its schema, and reading it.
 
-from printctl.recipe.load import load_recipe, parse_recipe
-from printctl.recipe.migrate import SCHEMA
-from printctl.recipe.model import Recipe
+Names are loaded when first asked for: most commands need one part of the schema, not all.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.recipe.load import load_recipe, parse_recipe
+    from printctl.recipe.migrate import SCHEMA
+    from printctl.recipe.model import Recipe
 
 __all__ = ["SCHEMA", "Recipe", "load_recipe", "parse_recipe"]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

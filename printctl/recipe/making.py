@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     Discriminator,
     Field,
     SerializerFunctionWrapHandler,
@@ -30,6 +31,7 @@ from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
 from printctl.recipe.tolerances import Sides, TolerancesPart
+from registration.geometry.datum import read_datums
 from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
@@ -282,6 +284,11 @@ ScanPart = Annotated[
 ]
 
 
+def _checked_datums(value: list[str]) -> list[str]:
+    read_datums(value)
+    return value
+
+
 class RegistrationPart(Part):
     """What the print is held against."""
 
@@ -293,6 +300,10 @@ class RegistrationPart(Part):
     )
     tolerances: TolerancesPart | None = Field(
         default=None, description="Finer limits: by vessel, by feature, in µm, or of one side."
+    )
+    datums: Annotated[list[str], AfterValidator(_checked_datums)] = Field(
+        default=[],
+        description="Datum features, primary first, like [face -z, axis 3]; else best fit.",
     )
 
     @model_validator(mode="after")

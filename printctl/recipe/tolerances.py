@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Annotated, Any
 
@@ -61,6 +62,18 @@ class VesselTolerancePart(Part):
         default=None, description="Widest leak or bridge allowed; 0: none."
     )
     open: bool | None = Field(default=None, description="Whether it must be open.")
+    position_um: Positive | None = Field(
+        default=None, description="Position of the axis: diameter of the zone (ISO 1101)."
+    )
+    port_position_um: Positive | None = Field(
+        default=None, description="Position of the vessel's mouths: diameter of the zone."
+    )
+    cylindricity_um: Positive | None = Field(
+        default=None, description="Of straight vessels: radial width of the zone."
+    )
+    profile_um: Positive | None = Field(
+        default=None, description="Profile of the lumen's surface: width of the zone."
+    )
 
     def changes(self) -> dict[str, Any]:
         """Fields of `VesselLimits` that are given."""
@@ -71,6 +84,10 @@ class VesselTolerancePart(Part):
             "offset_um": self.offset_um,
             "leak_um": self.leak_um,
             "open": self.open,
+            "position_um": self.position_um,
+            "port_position_um": self.port_position_um,
+            "cylindricity_um": self.cylindricity_um,
+            "profile_um": self.profile_um,
         }
         return {name: value for name, value in found.items() if value is not None}
 
@@ -94,6 +111,9 @@ class TolerancesPart(VesselTolerancePart):
     """What a print is held against."""
 
     rms_um: Positive | None = Field(default=None, description="RMS deviation of the scaled fit.")
+    face_profile_um: Positive | None = Field(
+        default=None, description="Profile of each outer face's surface: width of the zone."
+    )
     vessels: list[OverridePart] = Field(
         default=[], description="Limits of some vessels; of two for one vessel the later counts."
     )
@@ -104,6 +124,7 @@ class TolerancesPart(VesselTolerancePart):
         return Tolerances(
             limits=VesselLimits(**(default | self.changes())),
             rms_um=rms_um if self.rms_um is None else self.rms_um,
+            face_profile_um=math.inf if self.face_profile_um is None else self.face_profile_um,
             overrides=tuple(
                 Override(frozenset(one.vessels), frozenset(one.kinds), one.changes())
                 for one in self.vessels

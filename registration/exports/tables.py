@@ -13,6 +13,7 @@ from registration.judging import listed
 from registration.result import RegistrationReport, report_dict
 
 VESSELS, SECTIONS, DEFECTS = "vessels.csv", "sections.csv", "defects.csv"
+ZONES = "characteristics.csv"
 
 _SECTION_COLUMNS = {
     "along_mm": "along_mm",
@@ -30,7 +31,7 @@ _SECTION_COLUMNS = {
 
 
 def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -> tuple[str, ...]:
-    """Write `vessels.csv`, `sections.csv` and `defects.csv`; return their names.
+    """Write vessels, sections, defects and characteristics as CSV; return the files' names.
 
     A number that isn't known is an empty field. Units stand in the columns' names. Beside what
     was gauged, a vessel's row has its resistance and flow as designed and as printed.
@@ -53,7 +54,9 @@ def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -
         as_csv(_sections(found["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
     )
     write_text(folder / DEFECTS, as_csv([_defect(d) for d in listed(found)], _DEFECT_COLUMNS))
-    return VESSELS, SECTIONS, DEFECTS
+    rows = [_zone(row) for row in found.get("characteristics", ())]
+    write_text(folder / ZONES, as_csv(rows, _ZONE_COLUMNS))
+    return VESSELS, SECTIONS, DEFECTS, ZONES
 
 
 def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
@@ -73,8 +76,14 @@ def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 _DEFECT_COLUMNS = (
     "kind", "vessel", "other", "from_mm", "to_mm", "at_mm", "x_mm", "y_mm", "z_mm", "size_um",
-    "error_um", "percent", "wall_um", "significance", "seen", "local", "decision", "deviation_um",
-    "deviation_percent", "u_um", "lower_um", "upper_um",
+    "error_um", "percent", "wall_um", "significance", "seen", "shade", "local", "decision",
+    "deviation_um", "deviation_percent", "u_um", "lower_um", "upper_um",
+)  # fmt: skip
+
+
+_ZONE_COLUMNS = (
+    "feature", "characteristic", "vessel", "zone_um", "low_um", "high_um", "limit_um", "decision",
+    "seen_fraction", "note",
 )  # fmt: skip
 
 
@@ -106,6 +115,12 @@ def _along(vessel: Mapping[str, Any], key: str) -> Sequence[Any]:
     """A list of the vessel's, or as many unknowns where nothing was judged."""
     found: Sequence[Any] = vessel.get(key) or [None] * len(vessel["along_mm"])
     return found
+
+
+def _zone(row: Mapping[str, Any]) -> dict[str, Any]:
+    low, high = row["interval_95_um"]
+    plain = {**row, "low_um": low, "high_um": high}
+    return {name: plain.get(name) for name in _ZONE_COLUMNS}
 
 
 def _defect(defect: Mapping[str, Any]) -> dict[str, Any]:

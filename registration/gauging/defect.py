@@ -42,6 +42,8 @@ class Defect:
     seen : bool
         Whether all of its extent, and what borders on it, was seen; where not, the size is what
         was seen of it.
+    shade : bool
+        Of leaks and bridges: whether gel in the shade of a bubble or a particle would look alike.
     """
 
     kind: DefectKind
@@ -57,3 +59,4 @@ class Defect:
     wall_um: float
     significance: float
     seen: bool
+    shade: bool = False

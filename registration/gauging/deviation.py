@@ -19,6 +19,9 @@ from registration.distance import ModelSurface
 FloatArray = NDArray[np.float64]
 
 TOLERANCES_UM = (25.0, 50.0, 100.0)
+HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)
+CURVE_UM = np.concatenate([np.arange(0.0, 100.0, 2.0), np.arange(100.0, 301.0, 10.0)])
+"""Tolerances for which the share within is told."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,17 @@ def within(deviation_mm: FloatArray, tolerance_um: float) -> float:
     if len(deviation_mm) == 0:
         return float("nan")
     return float((1e3 * np.abs(deviation_mm) <= tolerance_um).mean())
+
+
+def histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
+    """Counts between `HISTOGRAM_EDGES_UM`; the outermost hold what lies beyond."""
+    clipped = np.clip(1e3 * deviation_mm, HISTOGRAM_EDGES_UM[0], HISTOGRAM_EDGES_UM[-1])
+    return np.histogram(clipped, HISTOGRAM_EDGES_UM)[0].astype(np.int64)
+
+
+def within_curve(deviation_mm: FloatArray) -> FloatArray:
+    """Share within each tolerance of `CURVE_UM`."""
+    return np.array([within(deviation_mm, limit) for limit in CURVE_UM])
 
 
 def hausdorff_p95_um(there_mm: FloatArray, back_mm: FloatArray) -> float:

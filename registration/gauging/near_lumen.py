@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.network import VesselNetwork
-from registration.gauging.deviation import summarise
+from registration.gauging.deviation import (
+    CURVE_UM,
+    HISTOGRAM_EDGES_UM,
+    histogram,
+    summarise,
+    within_curve,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -37,8 +43,8 @@ def apart(
     Returns
     -------
     dict
-        ``lumens`` and ``outer_faces``, each with ``points``, ``rigid``, ``scaled``; one without
-        points is None.
+        ``lumens`` and ``outer_faces``, each with ``points``, ``rigid``, ``scaled``, ``histogram``
+        and ``within_curve``; one without points is None.
     """
     lumen = near_lumen(vertices, network)
     return {
@@ -46,6 +52,16 @@ def apart(
             "points": int(which.sum()),
             "rigid": _plain(rigid_um[which]),
             "scaled": _plain(scaled_um[which]),
+            "histogram": {
+                "edges_um": HISTOGRAM_EDGES_UM.tolist(),
+                "counts": histogram(1e-3 * scaled_um[which]).tolist(),
+                "counts_rigid": histogram(1e-3 * rigid_um[which]).tolist(),
+            },
+            "within_curve": {
+                "tolerance_um": CURVE_UM.tolist(),
+                "rigid": within_curve(1e-3 * rigid_um[which]).round(5).tolist(),
+                "scaled": within_curve(1e-3 * scaled_um[which]).round(5).tolist(),
+            },
         }
         if which.any()
         else None

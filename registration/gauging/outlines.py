@@ -24,10 +24,13 @@ class Outlines:
         The wall from the designed axis, in each plane's own directions. Its circle of equal area
         has the section's diameter: blur and walls' corrections are added all round. NaN where no
         wall was met, and all round where the lumen is closed.
+    middle : (n, 2) float64, mm
+        Centroid of the wall as it was met, in the same directions.
     """
 
     planes: Planes
     wall: FloatArray
+    middle: FloatArray
 
 
 def outlines(
@@ -59,4 +62,4 @@ def outlines(
         across=planes.across[chosen],
         radius=planes.radius[chosen],
     )
-    return Outlines(cut, wall)
+    return Outlines(cut, wall, shift)

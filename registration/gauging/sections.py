@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from registration.gauging.ray_kernel import first_walls
 from registration.segmentation.volume import GelField
 
 FloatArray = NDArray[np.float64]
@@ -198,16 +199,10 @@ def _rays(field: GelField, planes: Planes, shift: FloatArray, circle: FloatArray
     step = 0.3 * float(field.voxel_mm.min())
     reach = REACH * float(planes.radius.max()) + 3 * step
     along = np.arange(0.0, reach, step)
-    flat = shift[:, None, None] + along[:, None, None] * circle
-    value = field.above_level(_positions(planes, flat.transpose(0, 2, 1, 3)))
-    crossing = (value[..., :-1] < 0) & (value[..., 1:] >= 0)
-    first = crossing.argmax(axis=2)
-    low = np.take_along_axis(value, first[..., None], axis=2)[..., 0]
-    high = np.take_along_axis(value, first[..., None] + 1, axis=2)[..., 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        radius = along[first] + step * low / (low - high)
+    grid = (field.values, field.sign, field.level, field.origin_mm, field.voxel_mm)
+    radius = first_walls(*grid, planes.centre, planes.across, shift, circle, along, step)
     near = radius <= REACH * planes.radius[:, None] + 2 * step
-    return np.where(crossing.any(axis=2) & near, radius, np.nan)
+    return np.where(near, radius, np.nan)
 
 
 def _fill_gaps(radii: FloatArray) -> FloatArray:

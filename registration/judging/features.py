@@ -18,8 +18,9 @@ FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 FeatureName = Literal[
-    "section", "narrowest", "mean", "change", "offset", "open", "seen", "measured", "leak", "rms"
-]
+    "section", "narrowest", "mean", "change", "offset", "open", "seen", "measured", "leak", "rms",
+    "zone",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Feature:
         ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
         of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
         ``measured``: without a value; ``leak``: the width of a
-        leak or bridge; ``rms``: of the scaled fit.
+        leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
     decision : str
     vessel : int or None
         None: of the whole print.
@@ -49,6 +50,14 @@ class Feature:
         In the user's words, like "±10 %".
     unseen_mm : list of (from, to)
         Of ``seen`` and ``measured``: what wasn't.
+    other : int or None
+        Of ``leak``: the vessel that a bridge leads into; None: out of the part.
+    doubt : str
+        ``shade``: of ``leak``, where gel in a shadow would look alike; undecided.
+    words, of : str
+        Of a zone: which characteristic, of which feature.
+    interval_um : (low, high), µm
+        Of a zone.
     """
 
     name: FeatureName
@@ -63,6 +72,11 @@ class Feature:
     designed_um: float | None = None
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
+    other: int | None = None
+    doubt: Literal["", "shade"] = ""
+    words: str = ""
+    of: str = ""
+    interval_um: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -265,18 +279,24 @@ def change_feature(finding: Record) -> Feature:
 
 
 def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
-    """Judge a leak's or a bridge's width; any fails unless a width is allowed."""
+    """Judge a leak's or a bridge's width; any fails unless a width is allowed.
+
+    Of what may be a shadow nothing is proven, not even a pass: it may hide a wider way.
+    """
     width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
+    shade = bool(defect.get("shade"))
     decision: Decision = "fail" if limits.leak_um <= 0 else _upper(width, half, limits.leak_um)
     return Feature(
         name="leak",
-        decision=decision,
+        decision="undecided" if shade else decision,
         vessel=int(defect["vessel"]),
         at_mm=float(defect["at_mm"]),
         value_um=width,
         u_um=half,
         upper_um=limits.leak_um,
         limit="none allowed" if limits.leak_um <= 0 else _upto(limits.leak_um),
+        other=defect.get("other"),
+        doubt="shade" if shade else "",
     )
 
 

@@ -28,6 +28,7 @@ from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width
 from registration.judging.runs import apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
+from registration.judging.zones import judged_zones
 from registration.result import json_ready
 
 Record = Mapping[str, Any]
@@ -65,22 +66,33 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
         When the numbers are an older version's, without designed diameters of the sections.
     """
     rows = numbers["vessels"]
-    tolerances.check({int(row["vessel"]): str(row["kind"]) for row in rows})
+    kinds = {int(row["vessel"]): str(row["kind"]) for row in rows}
+    tolerances.check(kinds)
+    zones, of_zones = judged_zones(numbers.get("characteristics", ()), kinds, tolerances)
     before = [d for d in numbers["defects"] if d.get("local", True)]
-    judged = [
-        _Vessel(row, series, tolerances.of(int(row["vessel"]), str(row["kind"])), before)
-        for row, series in zip(rows, series_of(rows), strict=True)
-    ]
     ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
             if d["kind"] in _WAYS]  # fmt: skip
+    judged = [
+        _Vessel(
+            row,
+            series,
+            tolerances.of(int(row["vessel"]), str(row["kind"])),
+            before,
+            ways,
+            [f for f in of_zones if f.vessel == row["vessel"]],
+        )
+        for row, series in zip(rows, series_of(rows), strict=True)
+    ]
     features = [f for vessel in judged for f in vessel.features]
     features += [f for _, f in ways]
+    features += [f for f in of_zones if f.vessel is None]
     features.append(rms_feature(numbers["scaled"]["rms_um"], tolerances.rms_um))
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
     out: dict[str, Any] = json_ready(
         dict(numbers)
         | {
             "vessels": [vessel.row for vessel in judged],
+            "characteristics": zones,
             "findings": sorted(listed, key=lambda d: (d["vessel"], d["at_mm"])),
             "judging": {
                 "rule": RULE,
@@ -125,7 +137,13 @@ class _Vessel:
     """One vessel's features, findings and row."""
 
     def __init__(
-        self, row: Record, series: Series, limits: VesselLimits, found: Sequence[Record]
+        self,
+        row: Record,
+        series: Series,
+        limits: VesselLimits,
+        found: Sequence[Record],
+        ways: Sequence[tuple[Record, Feature]],
+        zones: Sequence[Feature],
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
         band = band_of(series, limits.diameter)
@@ -136,14 +154,17 @@ class _Vessel:
             *mean_feature(row, band, limits),
             *offset_feature(row, limits),
             *open_features(row, limits, bool(closures)),
+            *zones,
         ]
         self.findings = [*closures, *findings(row, band, limits.diameter, own)]
         self.features += [
             change_feature(one) for one in self.findings if apart_from_sections(band, one)
         ]
+        # Features of ways stand once in the print's list; here they count for both ends.
+        leaking = [f for d, f in ways if row["vessel"] in (d["vessel"], d.get("other"))]
         self.row = {
             **row,
-            "decision": worst(f.decision for f in self.features),
+            "decision": worst(f.decision for f in [*self.features, *leaking]),
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),
@@ -193,6 +214,7 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
     """Return tolerances as JSON; what isn't limited is left out."""
     return {
         "rms_um": tolerances.rms_um,
+        **({"face_profile_um": face} if math.isfinite(face := tolerances.face_profile_um) else {}),
         **_limits(tolerances.limits),
         "vessels": [
             {

@@ -72,6 +72,9 @@ class VesselLimits:
         Widest leak or bridge that is allowed.
     open : bool
         Whether the vessel must be open from end to end.
+    position_um, port_position_um, cylindricity_um, profile_um : float, µm
+        Widths of zones (ISO 1101): of its axis, of its mouths, of its wall's form, of its wall;
+        inf: not judged.
     """
 
     diameter: Limit = field(default_factory=lambda: symmetric(10.0))
@@ -80,6 +83,10 @@ class VesselLimits:
     offset_um: float = math.inf
     leak_um: float = 0.0
     open: bool = True
+    position_um: float = math.inf
+    port_position_um: float = math.inf
+    cylindricity_um: float = math.inf
+    profile_um: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -117,11 +124,14 @@ class Tolerances:
         Of the RMS deviation of the scaled fit.
     overrides : tuple of Override
         A later one counts where two hold for one vessel.
+    face_profile_um : float, µm
+        Width of the zone of each outer face; inf: not judged.
     """
 
     limits: VesselLimits = field(default_factory=VesselLimits)
     rms_um: float = 100.0
     overrides: tuple[Override, ...] = ()
+    face_profile_um: float = math.inf
 
     def of(self, vessel: int, kind: str) -> VesselLimits:
         """Limits of one vessel."""

@@ -30,12 +30,42 @@ def reason(feature: Record) -> str:
         said = "not known" if value is None else f"{value:.1f} µm"
         return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
     if name == "leak":
-        return f"{_place(feature)}: a way {_measured(feature)} wide leads out, {feature['limit']}"
+        return _way(feature)
+    if name == "zone":
+        return _zone(feature)
     return _sight(feature)
+
+
+def _way(feature: Record) -> str:
+    other = feature.get("other")
+    to = "out" if other is None else f"into vessel {other}"
+    said = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
+    if feature.get("doubt") == "shade":
+        return (
+            f"{said}: not proven, as gel below a bubble or a particle looks alike; see its picture"
+        )
+    return said
+
+
+def _zone(feature: Record) -> str:
+    """Say of a zone: its width, interval and limit."""
+    value, ends = feature.get("value_um"), feature.get("interval_um")
+    place = str(feature["of"])
+    said = f"{place[:1].upper()}{place[1:]}: {feature['words']} "
+    if value is None or not ends:
+        return f"{said}isn't known, limit {feature['limit']}"
+    ends_said = f"{ends[0]:.0f} to {ends[1]:.0f}"
+    unseen = feature["decision"] == "undecided" and ends[1] <= feature["upper_um"]
+    end = ": not all of it was seen" if unseen else _end(feature)
+    return f"{said}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
 
 
 def _diameter(feature: Record) -> str:
     designed = feature["designed_um"]
+    if feature["value_um"] <= -designed:
+        return (
+            f"{_place(feature)}: closed, with {designed:.0f} µm designed, limit {feature['limit']}"
+        )
     percent = signed(100 * feature["value_um"] / designed)
     u = feature.get("u_um")
     half = "" if u is None else f" ± {100 * u / designed:.1f}"

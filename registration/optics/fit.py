@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
@@ -77,6 +76,9 @@ def fit_grid(
     SegmentationError
         When there is no view.
     """
+    # Every registration loads this room; only a calibration waits for optimisers to load.
+    from scipy.optimize import least_squares
+
     if not views:
         raise SegmentationError("no view of a grid; give at least one scan of it")
     base = start or OctCalibration()

@@ -1,14 +1,22 @@
-"""The report: one HTML file of numbers, drawings and a 3D deviation map, open offline."""
+"""The report: one HTML file of numbers, drawings and a 3D deviation map, open offline.
 
-from registration.report.errors import ReportError
-from registration.report.figures import (
-    diameter_figure,
-    histogram_figure,
-    network_figure,
-)
-from registration.report.network_page import NetworkPage, write_network_html
-from registration.report.page import all_figures, network_drawing, write_report_html
-from registration.report.surface import ReportSurface
+Names are loaded when first asked for: what packs or words a report needs no plotting library.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.report.errors import ReportError
+    from registration.report.figures import (
+        diameter_figure,
+        histogram_figure,
+        network_figure,
+    )
+    from registration.report.network_page import NetworkPage, write_network_html
+    from registration.report.page import all_figures, network_drawing, write_report_html
+    from registration.report.surface import ReportSurface
 
 __all__ = [
     "NetworkPage",
@@ -22,3 +30,9 @@ __all__ = [
     "write_network_html",
     "write_report_html",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -33,24 +33,30 @@ _AROUND: Final = {"left": 0.7, "right": 0.25, "top": 0.3, "bottom": 0.75, "betwe
 """Inch."""
 
 
-def finding_figures(numbers: Record, views: Views | None) -> dict[str, bytes]:
-    """Draw each finding that has pictures, named ``findings/caption``.
+def finding_figures(
+    numbers: Record, views: Views | None, given: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """Draw each finding that has pictures and isn't `given`, named ``findings/caption``.
 
     Parameters
     ----------
     numbers : dict
         Of a judged registration.
     views : Views or None
+    given : mapping of str to bytes
+        Drawings by name.
     """
     if views is None:
         return {}
     found, vessels = listed(numbers), records(numbers, "vessels")
-    return {
-        f"findings/{caption(view.finding, found[view.finding])}": _figure(
-            view, views.sections, vessels[int(found[view.finding]["vessel"])]
+    made: dict[str, bytes] = {}
+    for view in views.findings:
+        record = found[view.finding]
+        name = f"findings/{caption(view.finding, record)}"
+        made[name] = given.get(name) or _figure(
+            view, views.sections, vessels[int(record["vessel"])]
         )
-        for view in views.findings
-    }
+    return made
 
 
 def caption(number: int, finding: Record) -> str:

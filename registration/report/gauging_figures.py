@@ -38,6 +38,20 @@ def curve_figure(
         return to_svg(figure, "within")
 
 
+def parted_curve_figure(parts: Mapping[str, Mapping[str, Any]]) -> bytes:
+    """The same of several surfaces (name to ``tolerance_um``, ``rigid``, ``scaled``), as SVG."""
+    with styled():
+        figure, axes = blank(5.2, 2.7)
+        for (name, curve), colour in zip(parts.items(), (ACCENT, OUTSIDE), strict=False):
+            for fit, dash in (("scaled", "-"), ("rigid", "--")):
+                axes.plot(curve["tolerance_um"], 100 * _numbers(curve[fit]), dash, color=colour,
+                          label=f"{name}, {fit}")  # fmt: skip
+        axes.set(xlabel="tolerance / µm", ylabel="share within / %", ylim=(0, 102))
+        axes.set_xlim(0, max(max(curve["tolerance_um"]) for curve in parts.values()))
+        axes.legend(loc="lower right")
+        return to_svg(figure, "within")
+
+
 def profile_figure(vessels: Sequence[Record], defects: Sequence[Record]) -> bytes | None:
     """Diameter ± U along the vessels that say most, with their limits, decisions and findings.
 

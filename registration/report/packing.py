@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from registration.report.simplify import simplify
 from registration.report.surface import ReportSurface
 
+Surfaces = Sequence[ReportSurface] | Sequence[dict[str, Any]]
+"""As they are, or packed."""
 MAX_FACES = 400_000
 """Triangles of all surfaces of a page together."""
 STEPS = 65_534
@@ -104,3 +107,9 @@ def pack_surfaces(
         allowed[index] = min(share, len(surfaces[index].faces))
         left -= allowed[index]
     return [pack_surface(surface, allowed[i]) for i, surface in enumerate(surfaces)]
+
+
+def packed(surfaces: Surfaces) -> list[dict[str, Any]]:
+    """Pack surfaces that aren't packed yet."""
+    plain = [one for one in surfaces if isinstance(one, ReportSurface)]
+    return pack_surfaces(plain) if plain else [one for one in surfaces if isinstance(one, dict)]

@@ -25,6 +25,7 @@ from registration.report.finding_figures import finding_figures, views_note
 from registration.report.gauging_figures import (
     curve_figure,
     layer_deviation_figure,
+    parted_curve_figure,
     profile_figure,
 )
 from registration.report.gauging_sections import (
@@ -36,14 +37,14 @@ from registration.report.gauging_sections import (
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
-from registration.report.packing import pack_surfaces
+from registration.report.packing import Surfaces, packed
 from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.section_view import section_view
 from registration.report.sections import mapping, records
-from registration.report.surface import ReportSurface
 from registration.report.svg import inline_figure
 from registration.report.wording import MISSING, is_number, label_and_unit, number, plain
+from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 from registration.views import Views
 
 _HERE: Final = Path(__file__).parent
@@ -63,7 +64,7 @@ PLACES: Final = (
 def write_report_html(
     path: Path,
     data: dict[str, Any],
-    surfaces: Sequence[ReportSurface],
+    surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes] | None = None,
     play: AddedSection | None = None,
@@ -81,7 +82,8 @@ def write_report_html(
         few words on which side is positive, is shown where it is given.
     surfaces : sequence of ReportSurface
         For the 3D view, in the part's frame. The first one with a scalar is shown at first.
-        Above 400,000 triangles together they are simplified for the page, which says so.
+        Above 400,000 triangles together they are simplified for the page, which says so. They may
+        be packed already (`registration.report.packing.pack_surfaces`).
     network : VesselNetwork or None
         The design, in the part's frame; ``vessel`` in `data` is its number there.
     figures : mapping of str to bytes, optional
@@ -105,7 +107,7 @@ def write_report_html(
 
 def report_html(
     data: Mapping[str, Any],
-    surfaces: Sequence[ReportSurface],
+    surfaces: Surfaces,
     network: VesselNetwork | None,
     figures: Mapping[str, bytes],
     play: AddedSection | None = None,
@@ -115,9 +117,9 @@ def report_html(
     modules = import_map(play.folders if play else ())
     entries = f"{ENTRY} {play.entry}" if play else ENTRY
     with ThreadPoolExecutor(1) as beside:  # deflates while figures are drawn
-        packed = beside.submit(view_data, data, surfaces, network)
+        shown = beside.submit(view_data, data, surfaces, network)
         drawn = all_figures(data, network, figures, views)
-        view = packed.result()
+        view = shown.result()
     context = {
         "data": data,
         "style": style(),
@@ -143,6 +145,9 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
         "surface_rows": sections.surface_rows(registration),
         "budget_table": budget_table(registration),
+        "zone_table": zone_table(registration),
+        "zone_note": ZONE_NOTE,
+        "frame_lines": frame_lines(registration),
         "defect_table": defect_table(registration),
         "perfusion_table": perfusion_table(registration),
         "printed_facts": printed_facts(registration),
@@ -160,7 +165,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def view_data(
-    data: Mapping[str, Any], surfaces: Sequence[ReportSurface], network: VesselNetwork | None
+    data: Mapping[str, Any], surfaces: Surfaces, network: VesselNetwork | None
 ) -> dict[str, Any] | None:
     """What the 3D view draws, as JSON values; None when there is nothing to draw."""
     if not surfaces and network is None:
@@ -169,13 +174,11 @@ def view_data(
     return scene("Deviation map" if surfaces else "Network", surfaces, shown)
 
 
-def scene(
-    title: str, surfaces: Sequence[ReportSurface], network: dict[str, Any] | None
-) -> dict[str, Any]:
+def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dict[str, Any]:
     """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
     return {
         "title": title,
-        "surfaces": pack_surfaces(list(surfaces)),
+        "surfaces": packed(surfaces),
         "network": network,
         "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
     }
@@ -204,7 +207,7 @@ def all_figures(
         name: given[name] if name in given else draw()
         for name, draw in _drawings(data, network).items()
     }
-    made |= finding_figures(mapping(data, "registration"), views)
+    made |= finding_figures(mapping(data, "registration"), views, given)
     return {name: picture for name, picture in made.items() if picture is not None} | dict(given)
 
 
@@ -214,12 +217,13 @@ def _drawings(
     """How to draw what there are numbers for."""
     made: dict[str, Callable[[], bytes | None]] = {}
     registration = mapping(data, "registration")
-    histogram = mapping(registration, "histogram")
-    for key, fit in (("counts", "scaled"), ("counts_rigid", "rigid")):
-        if histogram.get(key):
-            made[f"histogram/Signed deviation, {fit} fit"] = partial(
-                histogram_figure, histogram["edges_um"], histogram[key]
-            )
+    for fit, key in (("scaled", "counts"), ("rigid", "counts_rigid")):
+        for of, part in sections.surfaces(registration).items():
+            histogram = mapping(part, "histogram")
+            if histogram.get(key):
+                made[f"histogram/Signed deviation{of and ' of the ' + of}, {fit} fit"] = partial(
+                    histogram_figure, histogram["edges_um"], histogram[key]
+                )
     made |= _gauged(registration)
     made |= _oxygen(mapping(data, "oxygen"))
     gauged = records(registration, "vessels")
@@ -251,7 +255,16 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     """What was gauged: shares within, diameters along the vessels, layers."""
     curve, vessels = mapping(registration, "within_curve"), records(registration, "vessels")
     made: dict[str, Callable[[], bytes | None]] = {}
-    if curve:
+    apart = {
+        of: mapping(part, "within_curve")
+        for of, part in sections.surfaces(registration).items()
+        if of and mapping(part, "within_curve")
+    }
+    if apart:
+        made["curve/Share of lumens and of outer faces within any tolerance"] = partial(
+            parted_curve_figure, apart
+        )
+    elif curve:
         made["curve/Share of the surface within any tolerance"] = partial(
             curve_figure, curve["tolerance_um"], curve["rigid"], curve["scaled"]
         )

@@ -141,11 +141,24 @@ def fit_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         label, unit = label_and_unit(key)
         pair = (fixed(fit.get(key), decimals) for fit in (rigid, scaled))
         rows.append((f"{label} / {unit}", *pair))
-    for bound in {**mapping(rigid, "within"), **mapping(scaled, "within")}:
+    # Of lumens and outer faces together no share is given where they are known apart.
+    mixed = not any(surfaces(registration))
+    for bound in {**mapping(rigid, "within"), **mapping(scaled, "within")} if mixed else ():
         shares = (mapping(fit, "within").get(bound) for fit in (rigid, scaled))
         pair = (fixed(100 * s if is_number(s) else None, 1) for s in shares)
         rows.append((f"Within ± {bound} µm / %", *pair))
     return [(row[0], row[1], row[2]) for row in rows]
+
+
+def surfaces(registration: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Lumens and outer faces by name, where they are known apart; else the whole without name."""
+    parts = mapping(registration, "by_surface")
+    known = {
+        name: mapping(parts, key)
+        for key, name in (("lumens", "lumens"), ("outer_faces", "outer faces"))
+        if "histogram" in mapping(parts, key)
+    }
+    return known or {"": registration}
 
 
 def surface_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:

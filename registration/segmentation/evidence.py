@@ -17,12 +17,13 @@ Optics, section 4.2), less the cap's share.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from registration.segmentation.filters import gaussian_weights, normalise, smooth
+from registration.segmentation.glints import Glints, find_glints, no_glints
 from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength, Volume, sample
 from registration.segmentation.working import probe
@@ -67,6 +68,8 @@ class GelEvidence:
         to know it.
     voxel_mm, origin_mm : (3,) float64, mm
         As of the segmented field, x, y, z.
+    glints : Glints
+        What may throw a shadow; of OCT alone.
     """
 
     fine: Volume
@@ -76,6 +79,7 @@ class GelEvidence:
     scatter: FloatArray
     voxel_mm: FloatArray
     origin_mm: FloatArray
+    glints: Glints = field(default_factory=no_glints)
 
     @property
     def speckled(self) -> bool:
@@ -114,7 +118,9 @@ def told_apart(
         return np.asarray(np.subtract(gel, liquid) >= DECISIVE * np.asarray(scatter))
 
 
-def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
+def gel_evidence(
+    field: GelField, strength: Strength | None, depth_down: bool = True
+) -> GelEvidence:
     """Return the evidence for gel of a segmented scan.
 
     Parameters
@@ -123,14 +129,19 @@ def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
         The segmented scan.
     strength : Strength or None
         OCT: the signal; None takes the field's own grey values, linear between the two levels.
+    depth_down : bool
+        Whether light runs towards larger z.
     """
     if strength is None:
         return _of_grey_values(field)
     values = np.asarray(field.values, dtype=np.float32)
     gel = values > SURE_GEL
-    share = strength.signal / _predicted(strength.signal, values, gel, field.voxel_mm[::-1])
+    way = slice(None, None, 1 if depth_down else -1)
+    share = strength.signal.copy()
+    share[way] /= _predicted(strength.signal[way], values[way], gel[way], field.voxel_mm[::-1])
     # Of the bright lines at faces (many times the gel) little must get into the mean around them.
     _even(share, np.minimum(share, np.float32(GLARE)), gel, field.voxel_mm[::-1])
+    glints = find_glints(share, field.voxel_mm, field.origin_mm, depth_down)
     np.clip(share, -BRIGHTEST, BRIGHTEST, out=share)
     averaged = np.empty_like(share)
     z, y, x = (gaussian_weights(SIGMA_MM / size) for size in field.voxel_mm[::-1])
@@ -140,7 +151,7 @@ def gel_evidence(field: GelField, strength: Strength | None) -> GelEvidence:
         smooth(share, averaged, (z, y, x), 0.0)
         gel = averaged > MORE_GEL
     scatter = _scatter(averaged, gel)
-    return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm)
+    return GelEvidence(share, averaged, 1.0, 0.0, scatter, field.voxel_mm, field.origin_mm, glints)
 
 
 def _of_grey_values(field: GelField) -> GelEvidence:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
+from registration.topology.shade import may_be_shade
 from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
     LEAST_MM,
@@ -101,24 +102,25 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     mean, scatter = averaged(grid, search.evidence, search.fit)
     told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
-    ways = [(way, *_width(way, scene, search)) for way in find_ways(scene, search.false_alarm)]
+    ways = [_measured(way, scene, search) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
-        tuple(_defect(*found, traces) for found in ways),
+        tuple(_defect(*found, _shade(*found[:2], scene, search), traces) for found in ways),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
     )
 
 
-def _width(way: Way, scene: Scene, search: LeakSearch) -> tuple[float, float]:
-    if search.evidence.speckled:
-        return width(way.path, scene, search.evidence, search.fit)
-    outlined = outline_width(way.path, search.field, search.fit)
-    if np.isfinite(outlined[0]):
-        return outlined
-    return width(way.path, scene, search.evidence, search.fit)
+def _measured(way: Way, scene: Scene, search: LeakSearch) -> tuple[Way, float, float]:
+    """Return a way, moved to its axis, its diameter and half its 95 % interval, mm."""
+    if not search.evidence.speckled:
+        outlined = outline_width(way.path, search.field, search.fit)
+        if np.isfinite(outlined[0]):
+            return (way, *outlined)
+    size, error, shift = width(way.path, scene, search.evidence, search.fit)
+    return replace(way, path=way.path + shift), size, error
 
 
 def _voxels(way: Way, scene: Scene) -> IntArray:
@@ -132,7 +134,14 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _defect(way: Way, size: float, error: float, traces: tuple[VesselTrace, ...]) -> Defect:
+def _shade(way: Way, size: float, scene: Scene, search: LeakSearch) -> bool:
+    glints = search.evidence.glints
+    return may_be_shade(way, size, scene, glints, search.surface, search.fit)
+
+
+def _defect(
+    way: Way, size: float, error: float, shade: bool, traces: tuple[VesselTrace, ...]
+) -> Defect:
     vessel, other = way.ends
     trace = traces[vessel]
     nearest = int(np.linalg.norm(trace.centre - way.path[0], axis=1).argmin())
@@ -152,4 +161,5 @@ def _defect(way: Way, size: float, error: float, traces: tuple[VesselTrace, ...]
         wall_um=float("nan"),
         significance=way.significance,
         seen=bordered(trace, (at - half, at + half)),
+        shade=shade,
     )

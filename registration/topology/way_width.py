@@ -10,7 +10,7 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from registration.alignment import Fit
 from registration.gauging.planes import to_scan
@@ -40,8 +40,13 @@ _ROUNDS = 4
 _STEP_MM = 0.02
 
 
-def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tuple[float, float]:
-    """Return the diameter of a way and half its 95 % interval, mm; NaN where no cut is in gel.
+def width(
+    path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit
+) -> tuple[float, float, FloatArray]:
+    """Return the diameter of a way, half its 95 % interval, and how far its axis lies off the path.
+
+    mm; NaN where no cut is in gel. The cheapest path through a wide way runs along a side of it:
+    cuts are laid about the middle of what gel lacks there.
 
     Parameters
     ----------
@@ -54,15 +59,17 @@ def width(path: FloatArray, scene: Scene, evidence: GelEvidence, fit: Fit) -> tu
         Scan to part.
     """
     centre, tangent = _cuts(path)
-    radius, area = 0.25, np.zeros(0)
+    radius, area, shift = 0.25, np.zeros(0), np.zeros(3)
     for _ in range(_ROUNDS):
-        area = _areas(centre, tangent, radius, scene, evidence, fit)
-        area = area[np.isfinite(area)]
+        area, middle = _areas(centre + shift, tangent, radius, scene, evidence, fit)
+        known = np.isfinite(area)
+        area = area[known]
         if not len(area):
-            return float("nan"), float("nan")
+            return float("nan"), float("nan"), np.zeros(3)
         half = np.sqrt(max(float(np.median(area)), 0.0) / np.pi)
         radius = float(np.clip(half + _BEYOND_MM, *_REACH_MM))
-    return _with_interval(area, scene.grid.step_mm, float(evidence.voxel_mm.max()))
+        shift = shift + np.median(middle[known], axis=0)
+    return *_with_interval(area, scene.grid.step_mm, float(evidence.voxel_mm.max())), shift
 
 
 def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, float]:
@@ -73,7 +80,7 @@ def _with_interval(area: FloatArray, step: float, voxel: float) -> tuple[float, 
     bare, edge = 2 * float(np.sqrt(middle / np.pi)), EDGE * voxel
     # d = 2 √(A/π), so that its relative error is half the area's; of a median π/2 more variance.
     error = np.sqrt(np.pi / 2 / len(area)) * spread * bare / (2 * middle)
-    speckle = float(student.ppf(0.975, max(len(area) - 1, 1))) * error
+    speckle = float(stdtrit(max(len(area) - 1, 1), 0.975)) * error
     shared = 1.96 * np.hypot(RELATIVE * (bare + edge), edge / 2)
     return bare + edge, float(np.hypot(speckle, shared))
 
@@ -113,8 +120,11 @@ def _areas(
     scene: Scene,
     evidence: GelEvidence,
     fit: Fit,
-) -> FloatArray:
-    """Area free of gel in discs across a way, (n,), mm²; NaN where less than half is gel."""
+) -> tuple[FloatArray, FloatArray]:
+    """Area free of gel in discs across a way, (n,), mm², and its middle from theirs, (n, 3), mm.
+
+    NaN where less than half is gel.
+    """
     reach = radius + _RING_MM
     side = np.arange(-reach, reach + _STEP_MM / 2, _STEP_MM)
     flat = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -137,4 +147,9 @@ def _areas(
     lacking = (gel - known[:, disc]) / max(gel - scene.liquid, 0.1)
     inside = counts[:, disc].mean(axis=1)
     area = np.nansum(lacking, axis=1) * _STEP_MM**2
-    return np.where((inside >= 0.5) & np.isfinite(gel), area, np.nan)
+    weight = np.nan_to_num(lacking)
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    u, v = (weight @ flat[disc] / total[:, None]).T
+    reached = np.clip(np.stack([u, v], axis=1), -radius, radius)
+    middle = reached[:, :1] * first + reached[:, 1:] * second
+    return np.where((inside >= 0.5) & np.isfinite(gel), area, np.nan), middle

@@ -151,7 +151,7 @@ def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
     whole = length.ravel()[met].sum(axis=1) + grid.step_mm
     share = (gel.ravel()[met].sum(axis=1) + grid.step_mm * between) / whole
     score = _scores(whole, share)
-    through = (share < _limit(scene.liquid)) & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH)
+    through = (share < fullest(scene.liquid)) & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH)
     chosen = np.flatnonzero((score > _threshold(len(met), grid.step_mm, false_alarm)) & through)
     ways: list[Way] = []
     places = grid.places(np.stack(np.unravel_index(met[:, 0], label.shape), axis=1))
@@ -161,8 +161,8 @@ def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
     return ways
 
 
-def _limit(liquid: float) -> float:
-    """Mean evidence halfway between gel and the axis of a way `LEAST_MM` wide.
+def fullest(liquid: float) -> float:
+    """Return the mean evidence halfway between gel and the axis of a way `LEAST_MM` wide.
 
     A Gaussian average on the axis of a cylinder of radius r holds 1 - exp(-r²/2σ²) of it.
     """

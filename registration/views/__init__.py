@@ -1,9 +1,17 @@
-"""Raw pictures of a scan beside its numbers: B-scans and sections, with both contours."""
+"""Raw pictures of a scan beside its numbers: B-scans and sections, with both contours.
 
-from registration.views.file import load_views, save_views
-from registration.views.findings import FindingView
-from registration.views.stack import SectionStack
-from registration.views.take import Views, add_scan_places, take_views
+Names are loaded when first asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.views.file import load_views, save_views
+    from registration.views.findings import FindingView
+    from registration.views.stack import SectionStack
+    from registration.views.take import Views, add_scan_places, take_views
 
 __all__ = [
     "FindingView",
@@ -14,3 +22,9 @@ __all__ = [
     "save_views",
     "take_views",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

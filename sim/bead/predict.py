@@ -7,8 +7,8 @@ Modelled
   stress holds (`sim.bead.flow`).
 - Ink that flows while the needle travels is laid along the travel; what flows while it stands, as a
   drop there.
-- Cross-section = laid volume over way. Embedded: a round filament, d = √(4A/π). In layers: width =
-  A / height, the height down to the level below (`sim.deposit`).
+- Cross-section = laid volume over way. Embedded: a round filament, d = √(4A/π). In layers: as wide
+  as the ink's bead (`BeadSection`) of the height down to the level below (`sim.deposit`).
 - Without a lag single motor steps of the plunger are smoothed over `smoothing_mm` of written way,
   as `sim.deposit` does; with one the lag itself smooths them.
 
@@ -19,10 +19,12 @@ breaking of thin threads, fusion. Bath: `sim.bead.bath`, `sim.bead.drag`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
@@ -32,6 +34,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+ROUNDED: Final = BeadSection()
 WAY_MM = 1e-9
 """A shorter way is none."""
 LEAST_UL = 1e-7
@@ -130,6 +133,7 @@ def predict_bead(
     *,
     smoothing_mm: float = 1.0,
     style: Style | None = None,
+    section: BeadSection = ROUNDED,
 ) -> Bead:
     """Predict what each piece lays.
 
@@ -146,6 +150,8 @@ def predict_bead(
         Way over which the plunger's steps are smoothed where there is no lag.
     style : "layered" or "embedded" or None
         None decides from the motion, as `sim.deposit` does.
+    section : BeadSection
+        Of the ink's lines in layers.
     """
     known = pieces.block >= 0
     # Standing belongs to the line before.
@@ -162,7 +168,7 @@ def predict_bead(
             stroke[to_write], length[to_write], flow.laid_ul[to_write], smoothing_mm
         )
     chosen = style or _style(pieces, to_write)
-    width = _widths(pieces, area, to_write, chosen)
+    width = _widths(pieces, area, to_write, chosen, section)
     return Bead(pieces, flow, nozzle, lines, to_write, area, chosen, width, stroke)
 
 
@@ -201,10 +207,12 @@ def _style(pieces: Pieces, writes: BoolArray) -> Style:
     return "layered" if flat and len(written_levels(pieces.end[writes, 2])) > 1 else "embedded"
 
 
-def _widths(pieces: Pieces, area: FloatArray, writes: BoolArray, style: Style) -> FloatArray:
+def _widths(
+    pieces: Pieces, area: FloatArray, writes: BoolArray, style: Style, section: BeadSection
+) -> FloatArray:
     if style == "embedded" or not writes.any():
         return np.sqrt(4 / np.pi * area)
     levels = written_levels(pieces.end[writes, 2])
     height = level_heights(levels)
     at = np.searchsorted(levels, pieces.end[:, 2] + 1e-6, side="right") - 1
-    return area / height[np.clip(at, 0, None)]
+    return section.width(area, height[np.clip(at, 0, None)])

@@ -1,14 +1,18 @@
+import csv
+
 import numpy as np
 import pytest
 import trimesh
 
 from benchmarks.scan_bench.bodies import block
+from benchmarks.scan_bench.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
 from benchmarks.scan_bench.defects import plant
 from benchmarks.scan_bench.designs import DESIGNS, Design
 from benchmarks.scan_bench.make import image
 from benchmarks.scan_bench.options import parser
 from benchmarks.scan_bench.part_files import write_design
 from benchmarks.scan_bench.pose import draw
+from benchmarks.scan_bench.runs import present, shared_designs
 from benchmarks.scan_bench.symmetry import symmetries
 from benchmarks.scan_bench.truth import sections
 
@@ -126,3 +130,51 @@ class closed:  # noqa: N801
 def test_symmetries_are_the_ones_drawn(name, turns, mirror):
     found, mirrors = symmetries(DESIGNS[name]())
     assert (len(found), mirrors) == (turns, mirror)
+
+
+def pieces(network):
+    """Straight pieces (start, end, larger radius) of each vessel of a network.csv."""
+    found = {}
+    with network.open() as file:
+        for row in csv.DictReader(file):
+            ends = [np.array([float(row[axis + end]) for axis in "xyz"]) for end in "01"]
+            radius = max(float(row["radius0_mm"]), float(row["radius1_mm"]))
+            found.setdefault(int(row["vessel"]), []).append((*ends, radius))
+    return found
+
+
+def away(points, start, end):
+    """Distance of points from a straight piece."""
+    line = end - start
+    share = np.clip((points - start) @ line / (line @ line), 0, 1)
+    return np.linalg.norm(points - start - share[:, None] * line, axis=1)
+
+
+def bridge(vessels, one, other, place):
+    """Points of the way from a place of one vessel to the nearest of another."""
+    axes = [
+        np.concatenate([np.linspace(a, b, 100) for a, b, _ in vessels[v]]) for v in (one, other)
+    ]
+    steps = np.linalg.norm(np.diff(axes[0], axis=0), axis=1)
+    along = np.concatenate([[0], np.cumsum(steps)])
+    start = np.array([np.interp(place * along[-1], along, axis) for axis in axes[0].T])
+    end = axes[1][np.linalg.norm(axes[1] - start, axis=1).argmin()]
+    return start + np.linspace(0, 1, 200)[:, None] * (end - start)
+
+
+@pytest.mark.parametrize("name", sorted(BRIDGES))
+def test_no_bridge_runs_through_a_third_vessel(name, tmp_path):
+    if name in SHARED:
+        if not present("shared"):
+            pytest.skip("the shared generator isn't there")
+        shared_designs(tmp_path)
+        network = tmp_path / "shared_designs" / name / "network.csv"
+    else:
+        write_design(DESIGNS[name](), tmp_path)
+        network = tmp_path / "network.csv"
+    vessels, (one, other) = pieces(network), BRIDGES[name]
+    for place in np.linspace(*BRIDGED_AT, 9):
+        way = bridge(vessels, one, other, place)
+        for third in set(vessels) - {one, other}:
+            gap = min((away(way, a, b) - r).min() for a, b, r in vessels[third])
+            assert gap > WIDEST_MM / 2, (place, third)

@@ -31,14 +31,20 @@ HEAVY = (
 )
 PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)
 ON_DEMAND = (
+    "design.hemodynamics",
+    "design.hemodynamics.fluids",
     "design.lattices",
+    "design.measures",
     "design.solids",
     "design.toolpath.fresh",
     "design.toolpath.gcode",
     "printctl.calibration",
     "printctl.gcode_view",
     "printctl.web.live",
+    "printctl.recipe",
     "registration.readers",
+    "registration.report",
+    "registration.views",
 )
 
 
@@ -66,6 +72,11 @@ def loaded_by(*modules: str) -> set[str]:
 )
 def test_a_process_begins_without_kernels_meshes_and_figures(modules):
     assert not loaded_by(*modules) & set(HEAVY)
+
+
+def test_registering_loads_no_plotting_library():
+    loaded = loaded_by("printctl.cli.register", "printctl.pipeline.registering")
+    assert not loaded & {"matplotlib", "reportlab", "jinja2", "scipy.stats", "scipy.optimize"}
 
 
 def test_a_name_on_demand_brings_what_it_needs():

@@ -48,7 +48,7 @@ def test_tables_hold_every_vessel_section_and_defect(
 ) -> None:
     _, report = registered
     names = write_tables(tmp_path, report)
-    assert names == ("vessels.csv", "sections.csv", "defects.csv")
+    assert names == ("vessels.csv", "sections.csv", "defects.csv", "characteristics.csv")
     vessels, sections, defects = (
         list(csv.DictReader((tmp_path / name).read_text("utf-8").splitlines())) for name in names
     )

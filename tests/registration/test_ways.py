@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
 from registration.segmentation.volume import Strength
-from registration.topology.ways import _scores
-from tests.registration.phantom import CHANNEL, WIDE, block
+from registration.topology import leaks
+from registration.topology.ways import _scores, find_ways
+from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 
 FloatArray = NDArray[np.float64]
@@ -35,6 +36,49 @@ def test_a_way_of_200_um_is_found_in_single_look_speckle(seed: int) -> None:
     assert kinds == [("bridge", CHANNEL, WIDE)]
     (bridge,) = (d for d in found if d.kind == "bridge")
     assert abs(bridge.size_um - 200) < bridge.error_um < 80
+
+
+def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float) -> Segmentation:
+    """The same with air at a place (mm): it shines on top, and one part in 16 passes it."""
+    assert isinstance(scan.field, GelField)
+    assert scan.strength is not None
+    signal = scan.strength.signal.copy()
+    at = (np.array([x, y, z]) - scan.field.origin_mm) / VOXEL
+    j, i = np.indices(signal.shape[1:])
+    columns = np.hypot(i - at[0], j - at[1]) < radius / VOXEL
+    top = round(float(at[2]))
+    signal[top, columns] = 40 * np.exp(-0.02 * top)
+    signal[top + 1 :, columns] /= 16
+    return replace(scan, strength=Strength(signal, 0.0))
+
+
+@pytest.mark.parametrize("place", [1.3, 1.05])
+def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
+    """A bubble afloat in a lumen, and one that rests at its ceiling."""
+    shaded = with_bubble(speckled(block(), 0.15), 5.0, 1.2, place, 0.13)
+    found = findings(shaded).defects
+    ways = [(d.kind, d.vessel, d.other, d.shade) for d in found if d.kind in ("leak", "bridge")]
+    assert ways == [("leak", CHANNEL, None, True)]
+
+
+def test_a_way_that_nothing_shades_is_a_leak() -> None:
+    down = hole((5.0, 1.2, 1.3), (5.0, 1.2, 2.8), 0.10)
+    scan = with_bubble(speckled(block(extra=down), 0.15), 6.0, 1.2, 1.3, 0.05)
+    ways = [d for d in findings(scan).defects if d.kind in ("leak", "bridge")]
+    assert [(d.kind, d.shade) for d in ways if abs(d.point_mm[0] - 5.0) < 0.2] == [("leak", False)]
+
+
+def test_light_from_below_gives_the_same_evidence() -> None:
+    scan = with_bubble(speckled(block(), 0.15), 5.0, 1.2, 1.3, 0.13)
+    assert isinstance(scan.field, GelField)
+    assert scan.strength is not None
+    whole = gel_evidence(scan.field, scan.strength)
+    turned = replace(scan.field, values=np.ascontiguousarray(np.asarray(scan.field.values)[::-1]))
+    signal = Strength(np.ascontiguousarray(scan.strength.signal[::-1]), 0.0)
+    upwards = gel_evidence(turned, signal, depth_down=False)
+    apart = np.abs(np.asarray(upwards.smooth)[::-1] - np.asarray(whole.smooth))
+    assert np.percentile(apart, 99) < 0.01
+    assert (upwards.glints.down, len(upwards.glints.share)) == (-1, len(whole.glints.share))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -73,3 +117,18 @@ def test_longest_ways_that_are_all_real_stand_out_still() -> None:
     score = _scores(length, share)
     assert np.median(score[7000:]) > 10
     assert score[:7000].max() < 6
+
+
+def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the cheapest path runs along a side of it."""
+    aside = np.array([0.12, 0.0, 0.0])
+    monkeypatch.setattr(
+        leaks,
+        "find_ways",
+        lambda *given: [replace(way, path=way.path + aside) for way in find_ways(*given)],
+    )
+    way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.18)
+    found = findings(speckled(block(extra=way), 0.15)).defects
+    (bridge,) = (d for d in found if d.kind == "bridge")
+    assert bridge.point_mm[0] == pytest.approx(5.0, abs=0.05)
+    assert abs(bridge.size_um - 360) < bridge.error_um < 80

@@ -22,14 +22,14 @@ SHARED = ROOT.parent / "shared"
 def printctl(
     *args: str | Path, cwd: Path, preexec: Callable[[], None] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``printctl`` with ``args`` in ``cwd``; never longer than five minutes."""
+    """Run ``printctl`` with ``args`` in ``cwd``; never longer than twenty minutes."""
     return subprocess.run(
         [sys.executable, "-m", "printctl", *map(str, args)],
         cwd=cwd,
         env=None,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
         check=False,
         preexec_fn=preexec,
     )

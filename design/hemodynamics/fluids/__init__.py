@@ -1,8 +1,22 @@
-"""Viscosity of a fluid: Newtonian, by shear rate, or by the vessel's diameter."""
+"""Viscosity of a fluid: Newtonian, by shear rate, or by the vessel's diameter.
 
-from design.hemodynamics.fluids.carreau import Carreau
-from design.hemodynamics.fluids.fluid import Fluid, Newtonian
-from design.hemodynamics.fluids.power_law import PowerLaw
-from design.hemodynamics.fluids.pries import Pries1994
+Names are loaded when first asked for: a Newtonian fluid needs no splines.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.hemodynamics.fluids.carreau import Carreau
+    from design.hemodynamics.fluids.fluid import Fluid, Newtonian
+    from design.hemodynamics.fluids.power_law import PowerLaw
+    from design.hemodynamics.fluids.pries import Pries1994
 
 __all__ = ["Carreau", "Fluid", "Newtonian", "PowerLaw", "Pries1994"]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -8,6 +8,7 @@ from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.fresh.compensate import Compensation
 from design.toolpath.fresh.filling import Filling
+from firmware_profiles import BeadSection
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,9 @@ class FreshOptions:
     Attributes
     ----------
     layer_height_mm, line_width_mm : float, mm
-        A line's cross-section is their product: Q = w h v.
+        Of a line as it lies there.
+    bead : BeadSection
+        Its cross-section, A: Q = A v.
     walls : int
         Lines of fixed width that follow every boundary, counted from the lumen outward.
     least_line : float
@@ -53,6 +56,7 @@ class FreshOptions:
 
     layer_height_mm: float = 0.06
     line_width_mm: float = 0.15
+    bead: BeadSection = field(default_factory=BeadSection)
     walls: int = 2
     least_line: float = 0.4
     filling: Filling = field(default_factory=Filling)
@@ -98,6 +102,16 @@ class FreshOptions:
                 f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "
                 "would stand in the lumens, so give at least 1"
             )
+
+    @property
+    def spacing_mm(self) -> float:
+        """Distance at which lines fill a layer, mm: their cross-section over their height."""
+        return self.bead.spacing(self.line_width_mm, self.layer_height_mm)
+
+    @property
+    def inset_mm(self) -> float:
+        """How far a line's edge stands beyond that of its rectangle of equal area, mm."""
+        return (self.line_width_mm - self.spacing_mm) / 2
 
     @property
     def smallest_lumen_mm(self) -> float:

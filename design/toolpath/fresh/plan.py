@@ -21,7 +21,7 @@ from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Cut, Region, Regions
 from design.toolpath.fresh.report import FreshReport, Tally
 from design.toolpath.fresh.section import Layer, layer_count, layers, rings
-from design.toolpath.fresh.walls import build_walls, clear_of_lumens
+from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
 
 #: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
@@ -66,9 +66,11 @@ def plan_fresh(
 class FreshLayers:
     """The layers of a part, made one by one as they are asked for, from the lowest up.
 
-    Every line's volume is exactly width · layer height · length. Layer k lies in
-    [z0 + k h, z0 + (k + 1) h] and is written with the tip at its top. Each begins where the one
-    before it ended; one in which nothing is written is left out.
+    A line is laid out as the rectangle of its cross-section, `FreshOptions.spacing_mm` wide, in
+    material whose boundary is moved inward by `FreshOptions.inset_mm`: there its rectangle ends,
+    and its edge stands on the part's own boundary. Its volume is exactly spacing · layer height ·
+    length. Layer k lies in [z0 + k h, z0 + (k + 1) h] and is written with the tip at its top. Each
+    begins where the one before it ended; one in which nothing is written is left out.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ class FreshLayers:
             sections = _sections(layer, self._heads, regions.at(layer.middle_mm), low[:2])
             laid = carriage.write(sections, layer.tip_mm)
             measured = layer.index % every == 0
-            self._tally.add_layer(_coverage(layer, laid, options) if measured else None)
+            self._tally.add_layer(_coverage(layer, laid, self._heads) if measured else None)
             lines = sum(len(section.paths) for section in sections)
             if lines:
                 yield self._counted(layer.index, laid, lines)
@@ -173,26 +175,27 @@ def _sections(
 ) -> list[Section]:
     """What each head writes in a layer.
 
-    Lumens are cleared before the material is parted: one on the border of two inks is no hole in
-    either of them.
+    Lumens are cleared, and the boundary is moved inward, before the material is parted: one on the
+    border of two inks is no hole in either of them, and inks abut there.
     """
     part = heads[0]
     material = clear_of_lumens(layer.material, part.clear_mm + part.compensation.radial_mm)
     parted = cut.sections(material)
     if set(parted) <= {0}:
-        paths = _section_paths(material, layer, cut, part, origin)
+        paths = _section_paths(moved_in(material, part.inset_mm), layer, cut, part, origin)
         return [Section(0, paths, layer.material)]
-    found = [
-        Section(head, _section_paths(own, layer, cut, heads[head], origin), own)
-        for head, own in parted.items()
-    ]
+    found = []
+    for head, own in parted.items():
+        rectangles = own ^ moved_in(material, heads[head].inset_mm)
+        paths = _section_paths(rectangles, layer, cut, heads[head], origin)
+        found.append(Section(head, paths, own))
     return [section for section in found if len(section.paths)]
 
 
 def _section_paths(
     material: CrossSection, layer: Layer, cut: Cut, options: FreshOptions, origin: FloatArray
 ) -> Paths:
-    width = options.line_width_mm
+    width, origin = options.spacing_mm, origin + options.inset_mm
     walls = build_walls(material, width, options.walls, options.least_line)
     outlines = without_short_moves(walls.paths, options.least_move_mm, width)
     shares = cut.shares(walls.inside, options.filling)
@@ -206,7 +209,7 @@ def _infill(
     options: FreshOptions,
     origin: FloatArray,
 ) -> Paths:
-    width, density = options.line_width_mm, filling.density
+    width, density = options.spacing_mm, filling.density
     match filling.pattern:
         case "concentric":
             return concentric_paths(inside, width, density, options.least_line, options.walls)
@@ -217,14 +220,17 @@ def _infill(
             return infill_paths(rings(inside), width, angle, origin, density)
 
 
-def _coverage(layer: Layer, laid: Laid, options: FreshOptions) -> Coverage:
+def _coverage(layer: Layer, laid: Laid, heads: Sequence[FreshOptions]) -> Coverage:
     rows = laid.rows
     wrote = rows.kind == MoveKind.WRITE
     begin = np.vstack([laid.start, rows.end])[:-1][wrote, :2]
     end = rows.end[wrote, :2]
-    length = np.hypot(*(end - begin).T)
-    width = rows.volume_ul[wrote] / (length * options.layer_height_mm)
-    pitch = options.line_width_mm / FINENESS
+    area = rows.volume_ul[wrote] / np.hypot(*(end - begin).T)
+    width, height = np.zeros(len(area)), heads[0].layer_height_mm
+    for number, options in enumerate(heads):
+        own = laid.tool[wrote] == number
+        width[own] = options.bead.width(area[own], height)
+    pitch = heads[0].line_width_mm / FINENESS
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 

@@ -69,6 +69,11 @@ def clear_of_lumens(material: CrossSection, clear_mm: float) -> CrossSection:
     return material + CrossSection(holes) - made
 
 
+def moved_in(material: CrossSection, by_mm: float) -> CrossSection:
+    """The material with its whole boundary moved inward."""
+    return material if by_mm == 0 else _offset(material, -by_mm)
+
+
 def _signed_area(ring: FloatArray) -> float:
     x, y = ring[:, 0], ring[:, 1]
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))

@@ -15,6 +15,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_profiles.bead import BeadSection, BeadShape
+
 FloatArray = NDArray[np.float64]
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb"]
 Role = Literal["frame", "line", "step", "spiral", "trunk", "branch", "tooth", "pillar", "bridge"]
@@ -34,27 +36,39 @@ class Bead:
         Height of a line on a plate; the rise from layer to layer of a filament's pillar.
     round_bead : bool
         Whether it is a filament in a bath.
+    section : str or float
+        Of a line on a plate: the ink's `BeadSection.model`. Files of before say none: straight.
     """
 
     width_mm: float
     layer_mm: float
     round_bead: bool
+    section: BeadShape | float = "rectangle"
+
+    @property
+    def flat(self) -> BeadSection:
+        """Cross-section of a line on a plate."""
+        return BeadSection(self.section)
 
     @property
     def area_mm2(self) -> float:
         """Cross-section at a flow of 1."""
         if self.round_bead:
             return math.pi / 4 * self.width_mm**2
-        return self.width_mm * self.layer_mm
+        return float(self.flat.area(self.width_mm, self.layer_mm))
 
     def width_at(self, flow: float) -> float:
         """Width that a multiple of the cross-section gives, mm."""
-        return self.width_mm * (math.sqrt(flow) if self.round_bead else flow)
+        if self.round_bead:
+            return self.width_mm * math.sqrt(flow)
+        return float(self.flat.width(np.array(flow * self.area_mm2), self.layer_mm))
 
     def share(self, width_mm: FloatArray) -> FloatArray:
         """Cross-section that a width tells, over the commanded one at a flow of 1."""
-        ratio = np.asarray(width_mm, dtype=np.float64) / self.width_mm
-        return ratio**2 if self.round_bead else ratio
+        width = np.asarray(width_mm, dtype=np.float64)
+        if self.round_bead:
+            return (width / self.width_mm) ** 2
+        return self.flat.area(width, self.layer_mm) / self.area_mm2
 
 
 @dataclass(frozen=True)

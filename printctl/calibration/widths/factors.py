@@ -1,4 +1,4 @@
-"""From the cross-section that is found to the profile's flow factor, or to its swelling."""
+"""From the cross-section that is found to the profile's flow factor, swelling, or bead."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from printctl.errors import UsageError
 
 _FLOW = (0.2, 5.0)
 _SWELL = (0.3, 3.0)
+_MOST_EXCESS_UM = 500.0
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,12 @@ class Known:
 def factors(
     share: Estimate, written: Written, known: Known
 ) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
-    """Flow factor, or swelling where the flow factor is known.
+    """Flow factor; where that is known, a filament's swelling or a line's bead.
 
     Raises
     ------
     UsageError
-        For a swelling of lines on a plate, or a factor that no ink has.
+        For a factor or a bead that no ink has.
     """
     mounted, bead = written.mounted, written.pattern.bead
     total = share.times(mounted.flow_factor, "")
@@ -48,16 +49,13 @@ def factors(
             taken = f"is taken as the profile's {swell:g}"
         notes = [
             f"widths can't tell the flow factor from swelling: the swelling {taken}. Weigh what "
-            "comes out (printctl calibrate weigh), give --flow-factor, and the swelling is told "
-            "instead"
+            "comes out (printctl calibrate weigh), give --flow-factor, and the swelling (of lines "
+            "on a plate their bead) is told instead"
         ]
         change = {"flow_factor": Change(flow.value, f"{flow.text()}, 95 %")}
         return {"flow factor": flow}, change, notes
     if not bead.round_bead:
-        raise UsageError(
-            "--flow-factor: swelling is told from round filaments in a bath; a line on a plate "
-            "changes its height too, which these widths don't see"
-        )
+        return _bead(share, written, known.flow_factor)
     ratio = total.times(1 / known.flow_factor, "")
     value, low, high = (math.sqrt(x) for x in (ratio.value, ratio.low, ratio.high))
     swelling = Estimate(value, low, high)
@@ -70,6 +68,33 @@ def factors(
         "flow_factor": Change(known.flow_factor, f"{known.flow_factor:g}, as given"),
     }
     return {"swelling (diameter over that written)": swelling}, change, [note]
+
+
+def _bead(
+    share: Estimate, written: Written, flow_factor: float
+) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
+    """How much wider lines on a plate are than their area over their height, µm."""
+    line = written.pattern.bead
+    mean = line.area_mm2 / line.layer_mm * flow_factor / written.mounted.flow_factor
+    value, low, high = (
+        1e3 * (line.width_at(x) - mean) for x in (share.value, share.low, share.high)
+    )
+    excess = Estimate(value, low, high, "µm")
+    if not 0 <= value <= _MOST_EXCESS_UM:
+        raise UsageError(
+            f"lines are {value:.3g} µm wider than their area over their height, beyond 0 to "
+            f"{_MOST_EXCESS_UM:g}: are the widths in mm, is --flow-factor weighed, and are lines "
+            f"{line.layer_mm:g} mm high?"
+        )
+    note = (
+        f"the flow factor {flow_factor:g} and the height {line.layer_mm:g} mm are taken as exact: "
+        "their error isn't in the bead"
+    )
+    change = {
+        "bead": Change(round(value, 2), f"{excess.text()}, 95 %"),
+        "flow_factor": Change(flow_factor, f"{flow_factor:g}, as given"),
+    }
+    return {"width over area / height (bead)": excess}, change, [note]
 
 
 def _within(value: float, span: tuple[float, float], name: str) -> None:

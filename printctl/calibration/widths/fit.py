@@ -14,7 +14,7 @@ from printctl.calibration.widths.spiral import fit_spiral
 
 VAGUE: Final = 0.05
 """Half of a picture's relative 95 % interval of widths beyond which no factor is written."""
-_BY_WIDTH: Final = ("flow_factor", "swell_factor")
+_BY_WIDTH: Final = ("bead", "flow_factor", "swell_factor")
 
 
 def fit_widths(written: Written, widths: Widths, known: Known) -> Answer:

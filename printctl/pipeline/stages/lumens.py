@@ -48,6 +48,7 @@ def depends(context: RunContext) -> Any:
         context.ink.model_dump(mode="json") if compensates(context) else context.ink.flow_factor,
         context.flow_ul_s,
         context.ink.smallest_gap_mm,
+        context.ink.bead,
         context.printer.model_dump(mode="json"),
         context.place_mm.tolist(),
         context.start_mm.tolist(),
@@ -124,6 +125,7 @@ def writing_of(context: RunContext) -> Writing:
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
         start_mm=(x, y, z),
         ul_per_e_of_heads=tuple(_ul_per_mm(one.syringe, one.ink) for one in loads),
+        beads=tuple(one.ink.bead_section for one in loads) or (context.ink.bead_section,),
     )
 
 

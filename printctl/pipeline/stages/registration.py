@@ -38,6 +38,7 @@ from registration import (
     register_scan,
     report_dict,
 )
+from registration.geometry import read_datums
 from registration.judging import judge
 from registration.optics import relaid
 from registration.result import SIGN
@@ -95,10 +96,13 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 def _options(context: RunContext) -> RegistrationOptions:
     """What the recipe says of the scan and of what flows."""
     flow, part = context.conditions, context.scan_part
+    datums = read_datums(context.recipe.registration.datums)
     if not isinstance(part, FileScan):
-        return RegistrationOptions(flow=flow)
+        return RegistrationOptions(flow=flow, datums=datums)
     walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)
-    return RegistrationOptions(lumens="bright" if part.filled else "dark", walls=walls, flow=flow)
+    return RegistrationOptions(
+        lumens="bright" if part.filled else "dark", walls=walls, flow=flow, datums=datums
+    )
 
 
 def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:

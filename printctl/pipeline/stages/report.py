@@ -131,6 +131,7 @@ def figures(context: RunContext) -> dict[str, bytes]:
         syringe_said=syringe.name,
         flow_ul_s=context.flow_ul_s,
         layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
+        bead=context.ink.bead_section,
     )
     return (
         waves(context)

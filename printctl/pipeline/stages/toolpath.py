@@ -197,6 +197,7 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
         FreshOptions(
             layer_height_mm=part.layer_um * 1e-3,
             line_width_mm=line_um * 1e-3,
+            bead=load.ink.bead_section,
             walls=part.walls,
             filling=make_filling(part),
             least_move_mm=least_move_mm(printer),

@@ -29,6 +29,7 @@ from registration.report.sections import (
     vessel_table,
 )
 from registration.report.wording import plain
+from registration.report.zones import ZONE_NOTE, frame_lines, zone_table
 from registration.views import Views
 
 Figures = Mapping[str, Sequence[tuple[str, bytes]]]
@@ -74,6 +75,7 @@ def report_story(
         *([text(views_note(views), SMALL)] if views and views.findings else []),
         *map(KeepTogether, _drawn(drawn, "profiles", WIDTH)),
         *_each_vessel(registration),
+        *_zones(registration),
         *_pictures(drawn),
         *_notes(registration),
         *_record(registration),
@@ -106,10 +108,16 @@ def _deviation(registration: Mapping[str, Any], drawn: Figures) -> list[Flowable
         registration.get("sign_convention")
     ) else "Signed distance, scan to design"  # fmt: skip
     table = grid(["", "Rigid", "Scaled"], rows, [False, True, True], HALF)
-    scaled, rigid = (_drawn(drawn, "histogram", HALF) + [[], []])[:2]
-    left = [table, text(said, SMALL), Spacer(0, 6), *rigid]
-    right = [*scaled, *_flat(_drawn(drawn, "curve", HALF))]
-    return [text("Deviation", HEADING), pair(left, right), *_apart(registration)]
+    frame = [text(line, BODY) for line in frame_lines(registration)]
+    histograms = _drawn(drawn, "histogram", HALF)
+    left = [table, text(said, SMALL), Spacer(0, 6), *_flat(_drawn(drawn, "curve", HALF))]
+    return [
+        text("Deviation", HEADING),
+        *frame,
+        pair(left, _flat(histograms[:2])),
+        *([pair(*histograms[2:4])] if len(histograms) > 3 else []),
+        *_apart(registration),
+    ]
 
 
 def _apart(registration: Mapping[str, Any]) -> list[Flowable]:
@@ -163,6 +171,17 @@ def _defects(registration: Mapping[str, Any]) -> list[Flowable]:
 def _each_vessel(registration: Mapping[str, Any]) -> list[Flowable]:
     table = vessel_table(registration)
     return [] if table is None else [text("Each vessel", HEADING), *data_table(table)]
+
+
+def _zones(registration: Mapping[str, Any]) -> list[Flowable]:
+    table = zone_table(registration)
+    if table is None:
+        return []
+    return [
+        text("Geometric characteristics", HEADING),
+        *data_table(table),
+        text(ZONE_NOTE, SMALL),
+    ]
 
 
 _PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "other")

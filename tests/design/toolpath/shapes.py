@@ -54,9 +54,17 @@ def planar_block() -> manifold3d.Manifold:
 def written_area(toolpath: Toolpath, layer: int) -> shapely.Geometry:
     """Everything within half a line of a layer's centrelines: exact stadiums."""
     move = np.flatnonzero((toolpath.source == layer) & (toolpath.kind == MoveKind.WRITE))
-    width = toolpath.volume_ul[move] / toolpath.lengths[move] / toolpath.layer_height_mm
+    area = toolpath.volume_ul[move] / toolpath.lengths[move]
+    width = rounded_width(area, toolpath.layer_height_mm)
     ends = np.stack([toolpath.start[move, :2], toolpath.end[move, :2]], axis=1)
     return shapely.union_all(shapely.buffer(shapely.linestrings(ends), width / 2, quad_segs=64))
+
+
+def rounded_width(area_mm2: np.ndarray, height_mm: float) -> np.ndarray:
+    """Width of lines with round sides: a rectangle between two half circles."""
+    round_part = np.pi / 4 * height_mm**2
+    assert (area_mm2 > round_part).all()
+    return (area_mm2 - round_part) / height_mm + height_mm
 
 
 def network(

@@ -12,7 +12,7 @@ from design.toolpath import MoveKind
 from design.toolpath.fresh import Compensation, FreshOptions, fresh_toolpath
 from design.toolpath.gcode.marks import marks_of
 from design.toolpath.gcode.table import Table
-from tests.design.toolpath.shapes import as_solid
+from tests.design.toolpath.shapes import as_solid, rounded_width
 
 LUMEN_MM = 0.5
 
@@ -28,7 +28,7 @@ def drilled(height: float = 0.3, wall: float | None = None) -> Manifold:
 
 def written(path):
     here = path.kind == MoveKind.WRITE
-    width = path.volume_ul[here] / (path.lengths[here] * path.layer_height_mm)
+    width = rounded_width(path.volume_ul[here] / path.lengths[here], path.layer_height_mm)
     lines = np.stack([path.start[here, :2], path.end[here, :2]], axis=1)
     return shapely.linestrings(lines), width
 

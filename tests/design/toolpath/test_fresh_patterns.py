@@ -13,7 +13,7 @@ from design.errors import ToolpathError
 from design.toolpath import MoveKind
 from design.toolpath.fresh import Filling, FreshOptions, plan_fresh
 from design.toolpath.fresh.patterns import gyroid_lines
-from tests.design.toolpath.shapes import as_solid
+from tests.design.toolpath.shapes import as_solid, rounded_width
 
 SIDE_MM = 8.0
 
@@ -65,7 +65,7 @@ def test_infill_keeps_out_of_the_lumen(infill):
     path = plan_fresh(body(0.3), FreshOptions(filling=Filling(infill, density))).toolpath
     here = path.kind == MoveKind.WRITE
     lines = shapely.linestrings(np.stack([path.start[here, :2], path.end[here, :2]], axis=1))
-    width = path.volume_ul[here] / (path.lengths[here] * 0.06)
+    width = rounded_width(path.volume_ul[here] / path.lengths[here], 0.06)
     away = shapely.distance(lines, shapely.Point(4, 4)) - width / 2
     assert away.min() > 1.0 - 0.005
 

@@ -168,8 +168,8 @@ def test_every_family_takes_its_own_valve_s_words(firmware: str) -> None:
     ("flow", "changes", "says"),
     [
         (3.0, {}, r"layer 0, to \(3\.925, .* mm of the part: at 3 µL/s .*max_speed_mm_s\.x"),
-        (FLOW, {"ink_speed_mm_s": (1.0, 10.0)}, r"13\.3\d* mm/s are outside 1 to 10"),
-        (0.001, {"ink_speed_mm_s": (1.0, 10.0)}, "0.111.* mm/s are outside 1 to 10"),
+        (FLOW, {"ink_speed_mm_s": (1.0, 10.0)}, r"14\.5\d* mm/s are outside 1 to 10"),
+        (0.001, {"ink_speed_mm_s": (1.0, 10.0)}, "0.121.* mm/s are outside 1 to 10"),
         (None, {}, "nobody said its flow"),
     ],
 )

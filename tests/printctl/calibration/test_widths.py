@@ -98,6 +98,26 @@ def test_typed_widths_give_flow_factor_and_lag(tmp_path: Path) -> None:
     assert load(Ink, str(tmp_path / "swell.yaml")).flow_factor == 0.8
 
 
+def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) -> None:
+    """Lines 0.3 mm wide and 0.1 high, of 0.9 times the ink, found 25 µm wider than area/height."""
+    written = printed(tmp_path, "lines", *FEW, "--flat", "--layer", "0.1", "--steps", "0")
+    assert not written.pattern.bead.round_bead
+    mean = 0.3 - 0.1 * (1 - math.pi / 4)
+    strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
+    rng, values = np.random.default_rng(4), []
+    for row in (tmp_path / "p.csv").read_text().splitlines()[3:]:
+        flow = strokes[int(row.split(",")[0])].flow
+        values.append(f"{0.9 * flow * mean + 0.025 + rng.normal(0, 0.001):.4f}")
+    path = sheet(tmp_path, values)
+    found, _ = answer(path, "--flow-factor", "0.9", "--write", tmp_path / "ink.yaml")
+    bead = found["width over area / height (bead)"]
+    assert bead["low"] < 25 < bead["high"]
+    assert bead["high"] - bead["low"] < 8
+    ink = load(Ink, str(tmp_path / "ink.yaml"))
+    assert ink.bead == pytest.approx(25, abs=4)
+    assert ink.flow_factor == 0.9
+
+
 def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
     written = printed(tmp_path, "lines", *FEW)
     sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)

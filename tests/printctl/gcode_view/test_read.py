@@ -23,9 +23,12 @@ def read(text, line_map=None, **more):
     return read_job(data, "job.gcode", pushing(**more), line_map)
 
 
-def square(z, e, width=0.15, height=0.06, side=10.0):
-    """A square of lines of a width, and E after it."""
-    step = width * height * side / AREA
+SECTION = (0.15 - 0.06) * 0.06 + math.pi / 4 * 0.06**2
+
+
+def square(z, e, side=10.0):
+    """A square of lines 0.15 mm wide and 0.06 mm high, with round sides, and E after it."""
+    step = SECTION * side / AREA
     way = [(side, 0), (side, side), (0, side), (0, 0)]
     lines = [f"G0 X0 Y0 Z{z + 1:g} F600", f"G0 Z{z:g}", "G1 F1200"]
     lines += [f"G1 X{x} Y{y} E{e + k * step:.7f}" for k, (x, y) in enumerate(way, 1)]
@@ -44,7 +47,7 @@ def test_layers_are_the_levels_and_widths_follow_from_e():
     assert job.layers.height_mm.tolist() == pytest.approx([0.06, 0.06])
     assert job.width_mm[job.writes] == pytest.approx(np.full(8, 0.15), rel=1e-3)
     sums = layer_sums(job)
-    assert sums["ul"] == pytest.approx([0.36, 0.36], rel=1e-4)
+    assert sums["ul"] == pytest.approx([40 * SECTION] * 2, rel=1e-4)
     assert sums["way_mm"] == pytest.approx([40, 40])
     assert sums["lines"].tolist() == [1, 1]
     assert sums["first_line"].tolist() == [5, 12]
@@ -180,7 +183,8 @@ def test_an_open_valve_writes_and_its_flow_gives_the_width():
     job = read(text, printer=printer, flow_ul_s=0.2)
     assert job.writes.sum() == 2
     assert job.dose_ul[job.writes] == pytest.approx([0.2, 0.2])
-    assert job.width_mm[job.writes] == pytest.approx([0.2, 0.2])
+    wide = 0.2 + 0.1 * (1 - math.pi / 4)
+    assert job.width_mm[job.writes] == pytest.approx([wide, wide])
     unknown = read(text, printer=printer)
     assert np.isnan(unknown.width_mm).all()
     assert "--flow-ul-s" in unknown.notes[0]

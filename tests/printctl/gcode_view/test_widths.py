@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_profiles import BeadSection
 from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import last_digit_mm, window_mm
 
@@ -46,11 +47,11 @@ def test_without_a_window_each_piece_has_its_own_dose():
 
 def test_width_of_a_straight_a_stadium_shaped_and_a_round_line():
     height, width = 0.06, 0.15
-    straight = widths(np.array([width * height]), np.array([height]), False)
+    straight = widths(np.array([width * height]), np.array([height]), BeadSection("rectangle"))
     stadium = (width - height) * height + math.pi * height**2 / 4
-    sides = widths(np.array([stadium]), np.array([height]), True)
-    thread = widths(np.array([math.pi * 0.2**2 / 4]), np.array([np.nan]), True)
-    thin = widths(np.array([math.pi * 0.03**2 / 4]), np.array([height]), True)
+    sides = widths(np.array([stadium]), np.array([height]), BeadSection())
+    thread = widths(np.array([math.pi * 0.2**2 / 4]), np.array([np.nan]), BeadSection())
+    thin = widths(np.array([math.pi * 0.03**2 / 4]), np.array([height]), BeadSection())
     assert straight == pytest.approx([0.15])
     assert sides == pytest.approx([0.15])
     assert thread == pytest.approx([0.2])

@@ -28,9 +28,14 @@ def gcode(
         for stroke in strokes:
             rows.append(f"G0 X{stroke[0, 0]:.6f} Y{stroke[0, 1]:.6f}")
             for a, b in pairwise(stroke):
-                pushed += float(np.linalg.norm(b - a)) * line_mm * LAYER_MM / UL_PER_E
+                pushed += float(np.linalg.norm(b - a)) * section(line_mm) / UL_PER_E
                 rows.append(f"G1 X{b[0]:.6f} Y{b[1]:.6f} E{pushed:.{decimals}f}")
     return "\n".join(rows).encode() + b"\n"
+
+
+def section(width_mm: float) -> float:
+    """Cross-section of a line with round sides, mm²: a band between two half circles."""
+    return (width_mm - LAYER_MM) * LAYER_MM + np.pi / 4 * LAYER_MM**2
 
 
 def ring(

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from firmware_profiles import Printer, load
+from firmware_profiles import BeadSection, Printer, load
 from printctl.errors import UsageError
 from printctl.lumens import Writing, check_network, read_filaments, read_layers, read_lines
 from sim.deposit_air import pneumatic_deposit
 from sim.dryrun import dry_run
-from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode, tube
+from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode, section, tube
 from tests.printctl.lumens.written_filaments import valve_gcode
 
 PRINTER = load(Printer, "pneumatic_marlin")
 HEAD = PRINTER.pneumatic
 assert HEAD is not None
-FLOW, SPEED, LAYERS = 0.09, 0.09 / (LINE_MM * LAYER_MM), 8
+FLOW, SPEED, LAYERS = 0.09, 0.09 / section(LINE_MM), 8
 """The flow that makes lines of the small prints' width at 10 mm/s."""
 WRITING = Writing(PRINTER, flow_ul_s=FLOW)
 CENTRE = (20.0, 30.0)
@@ -53,9 +53,11 @@ def test_the_dry_run_lays_more_where_the_head_is_slow() -> None:
     file = valve_gcode(passes, HEAD.opens, HEAD.closes, HEAD.opening_delay_s)
     ideal, ran = read_layers(file, WRITING)
     more = SPEED / PRINTER.acceleration_mm_s2
-    assert ran.width[::2] == pytest.approx(LINE_MM * (1 + more * SPEED / 20), rel=2e-3)
-    assert (ran.width[1::2] < LINE_MM * (1 + more * SPEED)).all()
-    assert (ran.width[1::2] > LINE_MM * (1 + 0.7 * more * SPEED)).all()
+    asked = section(LINE_MM)
+    laid = BeadSection().area(ran.width, LAYER_MM)
+    assert laid[::2] == pytest.approx(asked * (1 + more * SPEED / 20), rel=2e-3)
+    assert (laid[1::2] < asked * (1 + more * SPEED)).all()
+    assert (laid[1::2] > asked * (1 + 0.7 * more * SPEED)).all()
     assert ran.start * 80 == pytest.approx(np.rint(ran.start * 80), abs=1e-6)
     assert ideal.width == pytest.approx(LINE_MM, rel=1e-6)
 
@@ -77,10 +79,11 @@ def test_a_tube_is_open_and_half_the_speed_closes_it() -> None:
     found = check_network(lines, network, place, ran, 0.05)
     assert found.refusal is None
     assert found.ideal.narrowest_mm[0] == pytest.approx(0.6, abs=3e-3)
-    # Lines of 0.6 mm about a lumen of 0.6 whose innermost axis is at 0.375: 0.15 is left.
+    # Lines of four times the ink about a lumen of 0.6 whose innermost axis is at 0.375.
     slow, ran = read_layers(tubes(SPEED / 4), WRITING)
+    wide = LINE_MM + 3 * section(LINE_MM) / LAYER_MM
     swollen = check_network(slow, network, place, ran, 0.05)
-    assert swollen.ideal.narrowest_mm[0] == pytest.approx(0.15, abs=6e-3)
+    assert swollen.ideal.narrowest_mm[0] == pytest.approx(0.75 - wide, abs=6e-3)
     assert swollen.ideal.conductance[0] < 0.02
 
 
@@ -107,5 +110,6 @@ def test_the_lines_hold_the_ink_that_the_deposit_model_lays() -> None:
     run = dry_run(file, PRINTER)
     laid = pneumatic_deposit(run.executed, file, PRINTER, FLOW, 0.03)
     length = np.linalg.norm(ran.end - ran.start, axis=1)
-    held = (ran.width * length * (ran.high - ran.low)[ran.layer]).sum()
+    high = (ran.high - ran.low)[ran.layer]
+    held = (BeadSection().area(ran.width, high) * length).sum()
     assert held == pytest.approx(laid.written_ul, rel=1e-9)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import Printer, load
+from firmware_profiles import BeadSection, Printer, load
 from printctl.errors import UsageError
 from printctl.lumens import Writing, read_filaments, read_layers
 
@@ -35,13 +35,23 @@ def writing(**said: object) -> Writing:
     return Writing(PRINTER, start_mm=START, **said)  # type: ignore[arg-type]
 
 
+def layers(**said: object) -> Writing:
+    return writing(layer_mm=0.1, beads=(BeadSection("rectangle"),), **said)
+
+
 def test_layers_of_two_heads_lie_where_their_tips_were() -> None:
-    for lines in read_layers(JOB, writing(ul_per_e_of_heads=AREAS, layer_mm=0.1)):
+    for lines in read_layers(JOB, layers(ul_per_e_of_heads=AREAS)):
         np.testing.assert_allclose(lines.start[:, 0], [50, 60, 70], atol=1e-9)
         np.testing.assert_allclose(lines.end[:, 0], [60, 70, 60], atol=1e-9)
         assert lines.layer.tolist() == [0, 0, 1]
         # Cross-section over the layer: each head by its own syringe.
         np.testing.assert_allclose(lines.width, [0.15, 0.6, 0.6], rtol=1e-6)
+
+
+def test_each_head_s_lines_have_the_bead_of_its_ink() -> None:
+    beads = (BeadSection("rectangle"), BeadSection(50.0))
+    said = writing(ul_per_e_of_heads=AREAS, layer_mm=0.1, beads=beads)
+    np.testing.assert_allclose(read_layers(JOB, said)[0].width, [0.15, 0.65, 0.65], rtol=1e-6)
 
 
 def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
@@ -55,9 +65,9 @@ def test_filaments_of_two_heads_are_strokes_of_their_own() -> None:
 
 
 def test_one_syringe_s_size_counts_for_all_where_no_other_is_said() -> None:
-    lines, _ = read_layers(JOB, writing(ul_per_e=0.15, layer_mm=0.1))
+    lines, _ = read_layers(JOB, layers(ul_per_e=0.15))
     np.testing.assert_allclose(lines.width, [0.15, 0.3, 0.3], rtol=1e-6)
-    fixed, _ = read_layers(JOB, writing(line_mm=0.2, layer_mm=0.1))
+    fixed, _ = read_layers(JOB, layers(line_mm=0.2))
     np.testing.assert_allclose(fixed.width, 0.2)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firmware_profiles import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens import read_lines, rounded_to_steps
 from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode, tube
@@ -39,11 +40,12 @@ def test_relative_e_and_a_reset_say_the_same() -> None:
     assert one.end == pytest.approx(other.end)
 
 
-def test_round_sides_make_a_line_wider() -> None:
+def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
     data = gcode([tube(0.3), tube(0.3)])
-    added = LAYER_MM * (1 - np.pi / 4)
-    found = read_lines(data, UL_PER_E, rounded=True).width
-    assert found == pytest.approx(LINE_MM + added, abs=2e-5)
+    mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
+    for model, width in (("rectangle", mean), ("ellipse", mean * 4 / np.pi), (20.0, mean + 0.02)):
+        found = read_lines(data, UL_PER_E, bead=BeadSection(model)).width
+        assert found == pytest.approx(width, abs=2e-5)
 
 
 def test_a_fixed_width_needs_no_meaning_of_e() -> None:

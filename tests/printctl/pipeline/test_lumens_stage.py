@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from firmware_profiles import Printer, load
+from firmware_profiles import BeadSection, Printer, load
 from printctl.errors import SafetyError
 from printctl.pipeline.stages import lumens
 from printctl.recipe.making import Embedded, Fresh
@@ -29,7 +29,9 @@ def context(folder: Path, layers: list[Strokes], part: Fresh | Embedded) -> Any:
         recipe=SimpleNamespace(toolpath=part),
         printer=load(Printer, "generic_marlin"),
         syringe=SimpleNamespace(inner_mm=BORE_MM),
-        ink=SimpleNamespace(name="ink", flow_factor=1.0, smallest_gap_mm=None),
+        ink=SimpleNamespace(
+            name="ink", flow_factor=1.0, smallest_gap_mm=None, bead_section=BeadSection()
+        ),
         place_mm=np.array([20.0, 30.0, 0.0]),
         start_mm=np.zeros(3),
         flow_ul_s=None,

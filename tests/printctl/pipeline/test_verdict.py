@@ -83,6 +83,39 @@ def test_leak_fails_and_is_named() -> None:
     assert not result["passed"]
     (reason,) = [r for r in result["reasons"] if "leads out" in r]
     assert "Vessel 1, 2.0 mm along: a way 200 ± 12 µm wide" in reason
+    assert next(row for row in result_rows(leak) if row["vessel"] == 1)["decision"] == "fail"
+
+
+def result_rows(*defects: dict[str, Any]) -> list[dict[str, Any]]:
+    numbers = registration(good(0), good(1), perfusion=FLOW, defects=list(defects))
+    rows: list[dict[str, Any]] = judge_plain(numbers, 100.0, 10.0)["vessels"]
+    return rows
+
+
+def test_a_bridge_leads_into_its_other_vessel_and_not_out() -> None:
+    bridge = change(0, 1.9, 2.1) | {"kind": "bridge", "other": 1, "size_um": 178.0, "error_um": 33}
+    reasons = judged(defects=[bridge])["reasons"]
+    assert reasons[0] == (
+        "Vessel 0, 2.0 mm along: a way 178 ± 33 µm wide leads into vessel 1, none allowed"
+    )
+    assert [row["decision"] for row in result_rows(bridge)] == ["fail", "fail"]
+
+
+def test_what_may_be_a_shadow_is_undecided() -> None:
+    leak = change(1, 1.9, 2.1) | {"kind": "leak", "size_um": 200.0, "error_um": 12.0}
+    result = judged(defects=[leak | {"shade": True}])
+    assert result["undecided"]
+    assert not result["passed"]
+    assert "not proven, as gel below a bubble or a particle looks alike" in result["reasons"][0]
+
+
+def test_a_closed_section_is_called_closed_and_not_an_unknown_percentage() -> None:
+    errors = np.zeros(40)
+    errors[18:20] = -500.0
+    row = vessel(0, errors, u_um=8.0, designed_um=500.0)
+    reasons = judged(row)["reasons"]
+    assert "closed, with 500 µm designed, limit ±10 %" in reasons[0]
+    assert not any("unknown" in reason or "100.0" in reason for reason in reasons)
 
 
 def test_local_change_within_the_tolerance_passes() -> None:

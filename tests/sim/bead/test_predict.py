@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import Printer, load
+from firmware_profiles import BeadSection, Printer, load
 from sim.bead import Nozzle, advance_of, cut, laid_deposit, predict_bead
 from sim.dryrun import DryRun, dry_run
 from sim.executed import ExecutedMotion
@@ -71,16 +71,18 @@ def test_ink_that_flows_while_the_needle_stands_is_a_drop() -> None:
     assert bead(moved, Nozzle(LAG)).dropped_ul == pytest.approx(LAG * flow)
 
 
-def test_a_line_in_a_layer_is_area_over_height_wide() -> None:
+def test_a_line_in_a_layer_is_as_wide_as_its_ink_s_bead() -> None:
     points, speed, volume = [(0.0, 0.0, 0.06)], [], []
     for layer in range(3):
         z = 0.06 * (layer + 1)
         points += [(0.0, layer, z), (4.0, layer, z)]
         speed += [20.0, 10.0]
         volume += [0.0, 4.0 * 0.15 * 0.06]
-    found = bead(motion(points, speed, volume), Nozzle())
-    assert found.style == "layered"
-    assert found.width_mm[found.writes] == pytest.approx(0.15)
+    flat = bead(motion(points, speed, volume), Nozzle(), section=BeadSection("rectangle"))
+    sides = bead(motion(points, speed, volume), Nozzle())
+    assert flat.style == "layered"
+    assert flat.width_mm[flat.writes] == pytest.approx(0.15)
+    assert sides.width_mm[sides.writes] == pytest.approx(0.15 + 0.06 * (1 - np.pi / 4))
 
 
 def test_voxels_hold_what_was_laid() -> None:

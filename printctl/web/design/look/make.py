@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from design.network import VesselNetwork
-from firmware_profiles import Printer, Syringe, load
+from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.cli.failures import message_and_code
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
@@ -99,6 +99,7 @@ def _pushing(run: Path) -> Pushing:
         syringe_said=syringe.name,
         flow_ul_s=None,
         layer_mm=None,
+        bead=load(Ink, str(part.get("ink", "collagen_fresh"))).bead_section,
     )
 
 

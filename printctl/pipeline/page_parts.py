@@ -1,0 +1,36 @@
+"""What the pages of `printctl register` show, as it goes to the process that writes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from design.network import VesselNetwork
+    from registration.views import Views
+
+
+@dataclass(frozen=True, eq=False)
+class PageParts:
+    """All that the pages of a registration show.
+
+    Attributes
+    ----------
+    data : dict
+        As ``registration.json`` holds it.
+    surfaces : list of dict
+        Of the 3D view, packed (`registration.report.packing.pack_surfaces`).
+    network : VesselNetwork
+    views : Views
+    drawn : dict of str to bytes
+        Figures that are drawn already.
+    origin : dict or None
+        What the PDF says of the files; None for a page alone.
+    """
+
+    data: dict[str, Any]
+    surfaces: list[dict[str, Any]]
+    network: VesselNetwork
+    views: Views
+    drawn: dict[str, bytes]
+    origin: dict[str, Any] | None

@@ -1,0 +1,37 @@
+"""Reference frame of a report, and geometric characteristics in it (ISO 5459, ISO 1101).
+
+Names are loaded when first asked for: a recipe needs the datums' names alone.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.geometry.characteristic import Characteristic
+    from registration.geometry.datum import Datum, read_datums
+    from registration.geometry.faces import Face, outer_faces
+    from registration.geometry.frame import Frame, best_fit
+    from registration.geometry.lay import Cut, Scene, lay_on_datums
+    from registration.geometry.measure import characteristics, cuts_of
+
+__all__ = [
+    "Characteristic",
+    "Cut",
+    "Datum",
+    "Face",
+    "Frame",
+    "Scene",
+    "best_fit",
+    "characteristics",
+    "cuts_of",
+    "lay_on_datums",
+    "outer_faces",
+    "read_datums",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

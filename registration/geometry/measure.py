@@ -1,0 +1,41 @@
+"""Geometric characteristics of a print in its reference frame."""
+
+from __future__ import annotations
+
+from registration.distance import ModelSurface
+from registration.gauging.vessels import VesselGauge
+from registration.geometry.characteristic import Characteristic
+from registration.geometry.face_zones import face_zone
+from registration.geometry.frame import Frame
+from registration.geometry.lay import Cut, Scene
+from registration.geometry.lumen import Line
+from registration.geometry.vessel_zones import Case, vessel_zones
+
+
+def cuts_of(vessels: tuple[VesselGauge, ...]) -> tuple[Cut, ...]:
+    """Return the measured sections of gauged vessels."""
+    return tuple(Cut(v.along_mm, v.outlines, 1e-3 * v.noise_um) for v in vessels)
+
+
+def characteristics(
+    scene: Scene, gauged: tuple[float, ...], surface: ModelSurface, frame: Frame
+) -> tuple[Characteristic, ...]:
+    """Return the zones of every vessel, mouth and outer face.
+
+    Parameters
+    ----------
+    scene : Scene
+    gauged : tuple of float
+        Share of each vessel's length with a measured section.
+    surface : ModelSurface
+    frame : Frame
+    """
+    ends: dict[int, list[bool]] = {}
+    for vessel, last in scene.mouths():
+        ends.setdefault(vessel, []).append(last)
+    rows: list[Characteristic] = []
+    for vessel, share in enumerate(gauged):
+        line = Line.of(scene.network, vessel)
+        case = Case(vessel, line, scene.lumen(vessel, frame.fit), share)
+        rows += vessel_zones(case, ends.get(vessel, []), frame, scene.errors)
+    return (*rows, *(face_zone(face, surface, frame, scene.errors) for face in scene.faces))

@@ -1,0 +1,187 @@
+"""Zones of a vessel's axis, its mouths and its wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.geometry.characteristic import Characteristic, Name, Zone
+from registration.geometry.cylinder import minimum_zone
+from registration.geometry.features import Setting, light_shift, mouth
+from registration.geometry.frame import COVERAGE, IN_PLANE, Frame, strains
+from registration.geometry.lumen import Line, Lumen
+from registration.uncertainty import BLUR_PART, ScanErrors
+
+FloatArray = NDArray[np.float64]
+
+POSITION = "position of the axis"
+LINE_PROFILE = "profile of a line, axis"
+PORT = "position of the mouth"
+CYLINDRICITY = "cylindricity of the lumen"
+SURFACE = "profile of a surface"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One vessel in its frame.
+
+    Attributes
+    ----------
+    vessel : int
+    line : Line
+    lumen : Lumen or None
+        None where too few whole sections were measured.
+    gauged : float
+        Share of its length with a section.
+    """
+
+    vessel: int
+    line: Line
+    lumen: Lumen | None
+    gauged: float
+
+
+def vessel_zones(
+    case: Case, ends: list[bool], frame: Frame, errors: ScanErrors
+) -> list[Characteristic]:
+    """Return all characteristics of one vessel; `ends`: its mouths, whether at the last node."""
+    rng = np.random.default_rng(case.vessel)
+    axis = POSITION if case.line.straight else LINE_PROFILE
+    unknown = "too few whole sections were measured"
+    found = case.lumen
+    if found is None:
+        rows = [_without(case, "axis", axis, unknown)]
+        rows += [_without_mouth(case, last, unknown) for last in ends]
+        rows += [_no_cylinder(case) or _without(case, "cylindricity", CYLINDRICITY, unknown)]
+        return [*rows, _without(case, "lumen", SURFACE, unknown)]
+    rows = [_row(case, "axis", axis, _axis(found, frame, errors, rng))]
+    rows += [_port(case, found, last, frame, errors) for last in ends]
+    wall = found.drawn_walls(rng)
+    rows.append(
+        _no_cylinder(case)
+        or _row(case, "cylindricity", CYLINDRICITY, _cylinder(found, wall, frame, errors))
+    )
+    return [*rows, _row(case, "lumen", SURFACE, _surface(found, wall, frame, errors))]
+
+
+def _axis(lumen: Lumen, frame: Frame, errors: ScanErrors, rng: np.random.Generator) -> Zone:
+    """Twice the largest distance of the filtered axis from the designed one."""
+    off = np.linalg.norm(lumen.middle - lumen.line.nearest(lumen.middle)[0], axis=1)
+    noise = 2 * np.linalg.norm(lumen.drawn_middles(rng), axis=-1).max(axis=1)
+    worst = int(off.argmax())
+    return Zone(
+        2 * float(off[worst]),
+        noise,
+        2 * IN_PLANE * lumen.shared(lumen.filter[worst]),
+        2 * _placed(lumen, frame, errors),
+    )
+
+
+def _placed(lumen: Lumen, frame: Frame, errors: ScanErrors) -> float:
+    """Radius within which the frame and the light leave the axis, worst place, 95 %, mm."""
+    ways = np.gradient(lumen.middle, axis=0)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    worst = max(
+        frame.across_mm(lumen.middle[k], ways[k]) for k in (0, len(ways) // 2, len(ways) - 1)
+    )
+    return float(np.hypot(worst, COVERAGE * _light(frame, errors)))
+
+
+def _light(frame: Frame, errors: ScanErrors) -> float:
+    return light_shift(Setting(frame.fit, errors, strains(frame.fit, errors)))
+
+
+def _port(case: Case, lumen: Lumen, last: bool, frame: Frame, errors: ScanErrors) -> Characteristic:
+    """Twice the distance of the axis, carried on to the mouth, from the designed one."""
+    there = mouth(lumen, last)
+    if there is None:
+        return _without_mouth(case, last, "no section was measured within a diameter of it")
+    off = float(np.linalg.norm(there.off))
+    placed = np.hypot(frame.across_mm(there.node, there.way), COVERAGE * _light(frame, errors))
+    noise = np.hypot(IN_PLANE * there.noise_mm, placed)
+    low, high = max(off - noise, 0.0), off + noise
+    return Characteristic(
+        "port", _mouth_name(case, last), PORT, case.vessel, 2e3 * off, 2e3 * float(low),
+        2e3 * float(high), 1.0,
+    )  # fmt: skip
+
+
+def _cylinder(lumen: Lumen, drawn: FloatArray, frame: Frame, errors: ScanErrors) -> Zone:
+    """Difference of the radii of two coaxial cylinders that hold the filtered wall."""
+    points = lumen.wall.reshape(-1, 3)
+    width = minimum_zone(points, lumen.middle.mean(axis=0), _way(lumen))
+    flat = drawn.reshape(len(drawn), -1)
+    in_depth, radius = _in_depth(lumen, frame, errors), float(lumen.line.radius.max())
+    # Walls that face the light move by themselves, and depth is stretched against width.
+    shared = np.hypot(errors.facing_mm, radius * np.hypot(errors.depth, errors.lateral)) * in_depth
+    return Zone(
+        width,
+        np.ptp(flat, axis=1),
+        COVERAGE * np.sqrt(2) * float(flat.std()),
+        COVERAGE * float(shared),
+    )
+
+
+def _surface(lumen: Lumen, drawn: FloatArray, frame: Frame, errors: ScanErrors) -> Zone:
+    """Twice the largest distance of the filtered wall from the designed one."""
+    points = lumen.wall.reshape(-1, 3)
+    foot, radius = lumen.line.nearest(points)
+    out = points - foot
+    away = np.linalg.norm(out, axis=1)
+    off = np.abs(away - radius)
+    worst = int(off.argmax())
+    way = out[worst] / max(away[worst], 1e-12)
+    flat = drawn.reshape(len(drawn), -1)
+    level = np.sqrt(
+        errors.level_mm**2
+        + errors.faint_mm**2
+        + (_in_depth(lumen, frame, errors) * errors.facing_mm) ** 2
+        + (BLUR_PART * errors.blur_mm**2 / radius[worst]) ** 2
+    )
+    placed = max(frame.along_mm(points[worst], way), _placed(lumen, frame, errors))
+    return Zone(
+        2 * float(off[worst]),
+        2 * np.abs(flat).max(axis=1),
+        2 * COVERAGE * float(flat.std()),
+        2 * float(np.hypot(placed, COVERAGE * level)),
+    )
+
+
+def _way(lumen: Lumen) -> FloatArray:
+    return np.asarray(lumen.line.points[-1] - lumen.line.points[0])
+
+
+def _in_depth(lumen: Lumen, frame: Frame, errors: ScanErrors) -> float:
+    """Square of the beam's part across the vessel."""
+    way = _way(lumen) / np.linalg.norm(_way(lumen))
+    return 1.0 - float((frame.fit.rotation @ errors.beam) @ way) ** 2
+
+
+def _row(case: Case, name: Name, words: str, zone: Zone) -> Characteristic:
+    low, high = zone.interval()
+    return Characteristic(
+        name, f"vessel {case.vessel}", words, case.vessel, 1e3 * zone.width, 1e3 * low, 1e3 * high,
+        case.gauged,
+    )  # fmt: skip
+
+
+def _without(case: Case, name: Name, words: str, note: str) -> Characteristic:
+    return Characteristic(name, f"vessel {case.vessel}", words, case.vessel, note=note)
+
+
+def _without_mouth(case: Case, last: bool, note: str) -> Characteristic:
+    return Characteristic("port", _mouth_name(case, last), PORT, case.vessel, note=note)
+
+
+def _no_cylinder(case: Case) -> Characteristic | None:
+    """Say where a design is no cylinder; None where it is one."""
+    if case.line.straight and case.line.even:
+        return None
+    shape = "tapered" if case.line.straight else "curved"
+    return _without(case, "cylindricity", CYLINDRICITY, f"not defined: the design is {shape}")
+
+
+def _mouth_name(case: Case, last: bool) -> str:
+    return f"{'outlet' if last else 'inlet'} {case.vessel}"
