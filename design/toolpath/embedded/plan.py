@@ -122,10 +122,9 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    planned = scene.needle.planned()
-    found = find_rules(scene.elements, scene.squares, scene.meetings, planned)
+    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, planned)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
     joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)
