@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.geometry import Characteristic, Frame
+from registration.json_ready import json_ready
 from registration.topology import Overlap, Topology
 from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
@@ -337,14 +338,3 @@ def _perfusion_dict(flow: Perfusion) -> dict[str, Any]:
 def _rounded(values: FloatArray, decimals: int) -> list[float]:
     rounded: list[float] = np.round(values, decimals).tolist()
     return rounded
-
-
-def json_ready(value: Any) -> Any:
-    """The same with string keys and None for NaN and infinity, which JSON has not."""
-    if isinstance(value, dict):
-        return {str(key): json_ready(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_ready(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

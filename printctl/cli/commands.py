@@ -6,9 +6,7 @@ for the mesh library that `printctl solid` needs.
 
 from __future__ import annotations
 
-import gc
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 import typer
@@ -75,7 +73,7 @@ class LazyGroup(TyperGroup):
         if cmd_name not in COMMANDS:
             return None
         module, attribute = COMMANDS[cmd_name].split(":")
-        found = getattr(_loaded(f"printctl.cli.{module}"), attribute)
+        found = getattr(import_module(f"printctl.cli.{module}"), attribute)
         if isinstance(found, typer.Typer):
             command: Any = typer.main.get_group(found)
         else:
@@ -96,16 +94,3 @@ class LazyGroup(TyperGroup):
         names: Any = dict.fromkeys(COMMANDS)
         self.commands = names
         return super().resolve_command(ctx, args)
-
-
-def _loaded(module: str) -> ModuleType:
-    """Import a command's module, and leave what came with it out of all later collections.
-
-    Modules stay, so that to search them for garbage over and over only takes time: a tenth of it.
-    """
-    gc.disable()
-    try:
-        return import_module(module)
-    finally:
-        gc.enable()
-        gc.freeze()

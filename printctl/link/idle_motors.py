@@ -1,4 +1,4 @@
-"""Motors and timeouts of a firmware while a print is held."""
+"""Motors and timeouts of a firmware while nothing moves: in a pause, a dwell, a wait for heat."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ class IdleMotors:
         self._timeouts = (timeout.code.encode("ascii"),) if timeout else ()
 
     def hold(self) -> None:
-        """Keep the firmware from cutting the motors' power while the needle waits.
+        """Keep the firmware from cutting the motors' power while nothing moves; before line 1.
 
+        Without it Marlin cuts them two minutes into a dwell, or a wait for heat, of the job itself.
         No firmware tells the time that was in force, so that it isn't set back: they stay powered.
         """
         if self._m84_sets_timeout:
-            self._channel.command(b"M84 S0")
+            self._channel.command(b"M84 S0", journalled=False)
 
     def sign_of_life(self) -> None:
         """Show that the printer is there, and begin its own switch-off time anew.

@@ -105,7 +105,6 @@ class Pauses:
         logbook, channel = self.channel.logbook, self.channel
         self.watch.paused(logbook.progress.done)
         logbook.enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
-        self.motors.hold()
         channel.command(b"M400")
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
@@ -132,7 +131,6 @@ class Pauses:
         """Go on waiting for a syringe: the host died while it was changed."""
         self.excursion.begin(at, 0.0, None)
         self.excursion.lose_count()
-        self.motors.hold()
         self.changer.found_again(at, head)
         self.channel.command(b"M400")
         self._wait_and_come_back(at, f"paused, found again: {self.change.words()}")

@@ -10,7 +10,7 @@ from registration.comparison.compare import Comparison
 from registration.comparison.gauge import gauge_dict, gauge_sentences
 from registration.comparison.intervals import Interval, sd_factors
 from registration.comparison.vessels import SIGNIFICANT
-from registration.result import json_ready
+from registration.json_ready import json_ready
 
 FEW = 10
 """Prints below which the notes say what so few are worth."""

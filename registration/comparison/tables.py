@@ -8,7 +8,7 @@ from registration.comparison.compare import Comparison
 from registration.comparison.intervals import Interval
 from registration.comparison.vessels import VesselSpread
 from registration.exports.tables import as_csv
-from registration.result import json_ready
+from registration.json_ready import json_ready
 
 
 def comparison_csv(found: Comparison) -> str:

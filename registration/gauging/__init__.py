@@ -1,24 +1,33 @@
-"""Numbers of the aligned scan: deviation both ways, every vessel along its length, defects."""
+"""Numbers of the aligned scan: deviation both ways, every vessel along its length, defects.
 
-from registration.gauging.back import ScannedSurface, surface_points
-from registration.gauging.changes import find_changes
-from registration.gauging.closures import find_closures
-from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
-from registration.gauging.defect import Defect, DefectKind
-from registration.gauging.deviation import (
-    TOLERANCES_UM,
-    Deviation,
-    deviations,
-    hausdorff_p95_um,
-    summarise,
-    within,
-)
-from registration.gauging.junctions import find_junction_changes
-from registration.gauging.parts import led_through, part_of, without_dead_ends
-from registration.gauging.perfusion import Perfusion, perfusion, with_interval
-from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
-from registration.gauging.trace import VesselTrace, trace_vessels
-from registration.gauging.vessels import VesselGauge, gauge_vessels
+Names are loaded when first asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.gauging.back import ScannedSurface, surface_points
+    from registration.gauging.changes import find_changes
+    from registration.gauging.closures import find_closures
+    from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
+    from registration.gauging.defect import Defect, DefectKind
+    from registration.gauging.deviation import (
+        TOLERANCES_UM,
+        Deviation,
+        deviations,
+        hausdorff_p95_um,
+        summarise,
+        within,
+    )
+    from registration.gauging.junctions import find_junction_changes
+    from registration.gauging.ledges import with_ledges
+    from registration.gauging.parts import led_through, part_of, without_dead_ends
+    from registration.gauging.perfusion import Perfusion, with_interval
+    from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
+    from registration.gauging.trace import VesselTrace, trace_vessels
+    from registration.gauging.vessels import VesselGauge, gauge_vessels, without_resistance
 
 __all__ = [
     "TOLERANCES_UM",
@@ -41,13 +50,20 @@ __all__ = [
     "liquid_level",
     "network_of_lumens",
     "part_of",
-    "perfusion",
     "printed_network",
     "summarise",
     "surface_points",
     "trace_vessels",
     "with_interval",
+    "with_ledges",
     "withdrawn",
     "within",
     "without_dead_ends",
+    "without_resistance",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit, Uncertainty
+from registration.gauging.defect import Defect
+from registration.gauging.near_walls import near_walls
 from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
@@ -61,7 +63,8 @@ class VesselGauge:
         Number measured.
     resistance_ratio : float
         Poiseuille resistance as printed over as designed, over the clear sections: the ratio of
-        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed.
+        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed, NaN where
+        the lumen changes within a junction (`without_resistance`).
     along_mm, diameter_um, area_mm2, ovality_along, offset_along_um, noise_um : (n,) float64
         The sections measured: distance from the first node, diameter, area, ovality, the
         centroid's offset, and the diameter's standard error. NaN where closed (diameter and
@@ -162,6 +165,24 @@ def gauge_vessels(
             pose,
         )
         for trace in traces
+    )
+
+
+def without_resistance(
+    vessels: tuple[VesselGauge, ...], hidden: Sequence[Defect]
+) -> tuple[VesselGauge, ...]:
+    """Withdraw the resistance ratio of vessels whose lumen changes within a junction.
+
+    The ratio is over whole sections; what narrows a junction isn't in it, and a fifth of a wall
+    tells that there is a change, not how wide the lumen is.
+    """
+    changed = {defect.vessel for defect in hidden} | {defect.other for defect in hidden}
+    none = float("nan")
+    return tuple(
+        replace(v, resistance_ratio=none, resistance_ratio_95=(none, none))
+        if v.vessel in changed
+        else v
+        for v in vessels
     )
 
 
@@ -306,10 +327,9 @@ def _wall_rms(
     parts = [stations(network, v, spacing) for v in range(network.vessel_count)]
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     radius = np.concatenate([part[3] for part in parts])
-    tree = cKDTree(np.concatenate([part[1] for part in parts]))
+    centre = np.concatenate([part[1] for part in parts])
     chosen = np.flatnonzero(segmentation.seen)
-    away, which = tree.query(fit.apply(segmentation.vertices[chosen]), workers=1)
-    wall = np.abs(away - radius[which]) < np.maximum(0.5 * radius[which], 0.1)
+    which, wall = near_walls(centre, radius, fit.apply(segmentation.vertices[chosen]))
     squares = np.bincount(owner[which[wall]], deviation_mm[chosen[wall]] ** 2, len(parts))
     count = np.bincount(owner[which[wall]], minlength=len(parts))
     with np.errstate(invalid="ignore", divide="ignore"):

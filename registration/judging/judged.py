@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from registration.json_ready import json_ready
 from registration.judging.features import (
     Band,
     Feature,
@@ -29,7 +30,6 @@ from registration.judging.runs import apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
 from registration.judging.zones import judged_zones
-from registration.result import json_ready
 
 Record = Mapping[str, Any]
 

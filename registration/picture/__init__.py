@@ -1,10 +1,18 @@
-"""Networks in colour: what vessels can be coloured by, and pictures drawn without a browser."""
+"""Networks in colour: what vessels can be coloured by, and pictures drawn without a browser.
 
-from registration.picture.camera import DIRECTIONS, Camera, View, fitted_camera
-from registration.picture.compose import PictureOptions, draw_picture
-from registration.picture.quantities import FLOW, GAUGED, Colour, Known, quantities
-from registration.picture.quantity import Quantity
-from registration.picture.shade import Surface
+Names are loaded when first asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.picture.camera import DIRECTIONS, Camera, View, fitted_camera
+    from registration.picture.compose import PictureOptions, draw_picture
+    from registration.picture.known_quantities import FLOW, GAUGED, Colour, Known, quantities
+    from registration.picture.quantity import Quantity
+    from registration.picture.shade import Surface
 
 __all__ = [
     "DIRECTIONS",
@@ -21,3 +29,9 @@ __all__ = [
     "fitted_camera",
     "quantities",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -11,12 +11,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from design.hemodynamics.oxygen import HALF, OxygenSolution
 from design.network import VesselNetwork
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.figures import OUTSIDE
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
+
+if TYPE_CHECKING:
+    from design.hemodynamics.oxygen import OxygenSolution
 
 FloatArray = NDArray[np.float64]
 _MOST_PX = 800
@@ -29,6 +31,9 @@ def slice_figure(solution: OxygenSolution, network: VesselNetwork) -> bytes:
     there are drawn as lines, the threshold as a line, and the worst place as a
     cross (`OxygenSolution.worst`).
     """
+    # Every report loads this module; only one with oxygen waits for grids of tissue.
+    from design.hemodynamics.oxygen import HALF
+
     worst, grid = solution.worst, solution.grid
     axis = _telling(solution)
     across, up = (k for k in range(3) if k != axis)

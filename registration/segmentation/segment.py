@@ -123,7 +123,7 @@ def _check_volume(scan: Scan) -> None:
             f"volume of shape {volume.shape} isn't a stack of at least 8 voxels each way"
         )
     probe = volume[:: max(1, volume.shape[0] // 64), ::4, ::4]
-    if not np.isfinite(probe.astype(np.float64)).all():
+    if not np.issubdtype(volume.dtype, np.integer) and not np.isfinite(probe).all():
         raise SegmentationError("the volume holds NaN or infinite values; export it again")
     low, high = probe.min(), probe.max()
     if low == high:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.gauging import VesselGauge
 from registration.scan import Scan
 from registration.views.sampling import Shades, trilinear
+
+if TYPE_CHECKING:
+    from registration.gauging import VesselGauge
 
 FloatArray = NDArray[np.float64]
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.solids import Solid
 from registration.judging import listed
-from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.views.findings import Contours, FindingView, half_window, panel
 from registration.views.sampling import Shades
 from registration.views.stack import SectionStack, section_stack
+
+if TYPE_CHECKING:
+    from registration.result import RegistrationReport
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]

@@ -42,6 +42,8 @@ ON_DEMAND = (
     "printctl.gcode_view",
     "printctl.web.live",
     "printctl.recipe",
+    "registration.gauging",
+    "registration.picture",
     "registration.readers",
     "registration.report",
     "registration.views",
@@ -66,17 +68,27 @@ def loaded_by(*modules: str) -> set[str]:
         ("printctl.link.client",),
         ("printctl.web.stop_door.__main__",),
         ("printctl.recipe",),
+        ("printctl.cli.register",),
         ("printctl.web.app", "nicegui", *PAGES),
     ],
-    ids=["station", "station's client", "link", "link's client", "stop door", "recipe", "server"],
+    ids=[
+        "station",
+        "station's client",
+        "link",
+        "link's client",
+        "stop door",
+        "recipe",
+        "help of register",
+        "server",
+    ],
 )
 def test_a_process_begins_without_kernels_meshes_and_figures(modules):
     assert not loaded_by(*modules) & set(HEAVY)
 
 
 def test_registering_loads_no_plotting_library():
-    loaded = loaded_by("printctl.cli.register", "printctl.pipeline.registering")
-    assert not loaded & {"matplotlib", "reportlab", "jinja2", "scipy.stats", "scipy.optimize"}
+    loaded = loaded_by("printctl.cli.register_work")
+    assert not loaded & {"matplotlib", "reportlab", "jinja2", "scipy.stats"}
 
 
 def test_a_name_on_demand_brings_what_it_needs():

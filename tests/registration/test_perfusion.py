@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
-from registration.gauging import perfusion, printed_network
+from registration.gauging import printed_network
+from registration.gauging.perfusion import perfusion
 from tests.registration.phantom import CHANNEL, WIDE, block, ladder, traces
 from tests.registration.test_defects import plug
 

@@ -12,7 +12,7 @@ from registration.comparison.gauge.squares import ALPHA
 from registration.comparison.gauge.study import GaugeQuantity, GaugeStudy
 from registration.comparison.intervals import Interval
 from registration.exports.tables import as_csv
-from registration.result import json_ready
+from registration.json_ready import json_ready
 
 WORDS = {
     "EV": "repeatability",

@@ -233,12 +233,6 @@ def test_long_pause_is_survived_although_the_firmware_switches_off_by_itself(tmp
     assert clock.now() > 1800
 
 
-def test_motors_are_held_in_a_pause(tmp_path):
-    script = Script(at_line={12: WISHES["now"]})
-    _, _, printer = followed(layered(2, 20), tmp_path, script)
-    assert "M84 S0" in printer.numbered
-
-
 def test_needle_that_was_pushed_aside_in_a_pause_stays_up(tmp_path):
     said: list[str] = []
 

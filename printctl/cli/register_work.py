@@ -1,0 +1,89 @@
+"""Work of `printctl register`: read the scan, register it, judge it.
+
+Apart from its options: help needs none of this, and the second process loads what draws meanwhile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from printctl.cli.options import messages
+from printctl.cli.progress_option import Steps
+from printctl.cli.register_design import DesignRead
+from printctl.pipeline.measurement_record import Corrections
+from printctl.pipeline.registering import Registered
+from printctl.recipe.record import RecordPart
+from registration import RegistrationOptions, ScanOverrides, register_scan
+from registration.corrected import corrected_scan
+from registration.geometry import Datum
+from registration.judging import Tolerances
+from registration.walls_file import read_walls
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """How a scan is read and measured.
+
+    Attributes
+    ----------
+    scan : Path
+    said : ScanOverrides
+        What its file doesn't say.
+    optics, walls : Path or None
+        Files of calibrations.
+    air_above : bool
+    filled : bool
+        Lumens are brighter than the gel.
+    datums : tuple of Datum
+        None for the best fit.
+    """
+
+    scan: Path
+    said: ScanOverrides
+    optics: Path | None
+    walls: Path | None
+    air_above: bool
+    filled: bool
+    datums: tuple[Datum, ...]
+
+    @property
+    def options(self) -> RegistrationOptions:
+        """As the registration takes them."""
+        walls = None if self.walls is None else read_walls(self.walls)
+        return RegistrationOptions(
+            lumens="bright" if self.filled else "dark", walls=walls, datums=self.datums
+        )
+
+
+def registered(how: Measuring, design: DesignRead, steps: Steps) -> Registered:
+    """Read the scan and register it."""
+    options = how.options
+    measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
+    note(measured.notes)
+    steps.begin("registration")
+    found = register_scan(measured, design.surface, design.vessels, options)
+    return Registered(how.scan, measured, design.model, design.surface, design.network,
+                      design.vessels, found, design.printed)  # fmt: skip
+
+
+def judged(
+    made: Registered, how: Measuring, limits: Tolerances, stated: RecordPart
+) -> dict[str, Any]:
+    """Numbers and verdict, with the measurement record."""
+    data = made.judged(limits)
+    done = Corrections(_text(how.optics), how.air_above, _text(how.walls))
+    made.add_record(data, stated, done, datetime.now(UTC))
+    return data
+
+
+def note(notes: list[str] | tuple[str, ...]) -> None:
+    """Print what a user should know, beside the results."""
+    for note in notes:
+        messages().print(f"note: {note}", markup=False)
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)

@@ -1,0 +1,17 @@
+"""Values as JSON can hold them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def json_ready(value: Any) -> Any:
+    """Return nested values with string keys, and None for NaN and infinity, which JSON has not."""
+    if isinstance(value, dict):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
