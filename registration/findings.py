@@ -25,7 +25,9 @@ from registration.gauging import (
     liquid_level,
     trace_vessels,
     with_interval,
+    with_ledges,
     withdrawn,
+    without_resistance,
 )
 from registration.gauging.perfusion import perfusion
 from registration.segmentation import GelEvidence, Segmentation
@@ -111,6 +113,7 @@ def inspect(case: Inspection) -> Findings:
     """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
     field, fit = case.segmentation.field, case.alignment.scaled
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
+    traces, errors = with_ledges(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = case.evidence
@@ -125,13 +128,15 @@ def inspect(case: Inspection) -> Findings:
         leaking = other.submit(find_leaks, search, traces)
         closures = find_closures(traces, field, fit)
         scale = float(np.mean(fit.scale))
-        changes = [*find_changes(traces, scale, case.false_alarm), *_in_junctions(case, traces)]
+        hidden = _in_junctions(case, traces)
+        changes = [*find_changes(traces, scale, case.false_alarm), *hidden]
         near = max(margin, float(case.network.radius.min()) / 2)
         vessels = gauge_vessels(
-            case.network, traces, case.segmentation, fit, case.deviation_mm, case.errors,
+            case.network, traces, case.segmentation, fit, case.deviation_mm, errors,
             case.alignment.uncertainty,
         )  # fmt: skip
-        flow = _perfusion(case, traces, vessels)
+        vessels = without_resistance(vessels, hidden)
+        flow = _perfusion(case, traces, vessels, not hidden)
         rigid = overlap(scanned_with(grid, field, case.alignment.rigid), near)
         leaks = leaking.result()
     through = [*closures, *leaks.defects]
@@ -164,10 +169,16 @@ def _in_junctions(case: Inspection, traces: tuple[VesselTrace, ...]) -> list[Def
 
 
 def _perfusion(
-    case: Inspection, traces: tuple[VesselTrace, ...], vessels: tuple[VesselGauge, ...]
+    case: Inspection,
+    traces: tuple[VesselTrace, ...],
+    vessels: tuple[VesselGauge, ...],
+    known: bool,
 ) -> Perfusion | None:
+    """Solve the flow; its pressure ratio has no interval where a junction's lumen isn't known."""
     flow = perfusion(case.network, traces, case.flow, case.alignment.scaled.scale)
-    return None if flow is None else with_interval(flow, [vessel.errors for vessel in vessels])
+    if flow is None or not known:
+        return flow
+    return with_interval(flow, [vessel.errors for vessel in vessels])
 
 
 def _faults(found: list[Defect]) -> Faults:

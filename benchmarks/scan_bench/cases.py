@@ -10,7 +10,7 @@ import numpy as np
 SHARED = {"block": 4, "tree": 7, "loop": 13}
 SPECTRAL = {"curved": 8, "slanted": 4, "drum": 4, "compact": 4}
 # Vessels for a bridge, from the first to the nearest place of the second: between `BRIDGED_AT` of
-# the first's length a way as wide as `WIDEST_MM` meets no third.
+# the first's length a way as wide as `WIDEST_MM` meets no third and doesn't lead outside.
 BRIDGES = {
     "block": (0, 1),
     "tree": (3, 4),
@@ -18,7 +18,7 @@ BRIDGES = {
     "curved": (0, 7),
     "slanted": (1, 0),
     "drum": (0, 3),
-    "compact": (1, 3),
+    "compact": (3, 2),
 }
 BRIDGED_AT = (0.45, 0.65)
 WIDEST_MM = 0.4

@@ -15,9 +15,9 @@ from printctl.lumens.heads import of_heads, stacked, stacked_filaments
 from printctl.lumens.line_widths import check_width
 from printctl.lumens.lines import (
     ROUNDED,
-    WINDOW_MM,
     WINDOWLESS_MM,
     WrittenLines,
+    flow_window,
     layered,
     read_lines,
     rounded_to_steps,
@@ -29,7 +29,6 @@ from printctl.lumens.strokes import (
     run_strokes,
     valve_strokes,
 )
-from printctl.rounding import last_digit_mm, window_mm
 from sim.dryrun import DryRun, dry_run
 from sim.valve import read_with_valve
 
@@ -114,13 +113,18 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     """Lines of all heads at their own tips' places."""
     printer, each = writing.printer, []
     run = _run(gcode, writing)
-    for view, ul_per_e in zip(of_heads(run, printer), _per_e(writing), strict=True):
+    views = of_heads(run, printer)
+    for view, ul_per_e in zip(views, _per_e(writing), strict=True):
         each.append(plunger_strokes(view.program, ul_per_e))
     strokes, head = stacked(each)
     if not len(strokes.line):
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     beads = writing.beads * len(each) if len(writing.beads) == 1 else writing.beads
-    lines = layered(strokes, writing.layer_mm, WINDOW_MM, beads, head)
+    window = max(
+        flow_window(view.program.plunger, one, per_e)
+        for view, one, per_e in zip(views, each, _per_e(writing), strict=True)
+    )
+    lines = layered(strokes, writing.layer_mm, window, beads, head)
     if writing.line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), writing.line_mm))
     check_width(lines.width, lines.line)
@@ -165,7 +169,8 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments
     stepped = run_strokes(run, writing.printer, per_mm, writing.flow_ul_s, level=False)
     if writing.flow_ul_s is not None:
         return filaments(ideal, WINDOWLESS_MM), filaments(stepped, WINDOWLESS_MM)
-    return filaments(ideal, _window(run, ideal, per_mm)), filaments(stepped, SMOOTHING_MM)
+    window = flow_window(run.program.plunger, ideal, per_mm)
+    return filaments(ideal, window), filaments(stepped, SMOOTHING_MM)
 
 
 def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
@@ -176,21 +181,13 @@ def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Fila
         strokes = plunger_strokes(view.program, per_mm, level=False)
         if not len(strokes.line):
             continue
-        ideal.append(filaments(strokes, _window(view, strokes, per_mm)))
+        ideal.append(filaments(strokes, flow_window(view.program.plunger, strokes, per_mm)))
         printer = writing.printer.of_head(number)
         stepped = run_strokes(view, printer, per_mm, None, level=False)
         after.append(filaments(stepped, SMOOTHING_MM))
     if not ideal:
         raise UsageError("no move of the G-code pushes ink on its way; is E in it?")
     return stacked_filaments(ideal), stacked_filaments(after)
-
-
-def _window(run: DryRun, strokes: Strokes, ul_per_mm: float) -> float:
-    """Way over which the digits that the file gives E average out, mm."""
-    way = float(np.linalg.norm(strokes.end - strokes.begin, axis=1).sum())
-    digit = last_digit_mm(run.program.plunger) * ul_per_mm
-    area = float(strokes.dose_ul.sum()) / way if way > 0 else 0.0
-    return max(window_mm(digit, area), WINDOWLESS_MM)
 
 
 def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
         within,
     )
     from registration.gauging.junctions import find_junction_changes
+    from registration.gauging.ledges import with_ledges
     from registration.gauging.parts import led_through, part_of, without_dead_ends
     from registration.gauging.perfusion import Perfusion, with_interval
     from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
     from registration.gauging.trace import VesselTrace, trace_vessels
-    from registration.gauging.vessels import VesselGauge, gauge_vessels
+    from registration.gauging.vessels import VesselGauge, gauge_vessels, without_resistance
 
 __all__ = [
     "TOLERANCES_UM",
@@ -54,9 +55,11 @@ __all__ = [
     "surface_points",
     "trace_vessels",
     "with_interval",
+    "with_ledges",
     "withdrawn",
     "within",
     "without_dead_ends",
+    "without_resistance",
 ]
 
 __getattr__ = on_demand(__name__)

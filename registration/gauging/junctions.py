@@ -3,7 +3,9 @@
 What wall a vessel has there is held against the design's surface: walls that lie off by w on
 average change its diameter by 2 w. The same average, taken where whole sections were measured, says
 how much it scatters in this very scan; with a part of the wall alone it scatters by one over the
-root of that part more, and by `RIM` beside a rim.
+root of that part more, and by `RIM` beside a rim. A lumen that lies aside moves opposite walls
+oppositely, which a part of the wall doesn't average out: how far it lies aside is told by the
+nearest whole sections.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ LEAST_UM = 25.0
 """A smaller change of a diameter isn't told from a junction's rounded rim."""
 LEAST_SECTIONS, LEAST_OWN = 10, 5
 """Whole sections of all vessels, to know the scatter; of a vessel, to be its own level."""
+ASIDE_SECTIONS = 8
+"""Whole sections nearest to an end of a vessel that tell how far it lies aside there."""
 _MAD = 1.4826
 
 
@@ -68,8 +72,8 @@ def find_junction_changes(
     false_alarm : float
         Probability, at most, that a clean scan shows one.
     """
-    walls = _walls(traces, wall, deviation_mm)
     whole = np.concatenate([trace.counted & (trace.diameter > 0) for trace in traces])
+    walls = _walls(traces, wall, deviation_mm, whole)
     whole &= np.isfinite(walls.change)
     if whole.sum() < LEAST_SECTIONS:
         return []
@@ -93,15 +97,50 @@ def find_junction_changes(
     return out
 
 
-def _walls(traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray) -> _Walls:
+def _walls(
+    traces: tuple[VesselTrace, ...], wall: FloatArray, off: FloatArray, whole: BoolArray
+) -> _Walls:
     """Mean of 2 w over the wall nearest to each station, within half a radius of the design's."""
     centre = np.concatenate([trace.centre for trace in traces])
     radius = np.concatenate([trace.radius for trace in traces])
     which, near = near_walls(centre, radius, wall)
-    count = np.bincount(which[near], minlength=len(centre))
-    total = np.bincount(which[near], 2 * off[near], len(centre))
+    which, off = which[near], off[near]
+    normal = wall[near] - centre[which]
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    off = off - (normal * _aside(traces, normal, off, which, whole)[which]).sum(axis=1)
+    count = np.bincount(which, minlength=len(centre))
+    total = np.bincount(which, 2 * off, len(centre))
     with np.errstate(invalid="ignore", divide="ignore"):
         return _Walls(total / count, count.astype(np.int64))
+
+
+def _aside(
+    traces: tuple[VesselTrace, ...],
+    normal: FloatArray,
+    off: FloatArray,
+    which: IntArray,
+    whole: BoolArray,
+) -> FloatArray:
+    """How far the lumen lies aside of the design at each station, (n, 3), mm.
+
+    Least squares of w = mean + normal · aside over the nearest whole sections of either half of a
+    vessel; 0 with fewer than `LEAST_OWN`. Along a straight vessel it isn't known, and 0.
+    """
+    out, first = np.zeros((len(whole), 3)), 0
+    for trace in traces:
+        stations = np.arange(first, first + len(trace.along))
+        first += len(stations)
+        known = stations[whole[stations]]
+        if len(known) < LEAST_OWN:
+            continue
+        halves = np.array_split(stations, 2)
+        for half, used in zip(
+            halves, (known[:ASIDE_SECTIONS], known[-ASIDE_SECTIONS:]), strict=True
+        ):
+            chosen = np.isin(which, used)
+            terms = np.column_stack([np.ones(chosen.sum()), normal[chosen]])
+            out[half] = np.linalg.lstsq(terms, off[chosen], rcond=1e-3)[0][1:]
+    return out
 
 
 def _lesser(change: FloatArray, own: float, every: float) -> FloatArray:
@@ -120,6 +159,18 @@ def _level_and_spread(change: FloatArray) -> tuple[float, float]:
     return level, max(_MAD * float(np.median(np.abs(change - level))), 1e-3)
 
 
+def _size(off: FloatArray, error: FloatArray, worst: int, first: int, last: int) -> float:
+    """Return the mean over the surest station of a run and neighbours that noise sets apart, mm.
+
+    The largest of several is the one that noise made so; a neighbour within the difference's
+    95 % is as good.
+    """
+    near = np.arange(max(first, worst - 1), min(last, worst + 2))
+    apart = np.abs(off[near] - off[worst])
+    near = near[apart <= 1.96 * np.hypot(error[near], error[worst])]
+    return float(np.average(off[near], weights=error[near] ** -2))
+
+
 def _defects(
     trace: VesselTrace, off: FloatArray, error: FloatArray, stands_out: BoolArray
 ) -> list[Defect]:
@@ -129,8 +180,8 @@ def _defects(
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         if sign[first] == 0:
             continue
-        worst = first + int(np.argmax(np.abs(off[first:last])))
-        size = float(off[worst])
+        worst = first + int(np.argmax(np.abs(off[first:last]) / error[first:last]))
+        size = _size(off, error, worst, first, last)
         out.append(
             Defect(
                 kind="bulge" if size > 0 else "stenosis",

@@ -138,10 +138,15 @@ def _shape(radii: FloatArray, blur: float) -> tuple[FloatArray, FloatArray]:
     mean = np.maximum(spectrum[:, 0].real, 1e-9)
     second = np.minimum(2 * np.abs(spectrum[:, 2]), 0.9 * mean)
     rest = np.sqrt(2 * (np.abs(spectrum[:, 3:]) ** 2).sum(axis=1))
-    independent = np.clip(np.sqrt(np.pi) * mean / max(blur, 1e-9), 6.0, radii.shape[1])
+    independent = independent_rays(mean, blur)
     # Harmonics 0 to 2 have taken five degrees of freedom.
     error = rest / np.sqrt(independent - 5.0)
     return (mean + second) / (mean - second), 2 * error
+
+
+def independent_rays(radius: FloatArray, blur: float) -> FloatArray:
+    """Number of rays that err independently under a blur (`_shape`)."""
+    return np.asarray(np.clip(np.sqrt(np.pi) * radius / max(blur, 1e-9), 6.0, RAYS))
 
 
 def _true(diameter: FloatArray, blur: float, walls: FloatArray) -> FloatArray:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselKind, VesselNetwork
 from registration.alignment import Fit, Uncertainty
+from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
 from registration.gauging.outlines import Outlines, outlines
 from registration.gauging.planes import stations
@@ -61,7 +63,8 @@ class VesselGauge:
         Number measured.
     resistance_ratio : float
         Poiseuille resistance as printed over as designed, over the clear sections: the ratio of
-        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed.
+        the means of 1/d⁴, times the stretch of the vessel's length; inf when closed, NaN where
+        the lumen changes within a junction (`without_resistance`).
     along_mm, diameter_um, area_mm2, ovality_along, offset_along_um, noise_um : (n,) float64
         The sections measured: distance from the first node, diameter, area, ovality, the
         centroid's offset, and the diameter's standard error. NaN where closed (diameter and
@@ -162,6 +165,24 @@ def gauge_vessels(
             pose,
         )
         for trace in traces
+    )
+
+
+def without_resistance(
+    vessels: tuple[VesselGauge, ...], hidden: Sequence[Defect]
+) -> tuple[VesselGauge, ...]:
+    """Withdraw the resistance ratio of vessels whose lumen changes within a junction.
+
+    The ratio is over whole sections; what narrows a junction isn't in it, and a fifth of a wall
+    tells that there is a change, not how wide the lumen is.
+    """
+    changed = {defect.vessel for defect in hidden} | {defect.other for defect in hidden}
+    none = float("nan")
+    return tuple(
+        replace(v, resistance_ratio=none, resistance_ratio_95=(none, none))
+        if v.vessel in changed
+        else v
+        for v in vessels
     )
 
 

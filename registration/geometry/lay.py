@@ -235,7 +235,7 @@ def _words(datums: Sequence[Datum]) -> str:
     return (
         f"Datums: {said}. The design is laid, without stretching it, so that it meets the primary "
         "datum as measured; each further datum only settles what those before it left free. "
-        "Planes and axes of datums are least squares fits."
+        'Planes and axes of datums are least squares fits. "Rigid" in this report is that frame.'
     )
 
 

@@ -41,9 +41,7 @@ def _way(feature: Record) -> str:
     to = "out" if other is None else f"into vessel {other}"
     said = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
     if feature.get("doubt") == "shade":
-        return (
-            f"{said}: not proven, as gel below a bubble or a particle looks alike; see its picture"
-        )
+        said += ": not proven, as gel below a bubble or a particle looks alike; see its picture"
     return said
 
 

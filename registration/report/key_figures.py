@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from registration.report.sections import mapping, records
+from registration.report.sections import mapping, records, surfaces
 from registration.report.wording import duration, is_number, number, plain
 
 
@@ -37,14 +37,18 @@ def _rms(data: Mapping[str, Any]) -> KeyFigure | None:
 
 
 def _within(data: Mapping[str, Any]) -> KeyFigure | None:
-    within = mapping(mapping(mapping(data, "registration"), "rigid"), "within")
+    of, part = next(iter(surfaces(mapping(data, "registration")).items()))
+    within = mapping(mapping(part, "rigid"), "within")
     bounds = [key for key in within if is_number(within[key]) and key.isdecimal()]
     if not bounds:
         return None
     widest = max(bounds, key=float)
     rest = [f"{number(100 * within[k], 3)} % within {k}" for k in bounds if k != widest]
     return KeyFigure(
-        f"Within ± {widest} µm", number(100 * within[widest], 3), "%", " · ".join(rest)
+        f"{of} within ± {widest} µm".strip().capitalize(),
+        number(100 * within[widest], 3),
+        "%",
+        " · ".join(rest),
     )
 
 

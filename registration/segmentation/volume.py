@@ -35,10 +35,14 @@ class GelField:
     wall_mm : float, mm
         How much further into the gel walls truly lie than where the level is crossed.
     faint_mm : float, mm
-        Part of `wall_mm` that takes half of the faintest reflections off.
+        Part of `wall_mm` that takes half of the faintest reflections off, as if walls had ledges
+        all over.
     facing_mm : float, mm
         The same, for walls that face the light or away from it, beyond `wall_mm`; walls along the
         light have none of it, and between it goes with the square of the normal's part along z.
+    cut_mm : float, mm
+        How much further into the gel walls lie for the cap on bright voxels. Not in `wall_mm`:
+        sections alone are moved by it (`gauging.ledges`).
     """
 
     values: Volume
@@ -50,6 +54,7 @@ class GelField:
     wall_mm: float = 0.0
     faint_mm: float = 0.0
     facing_mm: float = 0.0
+    cut_mm: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
         """``sign * value - level`` at (..., 3) scan positions; NaN outside the field of view."""

@@ -55,7 +55,10 @@ def may_be_shade(
 
 
 def _below(path: FloatArray, glints: FloatArray, reach: float, down: int) -> BoolArray:
-    """Return which places (n, 3) of a path lie below a glint (m, 3) within `reach`; mm, (n,)."""
+    """Return which places (n, 3) of a path lie below a glint (m, 3) within `reach`; mm, (n,).
+
+    Nearer than twice that it may be the way's own ceiling, which faces the light.
+    """
     apart = np.linalg.norm(path[:, None, :2] - glints[None, :, :2], axis=2)
-    above = down * (path[:, None, 2] - glints[None, :, 2]) > 0
+    above = down * (path[:, None, 2] - glints[None, :, 2]) > 2 * reach
     return np.asarray(((apart <= reach) & above).any(axis=1))

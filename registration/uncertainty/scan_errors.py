@@ -28,6 +28,9 @@ OUTER_PART = 0.11
 """The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`),
 and a beam that widens away from its focus takes part of its light past the face (calibrated on a
 third generator with such a beam; the spectral one's upright faces show 0.043)."""
+CUT_PART = 0.5
+"""Relative standard uncertainty of what the cap on bright voxels moves walls by (`oct_field.CUT`):
+haze and noise double it (a third generator), real scatterers make it a tenth less."""
 LEAST_STEP = 0.25
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
 BLUR_PART = 0.1
@@ -58,6 +61,8 @@ class ScanErrors:
         Unit vector of the light's way, in the scan's frame.
     faint_mm : float, mm
         Of the place of all walls alike, by reflections no brighter than gel.
+    cut_mm : float, mm
+        Of the place of walls in sections, by the cap on bright voxels.
     """
 
     level_mm: float
@@ -69,6 +74,7 @@ class ScanErrors:
     blur_mm: float
     beam: FloatArray
     faint_mm: float = 0.0
+    cut_mm: float = 0.0
 
     @staticmethod
     def of_blur(blur_mm: float) -> ScanErrors:
@@ -102,14 +108,17 @@ def scan_errors(
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
+    cut = CUT_PART * field.cut_mm
     faint, facing = rectangular(field.faint_mm), rectangular(field.facing_mm)
     if walls is not None:
         level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
+        cut = 0.0
     return ScanErrors(
         level_mm=level,
         outer_mm=outer,
         faint_mm=faint,
         facing_mm=facing,
+        cut_mm=cut,
         wall_dof=WALL_DOF,
         depth=_depth(scan),
         lateral=rectangular(LATERAL_HALF_WIDTH)

@@ -163,7 +163,7 @@ def bridge(vessels, one, other, place):
 
 
 @pytest.mark.parametrize("name", sorted(BRIDGES))
-def test_no_bridge_runs_through_a_third_vessel(name, tmp_path):
+def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
     if name in SHARED:
         if not present("shared"):
             pytest.skip("the shared generator isn't there")
@@ -175,6 +175,9 @@ def test_no_bridge_runs_through_a_third_vessel(name, tmp_path):
     vessels, (one, other) = pieces(network), BRIDGES[name]
     for place in np.linspace(*BRIDGED_AT, 9):
         way = bridge(vessels, one, other, place)
+        if name not in SHARED:
+            planes = DESIGNS[name]().body.planes
+            assert (planes[:, 3] - way @ planes[:, :3].T).min() > WIDEST_MM / 2, place
         for third in set(vessels) - {one, other}:
             gap = min((away(way, a, b) - r).min() for a, b, r in vessels[third])
             assert gap > WIDEST_MM / 2, (place, third)

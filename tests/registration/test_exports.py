@@ -49,7 +49,7 @@ def test_tables_hold_every_vessel_section_and_defect(
     _, report = registered
     names = write_tables(tmp_path, report)
     assert names == ("vessels.csv", "sections.csv", "defects.csv", "characteristics.csv")
-    vessels, sections, defects = (
+    vessels, sections, defects, zones = (
         list(csv.DictReader((tmp_path / name).read_text("utf-8").splitlines())) for name in names
     )
     assert [int(row["vessel"]) for row in vessels] == list(range(5))
@@ -57,6 +57,7 @@ def test_tables_hold_every_vessel_section_and_defect(
     assert vessels[WIDE]["open"] == "True"
     assert float(vessels[WIDE]["share"]) == pytest.approx(1)
     assert len(sections) == sum(vessel.sections for vessel in report.vessels)
+    assert [row["feature"] for row in zones] == [one.feature for one in report.characteristics]
     assert [row["kind"] for row in defects] == ["occlusion"]
     assert float(defects[0]["x_mm"]) == 6.3
     assert defects[0]["other"] == defects[0]["percent"] == defects[0]["significance"] == ""

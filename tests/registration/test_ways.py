@@ -77,7 +77,7 @@ def test_light_from_below_gives_the_same_evidence() -> None:
     signal = Strength(np.ascontiguousarray(scan.strength.signal[::-1]), 0.0)
     upwards = gel_evidence(turned, signal, depth_down=False)
     apart = np.abs(np.asarray(upwards.smooth)[::-1] - np.asarray(whole.smooth))
-    assert np.percentile(apart, 99) < 0.01
+    assert float(np.percentile(apart, 99)) < 0.01
     assert (upwards.glints.down, len(upwards.glints.share)) == (-1, len(whole.glints.share))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.travel import with_shorter_ways
@@ -16,6 +17,9 @@ from design.toolpath.toolpath import IntArray
 
 ROUNDS, PATIENCE = 8, 3
 """At most so many, and so many that are no better than the best before."""
+WORK = 100_000
+"""Elements that all rounds may order together: what a large network leaves open after its first
+round is open by its design."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ def ordered(
     """
     asked = one_way(rules, elements.vessel)
     best = _best_round(elements, rules, asked, head, joiner, shorten=True)
-    if best.joined.open:
+    if best.joined.open and _rounds(elements) == ROUNDS:
         plain = _best_round(elements, rules, asked, head, joiner, shorten=False)
         best = min(best, plain, key=_score)
     return best.passes, best.joined
@@ -48,9 +52,10 @@ def _best_round(
     elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, *, shorten: bool
 ) -> _Order:
     best: _Order | None = None
-    since = 0
-    for _ in range(ROUNDS):
+    since, random = 0, np.random.default_rng(0)
+    for _ in range(_rounds(elements)):
         passes = Scheduler(elements, asked, head).run()
+        passes = fewest(passes, elements, asked, head, random)
         if shorten:
             passes = with_shorter_ways(passes, elements, asked, head)
         one = _judged(passes, rules, joiner)
@@ -64,6 +69,10 @@ def _best_round(
             break
     assert best is not None
     return best
+
+
+def _rounds(elements: Elements) -> int:
+    return min(max(WORK // len(elements.end), 1), ROUNDS)
 
 
 def _score(one: _Order) -> tuple[tuple[int, ...], int]:

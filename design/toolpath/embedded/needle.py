@@ -55,3 +55,39 @@ def radius_at(needle: Needle, height: float) -> float:
 def joint_reach(needle: Needle, radius: float) -> float:
     """How far along the network ink belongs to the place that is written, mm."""
     return JOINT * (needle.joint_mm + radius) + needle.overlap_radii * radius
+
+
+@jit
+def off_shaft(across: float, height: float, needle: Needle) -> float:
+    """Distance from the shaft of a place so far from its axis and above its tip, mm.
+
+    Inside it is below 0: how far the place is from the shaft's side, or from the plane of its tip.
+    Below the tip's edge it is the distance to that edge.
+    """
+    if height >= needle.cone_mm:
+        return across - needle.shaft_mm
+    out = across - needle.tip_mm
+    if needle.cone_mm > 0.0:
+        slope = (needle.shaft_mm - needle.tip_mm) / needle.cone_mm
+        slant = math.sqrt(1.0 + slope * slope)
+        if height > -slope * out:  # beside the cone, and not beneath its edge
+            return (out - slope * height) / slant
+    if height >= 0.0:
+        return out
+    if out <= 0.0:
+        return -height
+    return math.sqrt(out * out + height * height)
+
+
+@jit
+def without_clearance(needle: Needle) -> Needle:
+    """As `Needle.bare`, for kernels."""
+    shaft = needle.shaft_mm - needle.tip_mm + needle.bare_mm
+    return Needle(
+        needle.joint_mm,
+        needle.bare_mm,
+        needle.bare_mm,
+        shaft,
+        needle.cone_mm,
+        needle.overlap_radii,
+    )

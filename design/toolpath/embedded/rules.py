@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.meetings import Meetings, outside_joints
-from design.toolpath.embedded.needle import Needle, joint_reach, radius_at
+from design.toolpath.embedded.needle import (
+    Needle,
+    joint_reach,
+    off_shaft,
+    radius_at,
+    without_clearance,
+)
 from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
@@ -22,6 +28,12 @@ from kernels import jit
 TIPS = 3
 """Places of the tip along an element. Elements are no longer than half the shaft's radius R, so
 that a touch between two places is missed by at most R/128, which the clearance covers."""
+
+FINE_TIPS = 17
+"""The same for the account, which tells what is entered."""
+
+THIRDS = 10
+"""Thirds of a stretch left out, one after another, in the search for its nearest place."""
 
 GRAZE = 0.01
 """Harm where the needle itself passes by, against that of a crossing: where two elements bar each
@@ -133,9 +145,11 @@ def _places(keys: IntArray, known: IntArray) -> IntArray:
 def entered(
     first: IntArray, after: IntArray, elements: Elements, meetings: Meetings, needle: Needle
 ) -> NDArray[np.bool_]:
-    """Which of these pairs (k,) the needle itself enters, its clearance apart."""
-    bare = needle.bare()
-    depth = (_pair_depth(i, j, elements, meetings, bare) for i, j in zip(first, after, strict=True))
+    """Which of these pairs (k,) the needle enters: `Needle.bare` without its clearance."""
+    depth = (
+        _pair_depth(i, j, FINE_TIPS, elements, meetings, needle)
+        for i, j in zip(first, after, strict=True)
+    )
     return np.fromiter(depth, dtype=np.float64, count=len(first)) > 0.0
 
 
@@ -188,18 +202,55 @@ def _harm(
     room = radius_at(needle, height) + thick - flat_gap(tip[0], tip[1], a, b, low, high)
     if room <= 0.0:
         return 0.0
+    room = thick - _off_shaft(tip, a, b, low, high, needle)
+    if room <= 0.0:
+        return 0.0
     filled = min(height, 2.0 * thick)
-    return filled if room > needle.tip_mm - needle.bare_mm else GRAZE * filled
+    if room < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
+        room = thick - _off_shaft(tip, a, b, low, high, without_clearance(needle))
+    return filled if room > 0.0 else GRAZE * filled
 
 
 @jit
-def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
+def _off_shaft(
+    tip: FloatArray, a: FloatArray, b: FloatArray, low: float, high: float, needle: Needle
+) -> float:
+    """Least distance of a part of an axis to the shaft, mm; below 0 inside, as deep as across.
+
+    The shaft is convex, so its distance along a straight line has one least value: thirds of the
+    part are dropped until `THIRDS` are.
+    """
+    if min(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) >= tip[2] and (
+        needle.cone_mm == 0.0
+    ):
+        return flat_gap(tip[0], tip[1], a, b, low, high) - needle.shaft_mm
+    for _ in range(THIRDS):
+        third = (high - low) / 3.0
+        one = _off_at(tip, a, b, low + third, needle)
+        other = _off_at(tip, a, b, high - third, needle)
+        if one < other:
+            high -= third
+        else:
+            low += third
+    return _off_at(tip, a, b, 0.5 * (low + high), needle)
+
+
+@jit
+def _off_at(tip: FloatArray, a: FloatArray, b: FloatArray, t: float, needle: Needle) -> float:
+    x, y = a[0] + t * (b[0] - a[0]) - tip[0], a[1] + t * (b[1] - a[1]) - tip[1]
+    return off_shaft(np.sqrt(x * x + y * y), a[2] + t * (b[2] - a[2]) - tip[2], needle)
+
+
+@jit
+def _pair_depth(
+    i: int, j: int, tips: int, elements: Elements, meetings: Meetings, needle: Needle
+) -> float:
     """Most harm that the shaft does to element j while i is written, mm."""
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     radius = max(elements.radius[i, 0], elements.radius[i, 1])
     most = 0.0
-    for k in range(TIPS):
-        share = k / (TIPS - 1.0)
+    for k in range(tips):
+        share = k / (tips - 1.0)
         tip = tail + share * (head - tail)
         at = elements.arc[i] + share * elements.length[i]
         vessel = elements.vessel[i]
@@ -232,7 +283,7 @@ def _all_pairs(
                 j = squares.member[m]
                 if j == i:
                     continue
-                harm = _pair_depth(i, j, elements, meetings, needle)
+                harm = _pair_depth(i, j, TIPS, elements, meetings, needle)
                 if harm > 0.0:
                     if total == size:
                         size *= 2

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.pass_rules import PassRules, pass_ends, pass_rules, turned
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.walk import Leg
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -32,38 +32,12 @@ def with_shorter_ways(
     """The passes in an order, and each in the direction, that makes the ways between them short."""
     if len(passes) < 3:
         return passes
-    number = np.empty(len(elements.end), dtype=np.int64)
-    for k, one in enumerate(passes):
-        number[one.elements()] = k
-    first = number[np.repeat(np.arange(len(number)), np.diff(rules.begin))]
-    after = number[rules.after]
-    turns = np.ones(len(passes), dtype=np.bool_)
-    turns[first[first == after]] = False
-    before = _grouped(first, after, len(passes))
-    ends = np.array([_ends(one, elements) for one in passes])
+    graph = pass_rules(passes, elements, rules)
+    ends = elements.point[np.array([pass_ends(one, elements) for one in passes])]
     tool = np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
-    order, turned = np.arange(len(passes)), np.zeros(len(passes), dtype=np.bool_)
-    _improve(order, turned, ends, tool, turns, *before, *_grouped(after, first, len(passes)))
-    return [_turned(passes[k]) if turned[k] else passes[k] for k in order.tolist()]
-
-
-def _grouped(one: IntArray, other: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Of each `one` where its `other` begin, and those of all in a row; without repeats."""
-    key = np.unique((one * count + other)[one != other])
-    begin = np.searchsorted(key, np.arange(count + 1) * count)
-    return begin, key % count
-
-
-def _ends(one: Pass, elements: Elements) -> FloatArray:
-    """First and last point of a pass, (2, 3), mm."""
-    start, last = one.legs[0], one.legs[-1]
-    here = elements.end[start.element, 0 if start.step > 0 else 1]
-    there = elements.end[last.last, 1 if last.step > 0 else 0]
-    return elements.point[[here, there]]
-
-
-def _turned(one: Pass) -> Pass:
-    return Pass(tuple(Leg(leg.last, -leg.step, leg.size) for leg in one.legs[::-1]))
+    order, back = np.arange(len(passes)), np.zeros(len(passes), dtype=np.bool_)
+    _improve(order, back, ends, tool, graph)
+    return [turned(passes[k]) if back[k] else passes[k] for k in order.tolist()]
 
 
 @jit
@@ -76,26 +50,45 @@ def _way(one: int, back: bool, other: int, turned: bool, ends: FloatArray, tool:
 
 @jit
 def _improve(
-    order: IntArray, turned: Flags, ends: FloatArray, tool: IntArray, turns: Flags,
-    after_begin: IntArray, after: IntArray, before_begin: IntArray, before: IntArray,
-) -> None:  # fmt: skip
-    """Move runs of passes, in `order` and `turned` themselves, until nothing gets shorter."""
-    place = np.empty(len(order), dtype=np.int64)
-    for k in range(len(order)):
-        place[order[k]] = k
+    order: IntArray, turned: Flags, ends: FloatArray, tool: IntArray, graph: PassRules
+) -> None:
+    """Move runs of passes, in `order` and `turned` themselves, until nothing gets shorter.
+
+    After the first sweep only passes beside which the order has changed are looked at again.
+    """
+    place, now = np.arange(len(order)), np.ones(len(order), dtype=np.bool_)
     for _ in range(SWEEPS):
         changed = False
+        later = np.zeros(len(order), dtype=np.bool_)
         for low in range(len(order)):
             for size in range(1, min(RUN, len(order) - low) + 1):
-                to, back = _best_place(
-                    low, size, order, turned, place, ends, tool, turns,
-                    after_begin, after, before_begin, before,
-                )  # fmt: skip
+                if not _any(now, later, order, low, size):
+                    continue
+                to, back = _best_place(low, size, order, turned, place, ends, tool, graph)
                 if to >= 0:
+                    _touch(later, order, low, low + size)
+                    _touch(later, order, to, to)
                     _move(low, size, to, back, order, turned, place)
                     changed = True
+        now = later
         if not changed:
             return
+
+
+@jit
+def _any(now: Flags, later: Flags, order: IntArray, low: int, size: int) -> bool:
+    """Whether one of a run of passes is to be looked at."""
+    found = False
+    for k in range(low, low + size):
+        found |= now[order[k]] or later[order[k]]
+    return found
+
+
+@jit
+def _touch(flags: Flags, order: IntArray, low: int, high: int) -> None:
+    """Mark passes from one before a place to one behind another."""
+    for k in range(max(low - 1, 0), min(high + 1, len(order))):
+        flags[order[k]] = True
 
 
 @jit
@@ -110,33 +103,29 @@ def _between(
 
 @jit
 def _window(
-    low: int, high: int, order: IntArray, place: IntArray,
-    after_begin: IntArray, after: IntArray, before_begin: IntArray, before: IntArray,
-) -> tuple[int, int]:  # fmt: skip
+    low: int, high: int, order: IntArray, place: IntArray, graph: PassRules
+) -> tuple[int, int]:
     """First and last place before which the run from ``low`` to ``high - 1`` may stand."""
     first, last = 0, len(order)
     for k in range(low, high):
         p = order[k]
-        for m in range(before_begin[p], before_begin[p + 1]):
-            if not low <= place[before[m]] < high:
-                first = max(first, place[before[m]] + 1)
-        for m in range(after_begin[p], after_begin[p + 1]):
-            if not low <= place[after[m]] < high:
-                last = min(last, place[after[m]])
+        for m in range(graph.before_begin[p], graph.before_begin[p + 1]):
+            if not low <= place[graph.before[m]] < high:
+                first = max(first, place[graph.before[m]] + 1)
+        for m in range(graph.after_begin[p], graph.after_begin[p + 1]):
+            if not low <= place[graph.after[m]] < high:
+                last = min(last, place[graph.after[m]])
     return first, last
 
 
 @jit
 def _best_place(
     low: int, size: int, order: IntArray, turned: Flags, place: IntArray, ends: FloatArray,
-    tool: IntArray, turns: Flags, after_begin: IntArray, after: IntArray,
-    before_begin: IntArray, before: IntArray,
+    tool: IntArray, graph: PassRules,
 ) -> tuple[int, bool]:  # fmt: skip
     """Where a run had better go: before which place, and whether turned round; -1 for nowhere."""
     high = low + size
-    first, last = _window(
-        low, high, order, place, after_begin, after, before_begin, before
-    )  # fmt: skip
+    first, last = _window(low, high, order, place, graph)
     p, q = order[low], order[high - 1]
     freed = _between(low - 1, low, order, turned, ends, tool)
     freed += _between(high - 1, high, order, turned, ends, tool)
@@ -149,7 +138,7 @@ def _best_place(
         a, b = (low - 1, high) if stays else (to - 1, to)
         closed = _between(a, b, order, turned, ends, tool)
         for flip in (False, True):
-            if (flip and (size > 1 or not turns[p])) or (stays and not flip):
+            if (flip and (size > 1 or not graph.turns[p])) or (stays and not flip):
                 continue
             cost = -closed
             if a >= 0:

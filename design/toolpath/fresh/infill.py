@@ -17,6 +17,8 @@ from design.toolpath.toolpath import FloatArray, IntArray
 
 #: Half lines shorter than this many widths aren't worth a start and a stop.
 SHORTEST_HALF = 2.0
+#: Lines that fill a region wholly differ by no more than this part of their width to fit in it.
+STRETCH = 0.05
 #: Nor whole lines shorter than this.
 SHORTEST_WHOLE = 0.5
 
@@ -62,9 +64,13 @@ def infill_paths(
     origin: FloatArray,
     density: float,
 ) -> Paths:
-    """Lines of ``width_mm`` over ``density`` of the region inside ``contours``; see `fill`."""
+    """Lines of ``width_mm`` over ``density`` of the region inside ``contours``; see `fill`.
+
+    Lines that fill it wholly are up to `STRETCH` wider or narrower, so that a whole number of them
+    fits between its lowest and its highest place across them.
+    """
     if density >= 1:
-        lines = fill(contours, width_mm, angle_deg, origin)
+        lines = fill(contours, *_fitted(contours, width_mm, angle_deg, origin))
     elif density > 0:
         lines = spaced(contours, width_mm, width_mm / density, angle_deg, origin)
     else:
@@ -78,6 +84,21 @@ def infill_paths(
         np.full(count, int(Role.INFILL)),
         np.zeros(count, dtype=np.int64),
     )
+
+
+def _fitted(
+    contours: list[FloatArray], width_mm: float, angle_deg: float, origin: FloatArray
+) -> tuple[float, float, FloatArray]:
+    """Width, angle and origin for `fill`; as they are where no whole number of lines fits."""
+    if not contours:
+        return width_mm, angle_deg, origin
+    across = _rotation(-angle_deg)[1]
+    place = np.concatenate(contours) @ across
+    low, high = float(place.min()), float(place.max())
+    fitted = (high - low) / max(round((high - low) / width_mm), 1)
+    if abs(fitted / width_mm - 1) > STRETCH:
+        return width_mm, angle_deg, origin
+    return fitted, angle_deg, origin + (low - float(origin @ across)) * across
 
 
 def spaced(

@@ -128,7 +128,7 @@ class FreshLayers:
         every = self._measured_every()
         regions = Regions(self._regions, options.compensation)
         carriage = Carriage(self._heads, low[:2])
-        for layer in layers(self._solid, options.layer_height_mm):
+        for layer in layers(self._solid, options.layer_height_mm, options.inset_mm):
             sections = _sections(layer, self._heads, regions.at(layer.middle_mm), low[:2])
             laid = carriage.write(sections, layer.tip_mm)
             measured = layer.index % every == 0
@@ -179,7 +179,7 @@ def _sections(
     border of two inks is no hole in either of them, and inks abut there.
     """
     part = heads[0]
-    material = clear_of_lumens(layer.material, part.clear_mm + part.compensation.radial_mm)
+    material = clear_of_lumens(layer.carved, part.clear_mm + part.compensation.radial_mm)
     parted = cut.sections(material)
     if set(parted) <= {0}:
         paths = _section_paths(moved_in(material, part.inset_mm), layer, cut, part, origin)

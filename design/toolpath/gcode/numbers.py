@@ -8,27 +8,38 @@ from typing import Final
 
 from firmware_profiles import Printer
 
-FLOAT32_DIGITS: Final = 2**23
-"""A float32 holds whole quanta exactly up to this many, and four times as finely to a quarter."""
+FLOAT32_WHOLE: Final = 2**24
+"""A float32 holds every whole number up to this one."""
+_E_DIGITS: Final = 7
+"""The most with which a float32 holds a whole millimetre and its last digit; E is counted anew by
+whole millimetres. A motor step is several short moves' ink, each of which must still have its own
+dose: 0.1 mm of a line 0.15 x 0.06 mm is 5e-5 mm in a bore of 4.61 mm."""
 
 
 @dataclass(frozen=True)
 class Decimals:
     """Digits after the point for X, Y, Z and E.
 
-    Positions have three, or as many as make the last digit finer than a quarter of a motor step;
-    E as many as that needs.
+    Positions have three, or as many as make the last digit finer than a quarter of a motor step.
+
+    Attributes
+    ----------
+    x, y, z, e : int
+    e_move_mm : float, mm
+        Largest push of one move: so large an E still has, in a float32, a quarter of the first
+        digit finer than a quarter of a motor step.
     """
 
     x: int
     y: int
     z: int
     e: int
+    e_move_mm: float
 
     @property
     def e_limit_quanta(self) -> int:
-        """Largest E, in its last digit, of which float32 still keeps a quarter of that digit."""
-        return FLOAT32_DIGITS // 4
+        """Largest E, in its last digit, of which float32 still keeps that digit."""
+        return FLOAT32_WHOLE
 
 
 def decimals_for(printer: Printer) -> Decimals:
@@ -38,7 +49,8 @@ def decimals_for(printer: Printer) -> Decimals:
         x=max(3, _digits(steps.x)),
         y=max(3, _digits(steps.y)),
         z=max(3, _digits(steps.z)),
-        e=_digits(steps.e),
+        e=_E_DIGITS,
+        e_move_mm=FLOAT32_WHOLE / 8 / 10 ** _digits(steps.e),
     )
 
 

@@ -154,13 +154,13 @@ def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -
 
 
 def _counted_anew(table: Table, reached: Reached, digits: Decimals) -> tuple[Table, int]:
-    """Count E anew (G92) before float32 loses a quarter of its last digit; and the last base.
+    """Count E anew (G92) before float32 loses its last digit; and the last base.
 
     Only whole millimetres are taken away: whole motor steps on a printer with whole steps per
     mm, so that the firmware's own rounding loses nothing either.
     """
     travel = np.append(reached.quanta[_E], table.value[:, _E])
-    rows, bases = _rebase(travel, reached.base, digits.e_limit_quanta, 10**digits.e)
+    rows, bases = _rebase(travel, reached.base, digits)
     value = table.value.copy()
     taken = np.zeros(len(value), dtype=np.int64)
     taken[:1] = reached.base
@@ -173,11 +173,13 @@ def _counted_anew(table: Table, reached: Reached, digits: Decimals) -> tuple[Tab
     return counted, int(bases[-1]) if len(bases) else reached.base
 
 
-def _rebase(travel: IntArray, base: int, limit: int, whole: int) -> tuple[IntArray, IntArray]:
+def _rebase(travel: IntArray, base: int, digits: Decimals) -> tuple[IntArray, IntArray]:
     """Rows before which E is counted anew, and what is taken away from there on.
 
-    ``travel`` (n + 1,) is the plunger's before the first row and after each.
+    ``travel`` (n + 1,) is the plunger's before the first row and after each. A long push leaves E
+    above the limit: its last digit is lost, which is little of so large a dose.
     """
+    limit, whole = digits.e_limit_quanta, 10**digits.e
     rows: list[int] = []
     bases: list[int] = []
     row = 0
@@ -185,14 +187,15 @@ def _rebase(travel: IntArray, base: int, limit: int, whole: int) -> tuple[IntArr
         row += int(over[0])
         before, after = int(travel[row]), int(travel[row + 1])
         base = before // whole * whole
-        if abs(after - base) > limit:
+        if abs(after - base) > digits.e_move_mm * whole:
             raise ToolpathError(
-                f"one move pushes the plunger by {(after - before) / whole:.3f} "
-                f"mm; E holds at most {limit / whole:.3f} mm at a time in the firmware's float32; "
+                f"one move pushes the plunger by {(after - before) / whole:.3f} mm; E holds at "
+                f"most {digits.e_move_mm:.3f} mm at a time in the firmware's float32; "
                 "write it in several moves"
             )
         rows.append(row)
         bases.append(base)
+        row += 1
     return np.array(rows, dtype=np.int64), np.array(bases, dtype=np.int64)
 
 

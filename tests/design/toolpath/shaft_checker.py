@@ -133,7 +133,8 @@ def _hits(tips, vessel, anchor, radius, ink, way, shaft_mm, network):
     found = set()
     for tip in tips:
         across = np.hypot(*(place[:, :2] - tip[:2]).T)
-        hit = np.flatnonzero((across < shaft_mm + thick) & (place[:, 2] + thick > tip[2]))
+        gap = np.hypot(np.maximum(across - shaft_mm, 0), np.maximum(tip[2] - place[:, 2], 0))
+        hit = np.flatnonzero(gap < thick)
         if not len(hit):
             continue
         if anchor is None or np.isfinite(anchor).all():

@@ -62,6 +62,16 @@ def spared(vessel, at, other, places, reach, meetings):
     return found
 
 
+def shaft_gap(places, needle):
+    """Distance of places (k, 3), from the tip, to a shaft made of discs, the tip's the lowest."""
+    across, up = np.hypot(*places[:, :2].T), places[:, 2]
+    found = np.hypot(np.maximum(across - needle.shaft_mm, 0), np.minimum(up - needle.cone_mm, 0))
+    for height in np.linspace(0, needle.cone_mm, 60 if needle.cone_mm else 0):
+        disc = np.maximum(across - radius_at(needle, height), 0)
+        found = np.minimum(found, np.hypot(disc, up - height))
+    return found
+
+
 def naive_rules(net, parts: Parts, slack: float):
     """Pairs of elements by all places of the tip and all places of the ink."""
     elements, needle = parts.elements, parts.needle
@@ -83,10 +93,7 @@ def naive_rules(net, parts: Parts, slack: float):
                 left = ink[j][~joint]
                 if i == j or not len(left):
                     continue
-                height = left[:, 2].max() + thick[j] - tip[2]
-                gap = np.hypot(*(left - tip)[:, :2].T).min()
-                room = radius_at(needle, max(height, 0.0)) + thick[j]
-                if height > -slack and gap < room + slack:
+                if shaft_gap(left - tip, needle).min() < thick[j] + slack:
                     found.add((i, j))
     return found
 

@@ -178,7 +178,9 @@ def test_each_head_has_its_own_lines_and_plunger() -> None:
     for head, own in enumerate((OPTIONS, other)):
         rows = (path.tool == head) & (path.kind == MoveKind.WRITE)
         width = rounded_width(path.volume_ul[rows] / length[rows], HEIGHT)
-        assert np.median(width) == pytest.approx(own.line_width_mm)
+        # Walls to rounding; infill is up to 5 % wider or narrower to fit between them.
+        assert np.median(width) == pytest.approx(own.line_width_mm, rel=0.05)
+        assert np.isclose(width, own.line_width_mm, rtol=1e-7).sum() >= 8
         held = (path.tool == head) & np.isin(path.kind, [MoveKind.PRIME, MoveKind.RETRACT])
         assert held.any()
         np.testing.assert_allclose(np.abs(path.volume_ul[held]), own.retract_ul)

@@ -33,7 +33,10 @@ def test_every_line_holds_the_volume_of_its_bead(plan):
     section = toolpath.volume_ul[write] / toolpath.lengths[write]
     whole = (0.15 - 0.06) * 0.06 + np.pi / 4 * 0.06**2
     half = whole / 2
-    assert np.all(np.isclose(section, whole, rtol=1e-9) | np.isclose(section, half, rtol=1e-9))
+    # Walls to rounding; infill is up to 5 % wider or narrower to fit between them.
+    near = np.isclose(section, whole, rtol=0.05) | np.isclose(section, half, rtol=0.05)
+    assert near.all()
+    assert np.isclose(section, whole, rtol=1e-9).mean() > 0.03
 
 
 def test_retracted_ink_is_primed_again(plan):
@@ -72,7 +75,8 @@ def test_moves_join_end_to_end(plan):
 
 def test_little_is_left_unfilled_and_nothing_lies_outside(plan):
     assert plan.report.unfilled_fraction < 0.005
-    assert plan.report.unfilled.max() < 0.02
+    # Lumens that lie are left open in layers that they reach into, if only from beside the middle.
+    assert plan.report.unfilled.max() < 0.03
     assert plan.report.outside.max() < 0.001
 
 

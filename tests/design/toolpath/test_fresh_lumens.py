@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import pytest
 import shapely
@@ -13,6 +14,7 @@ from tests.design.toolpath.shapes import (
     as_solid,
     block,
     planar_block,
+    rounded_width,
     upright,
     written_area,
 )
@@ -41,6 +43,32 @@ def test_edge_of_upright_lumens_is_the_lines_edge(drilled, walls, angle):
         free = shapely.difference(wider, written)
         assert free.area >= np.pi * (diameter / 2 - FEW_UM) ** 2
         assert free.area <= np.pi * (diameter / 2 + FEW_UM) ** 2 * 0.999
+
+
+@pytest.mark.parametrize("tilt_deg", [15, 30, 45, 60, 75])
+@pytest.mark.parametrize("open_ends", [False, True])
+def test_round_sides_of_lines_touch_a_slanted_lumen_and_stand_not_in_it(tilt_deg, open_ends):
+    """A line is all that is within r of a flat band at mid-layer, r half its height."""
+    radius, height = 0.3, 0.06
+    bar = manifold3d.Manifold.cylinder(12 if open_ends else 6, radius, circular_segments=96)
+    bar = bar.translate([0, 0, -6 if open_ends else -3]).rotate([0, tilt_deg, 0])
+    body = block(7, 2, 1.2).translate([-3.5, -1, -0.6]) - bar
+    path = fresh_toolpath(as_solid(body), FreshOptions())
+    axis = np.array([np.sin(np.radians(tilt_deg)), 0, np.cos(np.radians(tilt_deg))])
+    move = np.flatnonzero(path.kind == MoveKind.WRITE)
+    width = rounded_width(path.volume_ul[move] / path.lengths[move], height)
+    nearest = np.inf
+    for layer in range(6, 14):
+        here = path.source[move] == layer
+        ways = np.stack([path.start[move, :2], path.end[move, :2]], axis=1)[here]
+        band = shapely.union_all(
+            shapely.buffer(shapely.linestrings(ways), (width[here] - height) / 2, quad_segs=32)
+        )
+        rim = shapely.get_coordinates(shapely.segmentize(shapely.boundary(band), 0.01))
+        place = np.column_stack([rim, np.full(len(rim), (layer + 0.5) * height - 0.6)])
+        away = np.linalg.norm(np.cross(place, axis), axis=1) - height / 2
+        nearest = min(nearest, float(away.min()))
+    assert nearest == pytest.approx(radius, abs=5e-3)
 
 
 def test_outer_edge_is_the_solids_edge(drilled):
@@ -87,3 +115,19 @@ def test_planar_block_leaves_nothing_inside_its_lumens():
         assert shapely.difference(lumen.buffer(FEW_UM), written).area == pytest.approx(
             lumen.area, rel=0.01
         )
+
+
+def test_seams_of_a_lumen_are_spread_round_it():
+    """Twelve layers begin in twelve places, no two nearer than a fifth of their even part."""
+    body = block(3, 3, 0.72) - upright(1.5, 1.5, 0.6)
+    path = fresh_toolpath(as_solid(body), FreshOptions())
+    away = path.end[:, :2] - 1.5
+    near = (path.kind == MoveKind.WRITE) & (np.hypot(*away.T) < 0.4)
+    angles = []
+    for layer in range(12):
+        first = np.flatnonzero(near & (path.source == layer))[0]
+        x, y = path.start[first, :2] - 1.5
+        angles.append(np.arctan2(y, x))
+    gaps = np.diff(np.sort(angles), append=np.min(angles) + 2 * np.pi)
+    assert gaps.min() > 2 * np.pi / 12 / 5
+    assert gaps.max() < 2.5 * 2 * np.pi / 12

@@ -182,6 +182,27 @@ def test_e_is_counted_anew_before_float32_loses_it():
     assert steps == pytest.approx(1200 * PER_UL * PRINTER.steps_per_mm.e, abs=1.0)
 
 
+def test_each_short_segment_has_its_own_dose_to_a_percent_in_float32_too():
+    """0.13 mm of a line 0.15 x 0.06 mm, in a bore of 4.61 mm: 7e-5 mm of plunger."""
+    dose, count = 0.13 * 0.137 * 0.06, 20_000
+    builder = MoveBuilder((0, 0, 0.06), "layer", 0.06)
+    x = 0.13 * (np.arange(1, count + 1) % 2)
+    points = np.column_stack([x, 0 * x, 0 * x + 0.06])
+    builder.write(points, np.full(count, dose), 20.0, 0)
+    gcode = write_gcode(builder.build(), PRINTER, SYRINGE, PLACE, GcodeOptions(relieve_ul=0))
+    doses, at = [], 0.0
+    for text in Machine().read(gcode.data).lines:
+        for word in text.split(" ")[1:]:
+            if word[0] == "E":
+                value = float(np.float32(word[1:]))
+                if text.startswith("G1 X"):
+                    doses.append(value - at)
+                at = value
+    assert len(doses) == count
+    assert np.array(doses) == pytest.approx(dose * PER_UL, rel=0.01)
+    assert sum(doses) == pytest.approx(count * dose * PER_UL, rel=1e-6)
+
+
 def test_a_move_that_e_cannot_hold_is_refused():
     with pytest.raises(ToolpathError, match="one move pushes the plunger"):
         write_gcode(line(2, 0.5, 1000.0), PRINTER, SYRINGE, PLACE)

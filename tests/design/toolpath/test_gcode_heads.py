@@ -89,12 +89,12 @@ class Replay:
 
 
 SINGLE = {
-    "ender5_duet3_replistruder5": "ebddb64b4b5ade06",
-    "generic_marlin": "c59ad0b49ac86d67",
-    "klipper_bioprinter": "ac94d32720eb4cfa",
-    "lulzbot_taz6_replistruder4": "f9efeed5742a73b5",
-    "makergear_m2_duet2": "ebddb64b4b5ade06",
-    "marlin_avr": "d0ec591cbeacbe9b",
+    "ender5_duet3_replistruder5": "642d956ab907612b",
+    "generic_marlin": "67d53139a64ed535",
+    "klipper_bioprinter": "3f75b5f2abdfc63a",
+    "lulzbot_taz6_replistruder4": "76d56960aad81125",
+    "makergear_m2_duet2": "642d956ab907612b",
+    "marlin_avr": "67d53139a64ed535",
     "pneumatic_marlin": "22fc8e23af922bd1",
 }
 """SHA-256 of a job for each shipped printer with one head, from before there were several."""

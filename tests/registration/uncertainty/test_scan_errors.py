@@ -12,6 +12,7 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import GelField, Strength
 from registration.uncertainty import ScanErrors, rectangular, scan_errors
+from registration.uncertainty.scan_errors import CUT_PART
 
 
 def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
@@ -21,8 +22,9 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
         depth_standard=depth_standard,
     )  # fmt: skip
     field = GelField(
-        values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006
-    )
+        values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006,
+        cut_mm=0.005,
+    )  # fmt: skip
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     strength = Strength(values, 0.01, dark)
     seen = np.zeros(0, np.bool_)
@@ -33,6 +35,7 @@ def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.5).level_mm == pytest.approx(2 * shared(0.0).level_mm)
     assert shared(0.0).facing_mm == pytest.approx(rectangular(0.006))
     assert shared(0.0).faint_mm == pytest.approx(rectangular(0.004))
+    assert shared(0.0).cut_mm == pytest.approx(CUT_PART * 0.005)
 
 
 def test_without_contrast_no_wall_has_an_interval():

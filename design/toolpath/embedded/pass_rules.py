@@ -1,0 +1,65 @@
+"""Rules between whole passes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.rules import Rules, owners
+from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.walk import Leg
+from design.toolpath.toolpath import IntArray
+
+
+class PassRules(NamedTuple):
+    """Pass p goes before ``after[after_begin[p] : after_begin[p + 1]]``; `before` is its mirror.
+
+    Attributes
+    ----------
+    turns : (p,) bool
+        Whether a pass may be written from its other end.
+    """
+
+    after_begin: IntArray
+    after: IntArray
+    before_begin: IntArray
+    before: IntArray
+    turns: NDArray[np.bool_]
+
+
+def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRules:
+    """Rules of elements as those of the passes that write them."""
+    number = np.empty(len(elements.end), dtype=np.int64)
+    for k, one in enumerate(passes):
+        for leg in one.legs:
+            low, high = sorted((leg.element, leg.last))
+            number[low : high + 1] = k
+    first, after = number[owners(rules)], number[rules.after]
+    turns = np.ones(len(passes), dtype=np.bool_)
+    turns[first[first == after]] = False
+    return PassRules(
+        *_grouped(first, after, len(passes)), *_grouped(after, first, len(passes)), turns
+    )
+
+
+def _grouped(one: IntArray, other: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Of each `one` where its `other` begin, and those of all in a row; without repeats."""
+    key = np.unique((one * count + other)[one != other])
+    begin = np.searchsorted(key, np.arange(count + 1) * count)
+    return begin, key % count
+
+
+def pass_ends(one: Pass, elements: Elements) -> tuple[int, int]:
+    """First and last point of a pass."""
+    start, last = one.legs[0], one.legs[-1]
+    here = elements.end[start.element, 0 if start.step > 0 else 1]
+    there = elements.end[last.last, 1 if last.step > 0 else 0]
+    return int(here), int(there)
+
+
+def turned(one: Pass) -> Pass:
+    """The same from its other end."""
+    return Pass(tuple(Leg(leg.last, -leg.step, leg.size) for leg in one.legs[::-1]))
