@@ -77,6 +77,7 @@ class Hearing:
             return
         if kind is Kind.OK and self._is_foreign(reply):
             self._hold_at_surplus(1, events)
+            state.deadline = now + state.timing.silence_s
         elif kind is Kind.OK and reply.number in (-1, state.number + 1):
             if reply.text != b"ok":
                 state.said.append(reply.text)

@@ -8,13 +8,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from firmware_profiles import Printer, load
 from firmware_profiles.families.link_protocol import InStep, Stray
+from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import History, read_journal
+from printctl.link.journal import History, Journal, read_journal
 from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
+from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.link.test_streamer import job_of, streamer_of
 
@@ -32,10 +37,11 @@ class SharedTransport(FakeTransport):
         super().__init__(printer, clock)
         self._at, self._writes = at, writes
         self.each_s = 0.001
-        self.foreign_at = 0
+        self.foreign_at = self.pairs = 0
 
     def write(self, data: bytes) -> None:
         super().write(data)
+        self.pairs += data.count(b" G1 ") == 2
         if self._at in data and self._writes:
             writes, self._writes = self._writes, b""
             self.waiting += self.printer.receive(writes)
@@ -108,6 +114,22 @@ def test_move_between_two_lines_of_a_pause_is_told(tmp_path):
     assert OTHERS in status.message
 
 
+def test_surplus_answer_is_noticed_with_two_lines_in_flight(tmp_path):
+    clock, said = VirtualClock(), MarlinProtocol(Timing(calm_lines=0), Pairing(128))
+    transport = SharedTransport(FakeMarlin(), clock, b" E0.05000 ", b"G1 X150 F6000\n")
+    wiring = Wiring(
+        transport=transport,
+        protocol=said,
+        clock=clock,
+        journal=Journal(tmp_path / "journal.log"),
+        printer=load(Printer, "generic_marlin"),
+    )
+    status = Streamer(wiring, job_of(zigzag(LINES))).run()
+    assert transport.pairs
+    assert status.state is LinkState.DONE
+    assert OTHERS in status.message
+
+
 def test_clean_print_of_minutes_tells_of_nobody(tmp_path):
     status, history, _ = printed(tmp_path, b"", each_s=0.1, count=1500)
     assert status.message == f"all {status.lines_total} lines done"
@@ -139,7 +161,9 @@ def test_answer_that_names_no_line_is_noticed_at_once_where_each_is_named():
     protocol = started()
     protocol.feed(b"ok N31 P15 B3\n", 0.1)
     assert protocol.take_output() == frame(32, zigzag(100)[31])
-    assert protocol.feed(b"ok P15 B3\n", 0.2) == [Stray(31, 1)]
+    protocol.feed(b"ok P", 0.15)
+    assert protocol.feed(b"15 B3\n", 0.2) == [Stray(31, 1)]
+    assert not protocol.tick(1.0)
     assert protocol.take_output() == b""
     assert not protocol.feed(b"ok N32 P15 B3\n", 0.3)
     assert protocol.idle
