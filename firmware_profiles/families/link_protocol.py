@@ -94,9 +94,13 @@ class Stray:
     ----------
     number : int
         Of the line near which it came.
+    foreign : int
+        So many more answers than lines, on a wire that made no error: something else than the host
+        wrote to the printer. 0 where noise may explain them.
     """
 
     number: int
+    foreign: int = 0
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from printctl.cli.run_folder import RunArg, print_folder
 from printctl.link.states import Status
 from printctl.printing.print_actions import Possible, PrintAction
 from printctl.printing.print_state import PrintTruth, read_print
+from printctl.printing.print_words import alarm_words
 
 _COMMANDS = {
     PrintAction.GO_ON: "go on: printctl resume {run}",
@@ -37,8 +38,10 @@ def told(truth: PrintTruth, run: str) -> list[str]:
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
         *watched(status),
     ]
-    if status.line_errors or status.alarms:
-        lines.append(f"{status.line_errors} lines sent again, {status.alarms} alarms")
+    if status.line_errors:
+        lines.append(f"{status.line_errors} lines sent again")
+    if status.alarms:
+        lines.append(alarm_words(status.alarms, truth.journal.last_alarm))
     if not status.position_known:
         lines.append("position unknown")
     if status.ended:

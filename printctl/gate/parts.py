@@ -17,6 +17,8 @@ Planned = Callable[[Known, str], tuple[float, str]]
 LEAST_TIMEOUT_S: Final = 60.0
 """Three times the interval of the link's sign of life in a pause (`printctl.link.pauses`)."""
 LONGEST_TIMEOUT_S: Final = 3600.0
+HOTTEST_LEAST_C: Final = 300.0
+"""Highest temperature below which a job may forbid the plunger to move (M302 S)."""
 _SAME: Final = 1e-4
 """Share by which a value may differ from the profile's: some programs write few digits."""
 
@@ -93,14 +95,20 @@ def as_planned(planned: Planned, words: str) -> Judge:
     return judge
 
 
-def undone(words: str) -> Judge:
-    """Let a setting of a job pass that is undone at the job's end."""
+def cold_extrusion(line: GcodeLine, known: Known) -> Allowed:
+    """Let M302 pass with P0 or P1, and S up to `HOTTEST_LEAST_C`; the job's end undoes it.
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
-        _only(line, words)
-        return Allowed(line.text.decode("ascii"), undo=(line.code,))
-
-    return judge
+    Of other values each firmware makes its own: P-1 allows on Marlin and forbids on RepRapFirmware.
+    """
+    _only(line, "PS")
+    if "P" in line.words and line.words["P"] not in (0.0, 1.0):
+        raise NotAllowed("P is 1 (cold extrusion allowed) or 0 (not allowed)")
+    least = line.words.get("S", 0.0)
+    if least is None or not 0.0 <= least <= HOTTEST_LEAST_C:
+        raise NotAllowed(
+            f"S is the least temperature at which the plunger moves, 0 to {HOTTEST_LEAST_C:g} °C"
+        )
+    return Allowed(line.text.decode("ascii"), undo=(line.code,))
 
 
 def timeout(key: str, *, zero_is_off: bool = False) -> Judge:

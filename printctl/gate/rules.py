@@ -20,11 +20,11 @@ from printctl.gate.parts import (
     as_planned,
     asks,
     choose_head,
+    cold_extrusion,
     keyed,
     only_with,
     passes,
     timeout,
-    undone,
     within,
 )
 from printctl.gate.verdict import Allowed, NotAllowed
@@ -187,7 +187,7 @@ _JOB: Final[Rules] = {
     "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
     "M220": only_with({"S": 100}, "", "lower the job's speeds: a factor would pass all checks by"),
     "M221": only_with({"S": 100}, "TD", "doses are the job's: correct flow_factor or the ink"),
-    "M302": undone("PS"),
+    "M302": cold_extrusion,
     "M900": _advance("K"),
 }
 

@@ -172,9 +172,11 @@ class PositionCheck:
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
             self._valve.shut()
+            others = self._progress.foreign_words()
+            because = f" ({others})" if others else ""
             raise PrintEnded(
                 LinkState.POSITION_UNKNOWN,
-                f"after line {done}: {wrong}; `printctl status` says what next",
+                f"after line {done}: {wrong}{because}; `printctl status` says what next",
                 known=False,
             )
 

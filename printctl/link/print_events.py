@@ -104,8 +104,15 @@ class PrintEvents:
         )
 
     def _on_stray(self, event: said.Stray) -> None:
-        self._logbook.notice(f"an ok without a line, near line {event.number}")
         self._progress.doubt()
+        if not event.foreign:
+            self._logbook.notice(f"an ok without a line, near line {event.number}")
+            return
+        self._progress.count_foreign(event.foreign)
+        self._logbook.alarm(
+            f"{self._progress.foreign_words()} (noticed after {self._progress.words()}); see that "
+            "nothing else uses its port, and look at the part"
+        )
 
     # --- what holds the print --------------------------------------------------------------------
 

@@ -54,6 +54,7 @@ class PrintLoop:
         else:
             parts.resumption.find_again(history)
         parts.watch.begin(self._wiring.clock.now())
+        parts.answers.begin(self._wiring.clock.now())
         logbook.enter(LinkState.PRINTING, f"printing {self._job.name}")
         parts.valve.reopen()
         if history is not None and self._progress.done < len(self._job):
@@ -63,7 +64,9 @@ class PrintLoop:
             self._obey()
             if self._progress.done < len(self._job):
                 parts.pauses.at_mark()
-        raise PrintEnded(LinkState.DONE, f"all {len(self._job)} lines done")
+        others = self._progress.foreign_words()
+        look = f"; {others}: look at the part" if others else ""
+        raise PrintEnded(LinkState.DONE, f"all {len(self._job)} lines done{look}")
 
     def _begin(self) -> None:
         connect(self._channel)
@@ -97,6 +100,7 @@ class PrintLoop:
         requests, commands, logbook = queue.requests, queue.commands, self._logbook
         killed = channel.kill.asked.is_set
         self._measure(now_s())
+        self._parts.answers.look(now_s())
         self._parts.ending.end_on_fault()
         if self._parts.slips.due:
             self._parts.slips.look()
@@ -142,7 +146,7 @@ class PrintLoop:
         """Return command lines after which to look at what is due."""
         parts, done = self._parts, self._progress.done
         stop = parts.watch.next_stop(now, done, self._protocol.idle, len(self._job))
-        if parts.slips.due or now >= parts.gauges.next_due:
+        if parts.slips.due or now >= min(parts.gauges.next_due, parts.answers.next_due):
             return done
         return parts.slips.next_stop(stop)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from printctl.link.answer_count import AnswerCount
 from printctl.link.care import Care
 from printctl.link.channel import Channel
 from printctl.link.ending import Ending
@@ -45,6 +46,7 @@ class PrintParts:
     commands : ManualCommands
     watch : Watch
     gauges : Gauges
+    answers : AnswerCount
     firmware : FirmwareCheck
     position : PositionCheck
     valve : ValveSwitch
@@ -61,6 +63,7 @@ class PrintParts:
     commands: ManualCommands
     watch: Watch
     gauges: Gauges
+    answers: AnswerCount
     firmware: FirmwareCheck
     position: PositionCheck
     valve: ValveSwitch
@@ -110,6 +113,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         commands=commands,
         watch=watch,
         gauges=gauges,
+        answers=AnswerCount(channel),
         firmware=firmware,
         position=position,
         valve=valve,

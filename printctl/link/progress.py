@@ -29,6 +29,8 @@ class JobProgress:
     unverified : bool
         Whether something that nobody sent was answered, so that the position must be compared
         before the job goes on.
+    foreign : int
+        Answers of the printer beyond those to the host's lines, on a wire without errors.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -36,7 +38,7 @@ class JobProgress:
         self._protocol, self._printer = wiring.protocol, wiring.printer
         self._trail = ModalTrail(job.lines)
         self._made = Made(job.lines, wiring.printer)
-        self.unverified = False
+        self.unverified, self.foreign = False, 0
         self._refused: int | None = None
 
     @property
@@ -139,6 +141,17 @@ class JobProgress:
     def doubt(self) -> None:
         """Have the position compared before the job goes on."""
         self.unverified = True
+
+    def count_foreign(self, answers: int) -> None:
+        """Take notice of answers to lines that the host didn't write."""
+        self.foreign += answers
+
+    def foreign_words(self) -> str:
+        """Return what to say of lines that others wrote; empty for none."""
+        if not self.foreign:
+            return ""
+        many = "1 answer" if self.foreign == 1 else f"{self.foreign} answers"
+        return f"another program or noise wrote to this printer: {many} more than lines"
 
     def verified(self) -> None:
         """Take notice that the position is being compared."""

@@ -13,6 +13,13 @@ def state_words(state: LinkState | str) -> str:
     return str(state).replace("_", " ")
 
 
+def alarm_words(count: int, last: str) -> str:
+    """Return how many alarms there are and what the last one says."""
+    if count == 1:
+        return f"1 alarm: {last}"
+    return f"{count} alarms, the last: {last}"
+
+
 def made_words(status: Status, done: Progress | None) -> str:
     """Return how much is made: a share of the time where that is known, else lines at least.
 

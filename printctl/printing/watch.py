@@ -9,8 +9,11 @@ import sys
 from firmware_profiles import Ink, Syringe
 from printctl.errors import PrintctlError, PrinterFailedError, SafetyError
 from printctl.link.client import PrintClient
+from printctl.link.record import JOURNAL
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome
+from printctl.printing.journalled import journalled
+from printctl.printing.print_words import alarm_words
 from printctl.progress import Report, StageBars
 
 _QUESTION = """
@@ -59,9 +62,11 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
     if sys.stdin.isatty():
         # A parent that ignores Ctrl-C (a shell's background job) bequeathes that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    alarms = _Alarms(client, bars)
     while True:
         try:
             for status in client.events():
+                alarms.tell(status.alarms)
                 done = status.lines_done / max(status.lines_total, 1)
                 held = status.state in (LinkState.PAUSED, LinkState.STOPPING)
                 lines = f"{status.lines_done} of {status.lines_total} lines"
@@ -91,6 +96,20 @@ def retreat_for(syringe: Syringe, ink: Ink, lift_mm: float, prime_ul: float = 0.
         lift_mm=lift_mm,
         prime_mm=prime_ul * per_ul,
     )
+
+
+class _Alarms:
+    """Tells each new alarm of a print in words, which a count alone doesn't."""
+
+    def __init__(self, client: PrintClient, bars: StageBars) -> None:
+        self._journal, self._bars = client.folder / JOURNAL, bars
+        self._count = 0
+
+    def tell(self, count: int) -> None:
+        """Show the last alarm where there are more than before."""
+        if count > self._count:
+            self._count = count
+            self._bars.remark("print", alarm_words(count, journalled(self._journal).last_alarm))
 
 
 def _ask(bars: StageBars) -> str:

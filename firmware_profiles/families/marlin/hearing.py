@@ -61,7 +61,9 @@ class Hearing:
         elif state.phase is Phase.FLIGHT:
             self._in_flight(reply, now, events)
         elif state.phase is Phase.READY:
-            if reply.kind is Kind.ERROR:
+            if reply.kind is Kind.OK and state.numbered and not state.tokens.suspect:
+                self._hold_at_surplus(1, events)
+            elif reply.kind is Kind.ERROR:
                 events.append(state.fault(reply.words))
             elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
                 events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
@@ -73,7 +75,10 @@ class Hearing:
         kind = reply.kind
         if state.tokens.suspect and self._token(reply, now, events):
             return
-        if kind is Kind.OK and reply.number in (-1, state.number + 1):
+        if kind is Kind.OK and self._is_foreign(reply):
+            self._hold_at_surplus(1, events)
+            state.deadline = now + state.timing.silence_s
+        elif kind is Kind.OK and reply.number in (-1, state.number + 1):
             if reply.text != b"ok":
                 state.said.append(reply.text)
             self._sender.acknowledge(now, events)
@@ -89,6 +94,17 @@ class Hearing:
             state.deadline = now + state.timing.silence_s
         else:
             self._begin_doubt(reply, now, events)
+
+    def _hold_at_surplus(self, foreign: int, events: list[Event]) -> None:
+        """Hold the job: an ok came that answers none of the host's lines."""
+        events.append(said.Stray(self._state.number, foreign))
+        self._state.held = True
+
+    def _is_foreign(self, reply: Reply) -> bool:
+        """Whether an ok answers a line without a number; the host's have one (ADVANCED_OK)."""
+        state = self._state
+        state.names_lines |= reply.number >= 0
+        return state.names_lines and reply.unnamed and not state.tokens.suspect
 
     @property
     def _answers_text(self) -> bool:
@@ -127,9 +143,10 @@ class Hearing:
             self._sender.send_token(now, events)
             return
         self._sender.answer(events)
-        if state.tokens.settle():
-            events.append(said.Stray(state.number))
-            state.held = True
+        doubted = state.tokens.doubted
+        surplus = state.tokens.settle()
+        if surplus:
+            self._hold_at_surplus(0 if doubted else surplus, events)
         state.flight = None
         if state.confirming:
             state.confirming = False

@@ -57,6 +57,11 @@ class Reply:
         return self.kind is Kind.HALT or self.text == b"//action:poweroff"
 
     @property
+    def unnamed(self) -> bool:
+        """Whether it is an ADVANCED_OK to a line that was sent without a number."""
+        return self.kind is Kind.OK and self.number < 0 and self.text.startswith(b"ok P")
+
+    @property
     def forbids(self) -> bool:
         """Whether no line may leave after it: an error that isn't the wire's, a halt, a reset."""
         return (

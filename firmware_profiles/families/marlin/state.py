@@ -91,6 +91,8 @@ class LineState:
         What is asked, and what was heard of it.
     confirming : bool
         Whether a token was asked for by `LinkProtocol.confirm`.
+    names_lines : bool
+        Whether an ok has named its line (ADVANCED_OK): then each of the host's lines is named.
     behind_moves : bytes
         Written behind each move in flight that is taken, after `LinkProtocol.cut_in`.
     """
@@ -129,6 +131,7 @@ class LineState:
     goal: Goal = Goal.GO_ON
     doubt: Doubt = field(default_factory=lambda: Doubt(0.0))
     confirming: bool = False
+    names_lines: bool = False
     behind_moves: bytes = b""
 
     def fault(self, text: str) -> Fault:

@@ -48,12 +48,14 @@ class Tokens:
         Questions asked while the newest was awaited.
     tries : int
         Tokens sent since oks were last believed.
+    doubted : bool
+        Whether there was a doubt since oks were last believed: noise may have made lines.
     behind : bool
         Whether oks are due that come behind the newest token's own.
     """
 
     def __init__(self) -> None:
-        self.suspect = self.flying = self.echoed = self.behind = False
+        self.suspect = self.flying = self.echoed = self.behind = self.doubted = False
         self.owed = self.heard = 0.0
         self.numbers: set[int] = set()
         self.rounds = 0
@@ -64,7 +66,7 @@ class Tokens:
 
     def doubt(self) -> None:
         """Believe no ok from now on."""
-        self.suspect = True
+        self.suspect = self.doubted = True
 
     def expect(self, oks: int) -> None:
         """Take notice of commands without numbers, each of which is answered by an ok."""
@@ -141,10 +143,10 @@ class Tokens:
         if self._texts and not self.echoed:
             self._texts.pop()
 
-    def settle(self) -> bool:
-        """The newest was answered: trust oks again; whether more came than were due."""
-        surplus = self.heard > self.owed
-        self.suspect = self.flying = self.echoed = False
+    def settle(self) -> int:
+        """The newest was answered: trust oks again; return how many more came than were due."""
+        surplus = int(max(self.heard - self.owed, 0.0))
+        self.suspect = self.flying = self.echoed = self.doubted = False
         self.owed = self.heard = 0.0
         self.tries = 0
         self._texts.clear()

@@ -149,6 +149,14 @@ def test_a_job_may_set_what_is_undone_at_its_end():
     assert allowed("M302 P1", Known.of_job(MARLIN), Door.JOB).undo == ("M302",)
 
 
+@pytest.mark.parametrize("line", ["M302 P-1", "M302 P2", "M302 P0.5", "M302 S-1", "M302 S9999"])
+@pytest.mark.parametrize("printer", [MARLIN, DUET])
+def test_cold_extrusion_is_set_by_values_that_each_firmware_reads_alike(line, printer):
+    assert refusal(line, Known.of_job(printer), Door.JOB)
+    for plain in ("M302 P0", "M302 P1", "M302 S0", "M302 S170 P1"):
+        assert allowed(plain, Known.of_job(printer), Door.JOB)
+
+
 PLANNED = [
     "M204 P{a:g} T{a:g}", "M204 S{a:g}", "M201 X{x:g}", "M203 X{v:g}", "M205 B{b:g}",
 ]  # fmt: skip

@@ -32,7 +32,7 @@ def profile(tmp_path_factory) -> str:
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
-    return printer.numbered[printer.numbered.index("M82") + 1 :]
+    return printer.numbered[printer.numbered.index("M84 S0") + 1 :]
 
 
 def until(client, state: LinkState) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
+from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import read_journal
 from printctl.link.retreat import Retreat
@@ -77,7 +78,9 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert status.state is LinkState.DONE
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert same_motion(transport.printer.executed(), foreseen)
-    assert np.all(np.diff(transport.printer.executed().line) == 1)  # nothing between the moves
+    steps = np.diff(transport.printer.executed().line)
+    assert set(steps) <= {1, 2}  # nothing between the moves but a token
+    assert np.count_nonzero(steps == 2) <= transport.clock.now() / EVERY_S
 
 
 def test_lost_ok_costs_one_question_and_no_line(tmp_path):
@@ -356,16 +359,24 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
 
 
 class SlippingTransport(SimTransport):
-    """From N300 on, once: an X becomes a Z on its way, and the checksum is right."""
+    """From N300 on, once: an X becomes a Z on its way, and the checksum is right.
+
+    No other noise garbles that line, else it is refused and nothing has slipped.
+    """
 
     slipped = False
+    _slip = b""
+
+    def on_the_way(self, data: bytes) -> bytes:
+        slip, self._slip = self._slip, b""
+        return data if slip else super().on_the_way(data)
 
     def write(self, data: bytes) -> None:
         moves = re.match(rb"N(\d+) G1 X", data)
         if moves and int(moves[1]) >= 300 and not self.slipped:
             self.slipped = True
             body = data.split(b"*")[0].replace(b"X", b"Z")
-            data = b"%b*%d\n" % (body, reduce(xor, body))
+            data = self._slip = b"%b*%d\n" % (body, reduce(xor, body))
         super().write(data)
 
 

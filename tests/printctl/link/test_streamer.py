@@ -47,8 +47,8 @@ def streamer_of(
 
 
 def handshake_and(printer: FakeMarlin) -> list[str]:
-    """What was executed under a number after M82, the handshake's last command."""
-    return printer.numbered[printer.numbered.index("M82") + 1 :]
+    """What was executed under a number after M84 S0, the last command before the job."""
+    return printer.numbered[printer.numbered.index("M84 S0") + 1 :]
 
 
 def test_executes_every_line_once_and_in_order(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from printctl.cli.status import told
 from printctl.link.states import LinkState, Status
+from printctl.printing.journalled import Journalled
 from printctl.printing.print_state import PrintTruth
 
 
@@ -21,3 +22,10 @@ def test_lines_are_told_as_lines_where_the_time_is_not_known():
     lines = told(truth(), "run")
     assert lines[1].startswith("at least 7 of 47 lines made; 9 of 47 lines taken")
     assert truth().words["state"] == "Failed · at least 7 of 47 lines"
+
+
+def test_status_tells_the_last_alarm_and_how_many_there_are():
+    status = Status(LinkState.PRINTING, alarms=3, line_errors=2)
+    lines = told(PrintTruth(Path(), status, Journalled(last_alarm="M204 R is 500")), "run")
+    assert "2 lines sent again" in lines
+    assert "3 alarms, the last: M204 R is 500" in lines
