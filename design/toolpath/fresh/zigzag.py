@@ -3,7 +3,8 @@
 Two neighbouring lines of width w, w apart, end on a wall, a distance L from each other. Both are
 shortened by L/2 and joined by a line of length L and their width. The volume stays: each loses
 w L/2. The joint is parallel to the wall's chord and w/2 inside it, as a line along it would be.
-Between widths v < w the joint is v wide and both are shortened by L v / (v + w).
+Between widths v < w the joint is v wide and both are shortened by s = L v / (v + w). Where a whole
+line goes on as a half one, h beside it and in the same direction, L² = h² + 4 s².
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from design.toolpath.toolpath import FloatArray, IntArray
 FURTHEST = 1.3
 #: What must be left of a line between its joints, in widths.
 LEAST_LEFT = 0.5
-_OPPOSED = -0.9999
+#: Least cosine between the directions of two lines of one direction.
+PARALLEL = 0.9999
+#: Greatest share of the narrower of two widths in both; equal ones have no joint going on.
+UNEQUAL = 0.4
 
 
 @dataclass(frozen=True)
@@ -109,11 +113,17 @@ def _joints(lines: _Written, obstacle: Cells, link_mm: float) -> tuple[FloatArra
     apart = np.abs(before[:, 0] * gap[:, 1] - before[:, 1] * gap[:, 0])
     beside = np.abs((before * gap).sum(axis=1))
     joint = np.hypot(gap[:, 0], gap[:, 1])
-    fits = straight[:-1] & straight[1:] & ((before * after).sum(axis=1) < _OPPOSED)
-    fits &= (joint <= link_mm) & (apart <= FURTHEST * np.maximum(width[:-1], width[1:]))
-    fits &= (apart > 0) & (beside < np.minimum(length[:-1], length[1:]))
-    share = np.minimum(width[:-1], width[1:]) / (width[:-1] + width[1:])
-    shorter = np.where(fits, share * joint, 0.0)
+    least, most = np.minimum(width[:-1], width[1:]), np.maximum(width[:-1], width[1:])
+    share = least / (width[:-1] + width[1:])
+    cosine = (before * after).sum(axis=1)
+    near = straight[:-1] & straight[1:] & (joint <= link_mm) & (apart > 0)
+    turns = near & (cosine < -PARALLEL) & (apart <= FURTHEST * most)
+    turns &= beside < np.minimum(length[:-1], length[1:])
+    goes_on = near & (cosine > PARALLEL) & (apart < least) & (beside < 1e-6 * most)
+    goes_on &= share < UNEQUAL
+    onward = share * joint / np.sqrt(1 - 4 * np.minimum(share, UNEQUAL) ** 2)
+    shorter = np.where(turns, share * joint, np.where(goes_on, onward, 0.0))
+    fits = turns | goes_on
     rows = np.flatnonzero(fits)
     begin = lines.points[last[rows]] - shorter[rows, None] * before[rows]
     end = lines.points[first[rows + 1]] + shorter[rows, None] * after[rows]

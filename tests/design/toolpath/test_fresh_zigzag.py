@@ -92,3 +92,13 @@ def test_short_lines_keep_a_middle():
         lengths = np.hypot(*np.diff(line, axis=0).T)[::2]
         assert lengths.min() >= 0.5 * 0.5 * WIDTH * 0.95
     assert volume(made, sequence.path) == pytest.approx(volume(paths, order.path), rel=1e-12)
+
+
+def test_a_whole_line_goes_on_as_a_half_one_with_the_same_volume():
+    step = 10.6 * WIDTH
+    region = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, step], [2.0, step - 0.6 * WIDTH]])
+    region = np.vstack([region, [0.0, step - 0.6 * WIDTH]])
+    paths, order, made, sequence = joined([region], 0.0)
+    assert np.ptp(paths.width_mm) > 0.4 * WIDTH
+    assert len(sequence.path) < len(order.path) / 5
+    assert volume(made, sequence.path) == pytest.approx(volume(paths, order.path), rel=1e-12)
