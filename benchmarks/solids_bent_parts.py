@@ -155,7 +155,7 @@ def _part(one: Axis, low: float, high: float) -> Axis:
 
 
 def ventricle(wall: float = 0.45) -> BentPart:
-    """The lower half of a shell, with two vessels in its wall's thickened ridge."""
+    """The lower half of a thin shell."""
     outer = m3.Manifold.sphere(1, 128).scale([2.6 + wall, 2.1 + wall, 3.6 + wall])
     inner = m3.Manifold.sphere(1, 128).scale([2.6, 2.1, 3.6])
     lower = m3.Manifold.cube([10, 10, 3.4]).translate([-5, -5, -3.4])
@@ -178,8 +178,3 @@ def gyroid(period: float = 2.4, thick: float = 0.35) -> BentPart:
     body = m3.Manifold.level_set(field, size, 0.08)
     body = max(body.decompose(), key=lambda piece: piece.volume())
     return BentPart("gyroid", body, ())
-
-
-def level_axis_free(part: BentPart, heights: FloatArray) -> list[m3.CrossSection]:
-    """Sections at heights above the part's bottom."""
-    return [part.body.slice(float(z + part.middle[2])) for z in heights]

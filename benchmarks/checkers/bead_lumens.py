@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.checkers.compiled import compiled
 from benchmarks.checkers.read_gcode import Lines
 
 FloatArray = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _section(
     return 2 * float(np.sqrt(np.mean(way**2))), 2 * float(way.min())
 
 
-@numba.njit(cache=True)
+@compiled
 def _trace(
     near: FloatArray, r: float, point: FloatArray, rays: FloatArray, reach: float, rounded: bool
 ) -> FloatArray:

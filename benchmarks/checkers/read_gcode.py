@@ -108,6 +108,20 @@ def written_lines(
     return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
 
 
+def own_lines(
+    moves: Moves, ul_per_e: float, layer_mm: float, *, planned: Moves | None = None
+) -> Lines:
+    """Lines with round sides, each by its own change of E alone."""
+    way = (planned or moves).end - (planned or moves).start
+    length = np.linalg.norm(way[:, :2], axis=1)
+    wrote = (moves.pushed > 0) & (length > 1e-6)
+    area = moves.pushed[wrote] / length[wrote] * ul_per_e
+    round_part = np.pi / 4 * layer_mm**2
+    wide = (area - round_part) / layer_mm + layer_mm
+    width = np.where(area > round_part, wide, 2 * np.sqrt(area / np.pi))
+    return Lines(moves.start[wrote, :2], moves.end[wrote, :2], width, moves.end[wrote, 2])
+
+
 def _flow(length: FloatArray, pushed: FloatArray, stroke: NDArray[np.int64]) -> FloatArray:
     """E per mm about each move of its stroke."""
     along, filled = np.cumsum(length), np.cumsum(pushed)

@@ -54,7 +54,7 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
         says = f"layers of {part.layer_um:g} µm and lines of {part.line_um:g} µm{printed}"
         return Printability(lumen * size, None, lines.smallest_wall_mm * size, says)
     needle = context.needle
-    filament = EmbeddedOptions(**needle_options(needle))
+    filament = EmbeddedOptions(**needle_options(needle), thinnest=part.thinnest_bore)
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
     held = held_diameter_mm(context.bath, context.ink)
     filled = filament.largest_lumen_mm

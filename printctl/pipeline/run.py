@@ -15,7 +15,7 @@ from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, until
+from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
 from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import report
 from printctl.pipeline.stages.report import collect
@@ -67,7 +67,7 @@ def run_recipe(
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
-    stages = WHOLE if how.until is None else until(how.until)
+    stages = in_order(WHOLE if how.until is None else until(how.until), recipe)
     with run_lock(folder):
         context = _context(recipe, recipe_folder, folder, console, how)
         if how.listener is not None:
@@ -85,7 +85,7 @@ def _plate(context: RunContext, how: How, stages: Sequence[Stage]) -> dict[str, 
     if how.until is None:
         return run_plate(context, how.pdf)
     for last, work in ((TOOLPATH[-1], toolpath_plate), (DESIGN[-1], design_plate)):
-        if stages[-1] is last:
+        if how.until is not None and until(how.until)[-1] is last:
             return work(context)
     raise UsageError(
         f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "

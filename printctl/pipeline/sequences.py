@@ -21,6 +21,8 @@ from printctl.pipeline.stages import (
     toolpath,
     vasculature,
 )
+from printctl.recipe import Recipe
+from printctl.recipe.making import Embedded
 
 DESIGN: Sequence[Stage] = (
     tissue.STAGE,
@@ -34,6 +36,20 @@ DESIGN: Sequence[Stage] = (
 JOB: Sequence[Stage] = (toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
 TOOLPATH: Sequence[Stage] = (*DESIGN, *JOB)
 WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)
+
+
+def in_order(stages: Sequence[Stage], recipe: Recipe) -> Sequence[Stage]:
+    """The same stages, those first that may refuse early.
+
+    A path along centrelines needs the network alone: it is planned and checked before anything is
+    computed or united that a refusal would make useless. With a compensation it needs the solid.
+    """
+    part = recipe.toolpath
+    if not isinstance(part, Embedded) or part.compensation is not None:
+        return stages
+    first = [stage for stage in stages if stage in (tissue.STAGE, vasculature.STAGE)]
+    job = [stage for stage in stages if stage in JOB]
+    return [*first, *job, *(stage for stage in stages if stage not in first and stage not in job)]
 
 
 def until(name: str) -> Sequence[Stage]:

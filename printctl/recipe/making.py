@@ -111,6 +111,11 @@ class Embedded(Part):
         default=0,
         description="How many joints may stay without an overlap; more are refused.",
     )
+    thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
+        default=0.8,
+        description="Thinnest filament, as a part of the needle's bore. Below about 0.8 the tip "
+        "outruns the ink and draws the filament thinner than the bore; try it on the ink first.",
+    )
     widest_filament_mm: Annotated[float, Field(gt=0, le=20)] | None = Field(
         default=None,
         description="Wider vessels are written as strands side by side. By default what the "

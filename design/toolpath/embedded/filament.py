@@ -46,15 +46,24 @@ def check_vessels(
         raise ToolpathError(
             f"vessel {vessel}: diameter {thinnest[vessel]:.3f} mm is thinner than "
             f"{limit:.3f} mm, {options.thinnest:g} × the needle's inner diameter of "
-            f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels); use a "
-            "finer needle or fix a larger smallest lumen in the design"
+            f"{options.needle_inner_mm:g} mm (needle_inner_mm; {len(thin)} such vessels: "
+            f"{_named(thin, thinnest)}); use a needle of at most "
+            f"{thinnest[vessel] / options.thinnest:.3f} mm bore, or let filaments be drawn thinner "
+            "than the bore (toolpath.thinnest_bore in a recipe)"
         )
     thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1]) * looked_at
     limit = options.largest_lumen_mm
-    if thickest.max() > limit * (1 + 1e-9):
+    thick = np.flatnonzero(thickest > limit * (1 + 1e-9))
+    if len(thick):
         vessel = int(np.argmax(thickest))
         raise ToolpathError(
             f"vessel {vessel}: diameter {thickest[vessel]:.3f} mm is thicker than {limit:.3f} mm, "
             f"which {options.max_flow_ul_s:g} µL/s (max_flow_ul_s) fill at "
-            f"{options.min_speed_mm_s:g} mm/s (min_speed_mm_s); allow more flow or less speed"
+            f"{options.min_speed_mm_s:g} mm/s (min_speed_mm_s; {len(thick)} such vessels: "
+            f"{_named(thick, thickest)}); allow more flow or less speed"
         )
+
+
+def _named(vessels: IntArray, diameter_mm: FloatArray) -> str:
+    """Each vessel with its diameter."""
+    return ", ".join(f"{k} ({diameter_mm[k]:.3f} mm)" for k in vessels.tolist())

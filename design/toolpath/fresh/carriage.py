@@ -24,6 +24,9 @@ from design.toolpath.fresh.paths import Paths
 from design.toolpath.fresh.zigzag import zigzag
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
 
+#: From layer to layer, rad: the golden angle, which spreads any number of seams evenly.
+SEAM_TURN = np.pi * (3 - np.sqrt(5))
+
 
 @dataclass(frozen=True)
 class Section:
@@ -81,10 +84,12 @@ class Carriage:
         self._below: Cells | None = None
         self._active = 0
         self._used: set[int] = set()
+        self._layers = 0
 
     def write(self, sections: Sequence[Section], tip_mm: float) -> Laid:
         """Lay a layer's sections with the tip at ``tip_mm``, the one of the head in use first."""
         start, changes = self._tip, 0
+        self._layers += 1
         laid: list[Rows] = []
         tools: list[IntArray] = []
         for section in sorted(sections, key=lambda one: (one.head != self._active, one.head)):
@@ -104,7 +109,7 @@ class Carriage:
         options, paths = self._heads[section.head], section.paths
         here = obstacles(contours_of(section.bounds), options.line_width_mm)
         at = self._corner if self._tip is None else self._tip[:2]
-        sequence = order_paths(paths, at, options.link_mm)
+        sequence = order_paths(paths, at, options.link_mm, SEAM_TURN * self._layers)
         paths, sequence = zigzag(paths, sequence, here, options.link_mm)
         if len(paths) and self._tip is None:
             self._tip = np.append(paths.points[sequence.first[0]], z)

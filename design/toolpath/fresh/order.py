@@ -14,6 +14,9 @@ from kernels import jit
 
 BoolArray = NDArray[np.bool_]
 
+#: Beginning a larger ring elsewhere than near by costs more way than it is worth.
+SMALL_RING_MM = 3.0
+
 
 @dataclass(frozen=True)
 class Sequence:
@@ -42,7 +45,7 @@ class Sequence:
         )
 
 
-def order_paths(paths: Paths, at: FloatArray, link_mm: float) -> Sequence:
+def order_paths(paths: Paths, at: FloatArray, link_mm: float, seam_rad: float = 0.0) -> Sequence:
     """Walls and gaps first, each lumen's from the inside out; then the infill.
 
     Parameters
@@ -52,10 +55,13 @@ def order_paths(paths: Paths, at: FloatArray, link_mm: float) -> Sequence:
         Where the needle is.
     link_mm : float, mm
         Infill lines no further apart than this are written in one go.
+    seam_rad : float, rad
+        Where on small rings along the boundary, seen from their middle, writing begins. The begin
+        of a line is its weakest place; it should differ from layer to layer.
     """
     outline = np.flatnonzero(paths.role != Role.INFILL)
     lines = np.flatnonzero(paths.role == Role.INFILL)
-    done = _outlines(paths, outline, at)
+    done = _outlines(paths, outline, at, seam_rad)
     if len(outline):
         last, backward = done.path[-1], done.backward[-1]
         ends = paths.offset[last] if backward else paths.offset[last + 1] - 1
@@ -68,10 +74,11 @@ def order_paths(paths: Paths, at: FloatArray, link_mm: float) -> Sequence:
     return done.then(Sequence(path, first, turned))
 
 
-def _outlines(paths: Paths, which: IntArray, at: FloatArray) -> Sequence:
+def _outlines(paths: Paths, which: IntArray, at: FloatArray, seam_rad: float) -> Sequence:
     """Nearest neighbour, a wall not before the wall between it and the boundary."""
     low = np.minimum.reduceat(paths.points, paths.offset[:-1])
     high = np.maximum.reduceat(paths.points, paths.offset[:-1])
+    towards = np.array([np.cos(seam_rad), np.sin(seam_rad)])
     path, first, backward = _nearest_outlines(
         paths.points,
         paths.offset,
@@ -81,6 +88,7 @@ def _outlines(paths: Paths, which: IntArray, at: FloatArray) -> Sequence:
         low,
         high,
         at,
+        towards,
     )
     return Sequence(path, first, backward)
 
@@ -137,6 +145,7 @@ def _nearest_outlines(
     low: FloatArray,
     high: FloatArray,
     at: FloatArray,
+    towards: FloatArray,
 ) -> tuple[IntArray, IntArray, BoolArray]:
     count = len(which)
     left = which.copy()
@@ -161,6 +170,12 @@ def _nearest_outlines(
         k = left[place]
         left[place] = left[count - step - 1]
         done[k] = True
+        if closed[k] and before[k] < 0 and max(high[k] - low[k]) <= SMALL_RING_MM:
+            most = -np.inf
+            for i in range(offset[k], offset[k + 1]):
+                far = points[i, 0] * towards[0] + points[i, 1] * towards[1]
+                if far > most:
+                    most, begin = far, i
         path[step], first[step] = k, begin
         at_end = not closed[k] and begin == offset[k + 1] - 1 and begin > offset[k]
         backward[step] = at_end

@@ -48,6 +48,7 @@ from printctl.pipeline.compensated import (
     written_solid,
 )
 from printctl.pipeline.context import Filled, RunContext
+from printctl.pipeline.early import refuse_early
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
@@ -124,6 +125,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             )
             return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
         case Embedded():
+            refuse_early(context)
             ahead = part.compensate_lag and compensated
             choices = tuple(
                 embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads
@@ -225,6 +227,7 @@ def embedded_options(part: Embedded, filled: Filled, bath: Bath, *, ahead: bool)
         write_speed_mm_s=part.write_speed_mm_s,
         travel_speed_mm_s=part.travel_speed_mm_s,
         overlap_radii=part.overlap_radii,
+        thinnest=part.thinnest_bore,
         retract_ul=relief_ul(filled) if ahead else filled.ink.retract_ul,
         plunger_ul_s=filled.ink.plunger_ul_s,
         dwell_s=filled.ink.dwell_s,
@@ -345,7 +348,12 @@ def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
 
 
 def reads(context: RunContext) -> tuple[str, ...]:
-    """The design; and the tissue, from which a compensated construct is made anew."""
+    """The design; and the tissue, from which a compensated construct is made anew.
+
+    A path along centrelines needs the network alone.
+    """
+    if isinstance(context.recipe.toolpath, Embedded) and context.compensation is None:
+        return (NETWORK,)
     return (NETWORK, SOLID) if context.compensation is None else (NETWORK, SOLID, SURFACE)
 
 

@@ -44,7 +44,8 @@ def test_the_plunger_primes_and_relieves_away_from_the_lumen():
     away = np.hypot(*path.end[standing, :2].T) - LUMEN_MM
     near = away[away < 0.5]
     assert len(near) >= 8
-    assert near.min() > 0.2 + 0.075 - 0.02
+    # On the lumen's wall 0.2 mm off it; on the second wall, which needs no lead, where that stands.
+    assert near.min() > 0.2
 
 
 def test_without_a_lead_it_primes_on_the_wall():

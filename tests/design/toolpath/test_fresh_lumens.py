@@ -115,3 +115,19 @@ def test_planar_block_leaves_nothing_inside_its_lumens():
         assert shapely.difference(lumen.buffer(FEW_UM), written).area == pytest.approx(
             lumen.area, rel=0.01
         )
+
+
+def test_seams_of_a_lumen_are_spread_round_it():
+    """Twelve layers begin in twelve places, no two nearer than a fifth of their even part."""
+    body = block(3, 3, 0.72) - upright(1.5, 1.5, 0.6)
+    path = fresh_toolpath(as_solid(body), FreshOptions())
+    away = path.end[:, :2] - 1.5
+    near = (path.kind == MoveKind.WRITE) & (np.hypot(*away.T) < 0.4)
+    angles = []
+    for layer in range(12):
+        first = np.flatnonzero(near & (path.source == layer))[0]
+        x, y = path.start[first, :2] - 1.5
+        angles.append(np.arctan2(y, x))
+    gaps = np.diff(np.sort(angles), append=np.min(angles) + 2 * np.pi)
+    assert gaps.min() > 2 * np.pi / 12 / 5
+    assert gaps.max() < 2.5 * 2 * np.pi / 12

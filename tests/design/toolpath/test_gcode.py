@@ -88,7 +88,7 @@ def test_header_sets_modes_and_the_job_never_homes():
 
 def test_way_in_goes_up_across_and_down_from_an_unknown_place():
     machine = Machine().read(write_gcode(fresh(), PRINTER, SYRINGE, PLACE).data)
-    assert machine.lines[9:12] == ["G0 Z25.42 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
+    assert machine.lines[9:12] == ["G0 Z25.8 F300", "G0 X60.075 Y70.075 F1200", "G0 Z20.06 F300"]
 
 
 def test_a_declared_start_is_declared_and_used():

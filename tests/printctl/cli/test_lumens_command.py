@@ -11,7 +11,7 @@ import pytest
 import firmware_profiles
 from design.solids import write_stl
 from tests.printctl.cli.shell import Shell
-from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, gcode, tube
+from tests.printctl.lumens.small_gcode import BORE_MM, LAYER_MM, LINE_MM, gcode, section, tube
 from tests.printctl.lumens.test_model import LAYERS, pipe
 from tests.printctl.lumens.written_filaments import plunger_gcode, valve_gcode
 
@@ -105,7 +105,9 @@ def test_an_inks_flow_factor_scales_the_lines(shell: Shell, tmp_path: Path) -> N
     (tmp_path / "thin.yaml").write_text(f"{profile.read_text()}\nflow_factor: 0.8\n")
     command = ("good.gcode", "--model", "part.stl", "--unit", "mm", "--place", "20,30,0", "--json")
     _, out, err = shell(*command, *E_MEANS, "--ink", "thin.yaml")
-    assert json.loads(out)["line_um"] == pytest.approx(120, abs=0.1), err
+    round_sides = 1e3 * (LINE_MM - section(LINE_MM) / LAYER_MM)
+    expected = 0.8 * (150 - round_sides) + round_sides
+    assert json.loads(out)["line_um"] == pytest.approx(expected, abs=0.1), err
 
 
 NETWORK = "0,0,1,{x0},10,5,{x1},10,5,0.3,0.3,channel,0\n"
@@ -160,7 +162,7 @@ def test_a_valves_file_is_read_by_its_flow(shell: Shell, tmp_path: Path) -> None
     ]
     (tmp_path / "air.gcode").write_bytes(valve_gcode(passes, head.opens, head.closes, 0.03))
     command = ("air.gcode", "--model", "part.stl", "--unit", "mm", "--printer", "pneumatic_marlin")
-    code, out, err = shell(*command, "--flow-ul-s", "0.09")
+    code, out, err = shell(*command, "--flow-ul-s", f"{10 * section(LINE_MM):.6g}")
     assert code == 0, err
     assert "1 lumens among lines of 150 µm in layers of 60 µm" in out
     for more, told in (
