@@ -60,8 +60,9 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
     """
     corners = read_corners(path) if path.suffix.lower() == ".stl" and unit is not None else None
     if corners is not None and unit is not None:
-        vertices, index = merge_equal(corners.reshape(-1, 3))
-        return _solid(vertices * MM_PER[unit], index.reshape(-1, 3), path)
+        corners *= MM_PER[unit]
+        faces = np.arange(3 * len(corners)).reshape(-1, 3)
+        return _solid(corners.reshape(-1, 3), faces, path)
     mesh = load_mesh(path)
     stated = _UNIT_NAMES.get(str(mesh.units)) if path.suffix.lower() == ".3mf" else None
     if unit is None and stated is None:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 IntArray = NDArray[np.int64]
 
@@ -100,6 +98,10 @@ def _head(corner: IntArray) -> IntArray:
 
 
 def _parts(tail: IntArray, head: IntArray, count: int) -> tuple[int, IntArray]:
+    # Heavy (a quarter of a CPU second): a mesh that is closed needs neither.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     joined = coo_array((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(count, count))
     number, part = connected_components(joined, directed=False)
     return int(number), part.astype(np.int64)

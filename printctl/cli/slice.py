@@ -23,7 +23,7 @@ from printctl.cli.options import (
     print_lines,
 )
 from printctl.errors import UsageError
-from printctl.pipeline.stages.toolpath import gcode_options
+from printctl.pipeline.writer_options import gcode_options
 
 #: Height of the tip above the part when the job begins, mm.
 _ABOVE_MM = 5.0

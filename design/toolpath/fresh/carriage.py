@@ -21,6 +21,7 @@ from design.toolpath.fresh.layout import Rows, lay_out, obstacles
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.paths import Paths
+from design.toolpath.fresh.zigzag import zigzag
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind
 
 #: From layer to layer, rad: the golden angle, which spreads any number of seams evenly.
@@ -109,6 +110,7 @@ class Carriage:
         here = obstacles(contours_of(section.bounds), options.line_width_mm)
         at = self._corner if self._tip is None else self._tip[:2]
         sequence = order_paths(paths, at, options.link_mm, SEAM_TURN * self._layers)
+        paths, sequence = zigzag(paths, sequence, here, options.link_mm)
         if len(paths) and self._tip is None:
             self._tip = np.append(paths.points[sequence.first[0]], z)
             self._active = section.head

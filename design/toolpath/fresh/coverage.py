@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.infill import scan
-from design.toolpath.toolpath import FloatArray
+from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
 #: Raster points per line width.
@@ -94,20 +94,22 @@ def measure_coverage(
     columns, rows = (np.ceil((points.max(axis=0) + margin - corner) / pitch_mm) + 1).astype(int)
     covered = np.zeros((rows, columns), dtype=np.bool_)
     _paint(covered, start, end, 0.5 * width_mm, corner, pitch_mm)
-    material = _raster(contours, corner, pitch_mm, rows, columns)
-    area = pitch_mm**2
-    return Coverage(
-        material=float(np.count_nonzero(material)) * area,
-        unfilled=float(np.count_nonzero(material & ~covered)) * area,
-        outside=float(np.count_nonzero(covered & ~material)) * area,
-    )
-
-
-def _raster(
-    contours: list[FloatArray], corner: FloatArray, pitch_mm: float, rows: int, columns: int
-) -> NDArray[np.bool_]:
     found = scan([ring - corner for ring in contours], pitch_mm, 0.0)
-    change = np.zeros((rows, columns + 1), dtype=np.int8)
-    np.add.at(change, (found.row, np.ceil(found.low / pitch_mm).astype(np.int64)), 1)
-    np.add.at(change, (found.row, np.ceil(found.high / pitch_mm).astype(np.int64)), -1)
-    return np.cumsum(change[:, :-1], axis=1, dtype=np.int8) > 0
+    first, after = (np.ceil(x / pitch_mm).astype(np.int64) for x in (found.low, found.high))
+    material, bare = _count(covered, found.row, first, after)
+    outside = int(np.count_nonzero(covered)) - (material - bare)
+    area = pitch_mm**2
+    return Coverage(material * area, bare * area, outside * area)
+
+
+@jit
+def _count(
+    covered: NDArray[np.bool_], row: IntArray, first: IntArray, after: IntArray
+) -> tuple[int, int]:
+    """Raster points in disjoint intervals ``first`` to ``after`` of rows; those not covered."""
+    material, bare = 0, 0
+    for k in range(len(row)):
+        material += after[k] - first[k]
+        for column in range(first[k], after[k]):
+            bare += not covered[row[k], column]
+    return material, bare

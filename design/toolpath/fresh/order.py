@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from design.toolpath.fresh.order_lines import order_lines
 from design.toolpath.fresh.paths import Paths, Role
@@ -77,16 +76,14 @@ def order_paths(paths: Paths, at: FloatArray, link_mm: float, seam_rad: float = 
 
 def _outlines(paths: Paths, which: IntArray, at: FloatArray, seam_rad: float) -> Sequence:
     """Nearest neighbour, a wall not before the wall between it and the boundary."""
-    low, high = np.zeros((2, len(paths), 2))
-    for k in which:
-        ring = paths.points[paths.offset[k] : paths.offset[k + 1]]
-        low[k], high[k] = ring.min(axis=0), ring.max(axis=0)
+    low = np.minimum.reduceat(paths.points, paths.offset[:-1])
+    high = np.maximum.reduceat(paths.points, paths.offset[:-1])
     towards = np.array([np.cos(seam_rad), np.sin(seam_rad)])
     path, first, backward = _nearest_outlines(
         paths.points,
         paths.offset,
         paths.closed,
-        _outer(paths, which),
+        _outer(paths, which, low, high),
         which,
         low,
         high,
@@ -96,17 +93,16 @@ def _outlines(paths: Paths, which: IntArray, at: FloatArray, seam_rad: float) ->
     return Sequence(path, first, backward)
 
 
-def _outer(paths: Paths, which: IntArray) -> IntArray:
+def _outer(paths: Paths, which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
     """The wall that must be written before each path; -1 for none."""
     before = np.full(len(paths), -1, dtype=np.int64)
-    owner = np.repeat(np.arange(len(paths)), np.diff(paths.offset))
     walls = which[paths.role[which] == Role.WALL]
     for level in range(1, int(paths.level[walls].max(initial=0)) + 1):
-        outer = np.flatnonzero((paths.role[owner] == Role.WALL) & (paths.level[owner] == level - 1))
+        outer = walls[paths.level[walls] == level - 1]
         inner = walls[paths.level[walls] == level]
         if len(outer) and len(inner):
-            _, nearest = cKDTree(paths.points[outer]).query(paths.points[paths.offset[inner]])
-            before[inner] = owner[outer[nearest]]
+            starts = paths.points[paths.offset[inner]]
+            before[inner] = _nearest_paths(starts, outer, paths.points, paths.offset, low, high)
     return before
 
 
@@ -114,6 +110,29 @@ def _outer(paths: Paths, which: IntArray) -> IntArray:
 def _box_gap(x: float, y: float, low: FloatArray, high: FloatArray) -> float:
     dx, dy = max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1])
     return dx * dx + dy * dy
+
+
+@jit
+def _nearest_paths(
+    at: FloatArray,
+    which: IntArray,
+    points: FloatArray,
+    offset: IntArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> IntArray:
+    """Path of ``which`` that has the point nearest to each of ``at``."""
+    found = np.empty(len(at), np.int64)
+    for j in range(len(at)):
+        x, y, best = at[j, 0], at[j, 1], np.inf
+        for k in which:
+            if _box_gap(x, y, low[k], high[k]) >= best:
+                continue
+            for i in range(offset[k], offset[k + 1]):
+                gap = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
+                if gap < best:
+                    best, found[j] = gap, k
+    return found
 
 
 @jit

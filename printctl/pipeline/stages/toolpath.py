@@ -38,7 +38,7 @@ from design.toolpath.gcode import (
     save_gcode,
     stream_gcode,
 )
-from firmware_profiles import Bath, Ink, Printer, Syringe
+from firmware_profiles import Bath, Printer, Syringe
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, SOLID
 from printctl.pipeline.compensated import (
@@ -57,6 +57,7 @@ from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE
+from printctl.pipeline.writer_options import gcode_options
 from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
@@ -247,25 +248,6 @@ def head_options(context: RunContext) -> dict[str, Any]:
     if context.dish is not None:
         safe = context.printer.z_mm.low + context.dish.wall_mm + ABOVE_WALL_MM
     return {"heads": loads, "safe_z_mm": safe}
-
-
-def gcode_options(
-    ink: Ink,
-    start_mm: tuple[float, float, float],
-    travel_speed_mm_s: float,
-    flow_ul_s: float | None,
-) -> GcodeOptions:
-    """The writer's choices for an ink; ``flow_ul_s`` is a pneumatic head's, else None."""
-    span = ink.write_speed_mm_s
-    return GcodeOptions(
-        start_mm=start_mm,
-        travel_speed_mm_s=travel_speed_mm_s,
-        relieve_ul=ink.retract_ul,
-        plunger_ul_s=ink.plunger_ul_s,
-        flow_factor=ink.flow_factor,
-        flow_ul_s=flow_ul_s,
-        ink_speed_mm_s=None if span is None else (span.low, span.high),
-    )
 
 
 def machine(
