@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from design.solids import Solid, read_solid
 from design.toolpath.fresh import Filling, FreshLayers, FreshOptions, FreshReport, Infill
-from design.toolpath.gcode import GcodeOptions, clear_mm, least_move_mm, save_gcode, stream_gcode
+from design.toolpath.gcode import (
+    GcodeOptions,
+    clear_mm,
+    joint_mm,
+    least_move_mm,
+    save_gcode,
+    stream_gcode,
+)
 from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.cli.options import (
@@ -86,6 +93,7 @@ def slice_mesh(
             plunger_ul_s=dose.plunger_ul_s,
             least_move_mm=least_move_mm(profile),
             clear_mm=clear_mm(profile),
+            joint_mm=joint_mm(profile),
         ),
     )
     place, start = _placed(solid, profile)

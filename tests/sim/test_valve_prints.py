@@ -50,7 +50,7 @@ def grid(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-FRESH = fresh_toolpath(as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1)), FreshOptions())
+FRESH = fresh_toolpath(as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1)), FreshOptions(joint_mm=0))
 
 
 def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:

@@ -48,6 +48,9 @@ class FreshOptions:
     link_mm : float, mm
         A level travel up to this length that crosses no lumen goes without retraction: the hop
         from one infill line to its neighbour. At 0 every travel retracts.
+    joint_mm : float, mm
+        Longest line along a wall that joins two neighbouring infill lines. 0 joins none: a head
+        whose ink flows by time lays too much where the needle slows down to turn.
     retract_ul : float, µL
         Plunger relief before a travel; the same volume primes after it.
     plunger_ul_s : float, µL/s
@@ -70,6 +73,7 @@ class FreshOptions:
     least_move_mm: float = 0.0
     clear_mm: float = 0.0
     link_mm: float = 0.3
+    joint_mm: float = 0.3
     retract_ul: float = 0.02
     plunger_ul_s: float = 0.4
 
@@ -87,6 +91,7 @@ class FreshOptions:
         require_not_negative(
             "FRESH options",
             link_mm=self.link_mm,
+            joint_mm=self.joint_mm,
             hop_mm=self.hop_mm,
             lead_mm=self.lead_mm,
             least_move_mm=self.least_move_mm,

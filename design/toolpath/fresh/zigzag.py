@@ -39,7 +39,7 @@ class _Written:
 
 
 def zigzag(
-    paths: Paths, sequence: Sequence, obstacle: Cells, link_mm: float
+    paths: Paths, sequence: Sequence, obstacle: Cells, joint_mm: float
 ) -> tuple[Paths, Sequence]:
     """Join straight infill lines that follow one another into zig-zags.
 
@@ -50,14 +50,14 @@ def zigzag(
         Infill last.
     obstacle : Cells
         Contours that no joint may cross.
-    link_mm : float, mm
+    joint_mm : float, mm
         Longest joint.
     """
     fills = paths.role[sequence.path] == Role.INFILL
     lines = sequence.path[fills]
     if len(lines) < 2:
         return paths, sequence
-    joined = _joined(_as_written(paths, lines, sequence.backward[fills]), obstacle, link_mm)
+    joined = _joined(_as_written(paths, lines, sequence.backward[fills]), obstacle, joint_mm)
     count, shift = len(joined.offset) - 1, len(paths.points)
     made = Paths(
         joined.points,
@@ -88,9 +88,9 @@ def _as_written(paths: Paths, lines: IntArray, backward: NDArray[np.bool_]) -> _
     return _Written(paths.points[place], paths.width_mm[comes], offset)
 
 
-def _joined(lines: _Written, obstacle: Cells, link_mm: float) -> _Written:
+def _joined(lines: _Written, obstacle: Cells, joint_mm: float) -> _Written:
     first, last = lines.offset[:-1], lines.offset[1:] - 1
-    shorter, along = _joints(lines, obstacle, link_mm)
+    shorter, along = _joints(lines, obstacle, joint_mm)
     points, width = lines.points.copy(), lines.width_mm.copy()
     points[last[:-1]] -= shorter[:, None] * along[:-1]
     points[first[1:]] += shorter[:, None] * along[1:]
@@ -101,7 +101,7 @@ def _joined(lines: _Written, obstacle: Cells, link_mm: float) -> _Written:
     return _Written(points, width, lines.offset[keep])
 
 
-def _joints(lines: _Written, obstacle: Cells, link_mm: float) -> tuple[FloatArray, FloatArray]:
+def _joints(lines: _Written, obstacle: Cells, joint_mm: float) -> tuple[FloatArray, FloatArray]:
     """By how much each line and the next one are shortened, mm, 0 for no joint; directions."""
     first, last = lines.offset[:-1], lines.offset[1:] - 1
     way = lines.points[last] - lines.points[first]
@@ -116,7 +116,7 @@ def _joints(lines: _Written, obstacle: Cells, link_mm: float) -> tuple[FloatArra
     least, most = np.minimum(width[:-1], width[1:]), np.maximum(width[:-1], width[1:])
     share = least / (width[:-1] + width[1:])
     cosine = (before * after).sum(axis=1)
-    near = straight[:-1] & straight[1:] & (joint <= link_mm) & (apart > 0)
+    near = straight[:-1] & straight[1:] & (joint <= joint_mm) & (apart > 0)
     turns = near & (cosine < -PARALLEL) & (apart <= FURTHEST * most)
     turns &= beside < np.minimum(length[:-1], length[1:])
     goes_on = near & (cosine > PARALLEL) & (apart < least) & (beside < 1e-6 * most)

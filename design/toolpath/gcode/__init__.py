@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.toolpath.gcode.grain import clear_mm, least_move_mm
+    from design.toolpath.gcode.grain import clear_mm, joint_mm, least_move_mm
     from design.toolpath.gcode.job import Gcode, GcodeOptions
     from design.toolpath.gcode.labels import labelled
     from design.toolpath.gcode.load import HeadLoad
@@ -17,6 +17,7 @@ __all__ = [
     "GcodeOptions",
     "HeadLoad",
     "clear_mm",
+    "joint_mm",
     "labelled",
     "least_move_mm",
     "save_gcode",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.gcode.commands import MARGIN_STEPS
 from firmware_profiles import Printer
 
@@ -20,3 +21,8 @@ def clear_mm(printer: Printer) -> float:
     errors about the same (benchmarks/solids.py: 80 steps/mm).
     """
     return 0.125 / min(printer.steps_per_mm.x, printer.steps_per_mm.y)
+
+
+def joint_mm(printer: Printer) -> float:
+    """Longest joint of two infill lines, mm: none where ink flows by time, as turns take longer."""
+    return 0.0 if printer.pneumatic else FreshOptions.joint_mm

@@ -34,6 +34,7 @@ from design.toolpath.gcode import (
     GcodeOptions,
     HeadLoad,
     clear_mm,
+    joint_mm,
     least_move_mm,
     save_gcode,
     stream_gcode,
@@ -210,6 +211,7 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
             ),
             write_speed_mm_s=part.write_speed_mm_s,
             travel_speed_mm_s=part.travel_speed_mm_s,
+            joint_mm=joint_mm(printer),
             retract_ul=load.ink.retract_ul,
             plunger_ul_s=load.ink.plunger_ul_s,
         )

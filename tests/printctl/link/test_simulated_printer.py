@@ -344,7 +344,7 @@ def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
 def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     rng = np.random.default_rng(seed)
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    handshake = 16  # writes before the first job line
+    handshake = 17  # writes before the first job line
     last = handshake + int(rng.integers(1, 60))
     with pytest.raises(HostDiedError):
         printed(data, tmp_path, doomed(printer, clock, last, rng.random()))
