@@ -78,8 +78,9 @@ class Resumption:
         if changing:
             head = None if history.reload is None else history.reload.get("head")
             self.pauses.await_syringe(at, head)
-        else:
+        elif done < len(logbook.progress.job):
             self._rejoin(at)
+        # else it died behind the last line, when settings may be as before the job: no move is left
 
     def _last_line(self, history: History) -> tuple[int, int]:
         """Return the printer's last line, as a line of the job and by its number."""

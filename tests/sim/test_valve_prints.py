@@ -61,7 +61,8 @@ def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
     away = np.hypot(at[:, 0] - 62, at[:, 1] - 71.5)
     for ink in (air, plunger):
         assert filled(ink, at[away < 0.42]).max() == 0
-        assert filled(ink, at[away > 0.58]).mean() > 0.97
+        # Lines are laid as wide as they are on average, 6 µm within their round sides' crests.
+        assert filled(ink, at[away > 0.58]).mean() > 0.96
 
 
 def test_speeding_up_and_down_lays_more_where_the_flow_is_steady() -> None:
