@@ -115,7 +115,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         walls=options.walls,
         notes=(
             *scan.notes,
-            *pose_notes(scan, alignment, found.cross_um),
+            *pose_notes(scan, alignment),
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
             *wall_notes(options.walls, findings.vessels),

@@ -9,18 +9,10 @@ from registration.walls_file import WallCalibration
 
 LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""
-CROSS_UM = 20.0
-"""Of two programs' poses; more is said."""
 
 
-def pose_notes(scan: Scan, alignment: Alignment, cross_um: float | None) -> list[str]:
-    """What the pose and its scales rest on.
-
-    Parameters
-    ----------
-    cross_um : float or None, µm
-        Between our pose and another program's.
-    """
+def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
+    """What the pose and its scales rest on."""
     notes = []
     notes += [f"Pose not sure: {doubt}" for doubt in alignment.doubts]
     if not alignment.lay.startswith("upright"):
@@ -35,18 +27,13 @@ def pose_notes(scan: Scan, alignment: Alignment, cross_um: float | None) -> list
         )
     if not alignment.depth_fitted:
         notes.append(
-            "Depth scale not fitted: less than 2 mm of depth in view, so it can't be told from an "
-            "error of the refractive index."
+            "Depth scale not fitted: less than 2 mm of depth in view and light, so it can't be "
+            "told from an error of the refractive index."
         )
     elif scan.optical_depth and not scan.depth_standard:
         notes.append(
             f"Depth scale rests on the refractive index {scan.refractive_index:g} of the scan: "
             "shrinkage in depth and an error of the index look the same."
-        )
-    if cross_um is not None and cross_um > CROSS_UM:
-        notes.append(
-            f"small_gicp, asked for the same pose, carries a corner of the part {cross_um:.0f} µm "
-            f"from ours (usual: below {CROSS_UM:g}): look at both before trusting either."
         )
     return notes
 

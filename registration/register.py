@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import beside
-from registration.alignment import Fit, align, cross_check
+from registration.alignment import Fit, align, cross_check, later_doubts
 from registration.assemble import BothWays, Registered, assemble
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
@@ -107,9 +107,10 @@ def register_scan(
             surface,
             frame,
         )
+    later = later_doubts(cross_um.result(), float(segmentation.seen.mean()))
     found = Registered(
         segmentation,
-        alignment,
+        replace(alignment, doubts=(*alignment.doubts, *later)),
         is_lumen,
         cross_um.result(),
         len(spread),

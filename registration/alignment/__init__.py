@@ -2,6 +2,7 @@
 
 from registration.alignment.align import Alignment, align
 from registration.alignment.cross_check import cross_check
+from registration.alignment.doubts import later_doubts
 from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.motion import AXES
@@ -17,4 +18,5 @@ __all__ = [
     "Uncertainty",
     "align",
     "cross_check",
+    "later_doubts",
 ]
