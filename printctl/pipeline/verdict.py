@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from registration.alignment import AlignmentOptions
-from registration.judging import Decision, reason, worst
+from registration.judging import Decision, as_if_pose_sure, pose_in_doubt, reason, worst
 from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
@@ -14,7 +13,6 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
-POSE_LEAD: Final = AlignmentOptions().ambiguous_below
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
@@ -43,12 +41,10 @@ def verdict(registration: Record) -> dict[str, Any]:
     features = registration["judging"]["features"]
     found: list[Finding] = [
         *((f["decision"], reason(f)) for f in _told(features)),
-        *_flow(registration),
+        *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
     ]
-    if _lies_otherwise(registration["ambiguity"]):
-        found = [_in_this_pose(*one) for one in found]
     whole = worst(decision for decision, _ in found)
     return {
         "passed": whole == "pass",
@@ -57,29 +53,24 @@ def verdict(registration: Record) -> dict[str, Any]:
     }
 
 
-def _lies_otherwise(ambiguity: Record) -> bool:
-    """Whether the part may lie so that other places are compared: a symmetry of it changes none."""
-    close = [one for one in ambiguity.get("rivals", ()) if one["lead"] < POSE_LEAD]
-    symmetric = bool(close) and all(one["same"] for one in close)
-    return bool(ambiguity["flag"]) and not symmetric
-
-
-def _in_this_pose(decision: Decision, text: str) -> Finding:
-    return (
-        ("undecided", f"{text}, if the pose is right") if decision == "fail" else (decision, text)
-    )
+def _in_this_pose(registration: Record, decision: Decision, text: str) -> Finding:
+    """Return a finding on flow as `judge` does those on features."""
+    if decision == "fail" and pose_in_doubt(registration["ambiguity"]):
+        return "undecided", f"{text}, if the pose is right"
+    return decision, text
 
 
 def _told(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
-    by_section = {f["vessel"]: f["decision"] for f in features if f["name"] == "section"}
+    sure = [as_if_pose_sure(f) for f in features]
+    by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
     return [
         f
-        for f in features
+        for f, plain in zip(features, sure, strict=True)
         if f["decision"] != "pass"
         and not (
             f["name"] in ("mean", "narrowest")
-            and worst([f["decision"], by_section.get(f["vessel"], "pass")])
+            and worst([plain["decision"], by_section.get(f["vessel"], "pass")])
             == by_section.get(f["vessel"])
         )
     ]
