@@ -39,17 +39,22 @@ def verdict(registration: Record) -> dict[str, Any]:
         When it wasn't judged: an older version wrote it.
     """
     features = registration["judging"]["features"]
-    found: list[Finding] = [
-        *((f["decision"], reason(f)) for f in _told(features)),
+    of_features: list[Finding] = [(f["decision"], reason(f)) for f in _told(features)]
+    others: list[Finding] = [
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
     ]
-    whole = worst(decision for decision, _ in found)
+    whole = worst(decision for decision, _ in [*of_features, *others])
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
-        "reasons": [text for decision in _ORDER for text in _some(found, decision)],
+        "reasons": [
+            text
+            for decision in _ORDER
+            # No table has the others: none of them is left out.
+            for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
+        ],
     }
 
 
@@ -81,7 +86,12 @@ def _some(found: Sequence[Finding], decision: Decision) -> list[str]:
     left = len(texts) - MOST_REASONS
     if left <= 0:
         return texts
-    word = {"fail": "fail", "undecided": "are undecided", "pass": "pass"}[decision]
+    many = left > 1
+    word = {
+        "fail": "fail" if many else "fails",
+        "undecided": "are undecided" if many else "is undecided",
+        "pass": "pass" if many else "passes",
+    }[decision]
     return [*texts[:MOST_REASONS], f"{left} more {word}; the table of vessels has all"]
 
 
@@ -109,19 +119,29 @@ def _flow(registration: Record) -> list[Finding]:
         return []
     starved = [str(row["vessel"]) for row in flow["vessels"] if not row["fed"]]
     if starved:
-        few = ", ".join(starved[:8]) + (" …" if len(starved) > 8 else "")
-        return [("fail", f"{len(starved)} vessels carry no flow as printed: {few}")]
+        few = _few(starved)
+        said = "1 vessel carries" if len(starved) == 1 else f"{len(starved)} vessels carry"
+        return [("fail", f"{said} no flow as printed: {few}")]
     drop, designed = flow["pressure_drop_pa"], flow["designed_pressure_drop_pa"]
     if not drop or not designed:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
-    text = (
-        f"Every vessel is fed; the print needs {pressure_words(known)} times the designed "
+    needs = (
+        f"the print needs {pressure_words(known)} times the designed "
         "pressure, and no vessel's share of the flow is off by more than "
         f"{100 * shift:.1f} % of the whole"
     )
-    return [("pass", text)]
+    unsure = [str(row["vessel"]) for row in registration["vessels"] if row["open"] is None]
+    if unsure:
+        which = f"Vessel {unsure[0]} is" if len(unsure) == 1 else f"Vessels {_few(unsure)} are"
+        text = f"{which} neither open nor closed, so whether every vessel is fed isn't known; if so"
+        return [("undecided", f"{text}, {needs}")]
+    return [("pass", f"Every vessel is fed; {needs}")]
+
+
+def _few(vessels: Sequence[str]) -> str:
+    return ", ".join(vessels[:8]) + (" …" if len(vessels) > 8 else "")
 
 
 def _pose(registration: Record) -> list[Finding]:
