@@ -96,18 +96,18 @@ def register(
         design = read_design(model, network, lumens, unit, printed_in)
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         # Loaded only now, beside what the second process loads.
+        from printctl.cli.datum_options import datums_of
         from printctl.cli.record_option import read_record
         from printctl.cli.register_work import Measuring, judged, note, registered
         from printctl.cli.tolerance_options import tolerances_of
         from printctl.recipe.record import RecordPart
-        from registration.geometry import read_datums
 
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
         said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip
-        laid_on = read_datums((datums or "").split(","))
+        laid_on = datums_of(datums, design.vessels)
         how = Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
         made = registered(how, design, steps)
         data = judged(made, how, limits, stated)

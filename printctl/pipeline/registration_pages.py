@@ -9,6 +9,7 @@ from pathlib import Path
 
 from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.page_parts import PageParts
+from printctl.pipeline.registration_files import NUMBERS
 from registration.report import all_figures, network_drawing, write_report_html
 from registration.report.pdf import write_report_pdf
 
@@ -19,9 +20,8 @@ def write_pages(folder: Path, parts: PageParts) -> None:
     """Write the HTML page, and the PDF where it is asked for, into a folder."""
     # Drawn once for page and PDF.
     drawn = all_figures(parts.data, parts.network, parts.drawn, parts.views)
-    write_report_html(
-        folder / HTML, parts.data, parts.surfaces, parts.network, drawn, views=parts.views
-    )
+    shown = {**parts.data, "numbers_file": NUMBERS}
+    write_report_html(folder / HTML, shown, parts.surfaces, parts.network, drawn, views=parts.views)
     if parts.origin is not None:
         data = {**parts.data, "provenance": parts.origin}
         write_report_pdf(folder / PDF, data, parts.network, drawn, parts.views)

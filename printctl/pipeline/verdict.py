@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from registration.alignment import AlignmentOptions
-from registration.judging import Decision, reason, worst
+from registration.judging import Decision, as_if_pose_sure, pose_in_doubt, reason, worst
 from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
@@ -14,7 +13,6 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
-POSE_LEAD: Final = AlignmentOptions().ambiguous_below
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
@@ -41,45 +39,43 @@ def verdict(registration: Record) -> dict[str, Any]:
         When it wasn't judged: an older version wrote it.
     """
     features = registration["judging"]["features"]
-    found: list[Finding] = [
-        *((f["decision"], reason(f)) for f in _told(features)),
-        *_flow(registration),
+    of_features: list[Finding] = [(f["decision"], reason(f)) for f in _told(features)]
+    others: list[Finding] = [
+        *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
     ]
-    if _lies_otherwise(registration["ambiguity"]):
-        found = [_in_this_pose(*one) for one in found]
-    whole = worst(decision for decision, _ in found)
+    whole = worst(decision for decision, _ in [*of_features, *others])
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
-        "reasons": [text for decision in _ORDER for text in _some(found, decision)],
+        "reasons": [
+            text
+            for decision in _ORDER
+            # No table has the others: none of them is left out.
+            for text in [*_some(of_features, decision), *(t for d, t in others if d == decision)]
+        ],
     }
 
 
-def _lies_otherwise(ambiguity: Record) -> bool:
-    """Whether the part may lie so that other places are compared: a symmetry of it changes none."""
-    close = [one for one in ambiguity.get("rivals", ()) if one["lead"] < POSE_LEAD]
-    symmetric = bool(close) and all(one["same"] for one in close)
-    return bool(ambiguity["flag"]) and not symmetric
-
-
-def _in_this_pose(decision: Decision, text: str) -> Finding:
-    return (
-        ("undecided", f"{text}, if the pose is right") if decision == "fail" else (decision, text)
-    )
+def _in_this_pose(registration: Record, decision: Decision, text: str) -> Finding:
+    """Return a finding on flow as `judge` does those on features."""
+    if decision == "fail" and pose_in_doubt(registration["ambiguity"]):
+        return "undecided", f"{text}, if the pose is right"
+    return decision, text
 
 
 def _told(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
-    by_section = {f["vessel"]: f["decision"] for f in features if f["name"] == "section"}
+    sure = [as_if_pose_sure(f) for f in features]
+    by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
     return [
         f
-        for f in features
+        for f, plain in zip(features, sure, strict=True)
         if f["decision"] != "pass"
         and not (
             f["name"] in ("mean", "narrowest")
-            and worst([f["decision"], by_section.get(f["vessel"], "pass")])
+            and worst([plain["decision"], by_section.get(f["vessel"], "pass")])
             == by_section.get(f["vessel"])
         )
     ]
@@ -90,7 +86,12 @@ def _some(found: Sequence[Finding], decision: Decision) -> list[str]:
     left = len(texts) - MOST_REASONS
     if left <= 0:
         return texts
-    word = {"fail": "fail", "undecided": "are undecided", "pass": "pass"}[decision]
+    many = left > 1
+    word = {
+        "fail": "fail" if many else "fails",
+        "undecided": "are undecided" if many else "is undecided",
+        "pass": "pass" if many else "passes",
+    }[decision]
     return [*texts[:MOST_REASONS], f"{left} more {word}; the table of vessels has all"]
 
 
@@ -118,19 +119,29 @@ def _flow(registration: Record) -> list[Finding]:
         return []
     starved = [str(row["vessel"]) for row in flow["vessels"] if not row["fed"]]
     if starved:
-        few = ", ".join(starved[:8]) + (" …" if len(starved) > 8 else "")
-        return [("fail", f"{len(starved)} vessels carry no flow as printed: {few}")]
+        few = _few(starved)
+        said = "1 vessel carries" if len(starved) == 1 else f"{len(starved)} vessels carry"
+        return [("fail", f"{said} no flow as printed: {few}")]
     drop, designed = flow["pressure_drop_pa"], flow["designed_pressure_drop_pa"]
     if not drop or not designed:
         return []
     shift = max(abs(row["share"] - row["designed_share"]) for row in flow["vessels"])
     known = flow if flow.get("pressure_ratio") else {"pressure_ratio": drop / designed}
-    text = (
-        f"Every vessel is fed; the print needs {pressure_words(known)} times the designed "
+    needs = (
+        f"the print needs {pressure_words(known)} times the designed "
         "pressure, and no vessel's share of the flow is off by more than "
         f"{100 * shift:.1f} % of the whole"
     )
-    return [("pass", text)]
+    unsure = [str(row["vessel"]) for row in registration["vessels"] if row["open"] is None]
+    if unsure:
+        which = f"Vessel {unsure[0]} is" if len(unsure) == 1 else f"Vessels {_few(unsure)} are"
+        text = f"{which} neither open nor closed, so whether every vessel is fed isn't known; if so"
+        return [("undecided", f"{text}, {needs}")]
+    return [("pass", f"Every vessel is fed; {needs}")]
+
+
+def _few(vessels: Sequence[str]) -> str:
+    return ", ".join(vessels[:8]) + (" …" if len(vessels) > 8 else "")
 
 
 def _pose(registration: Record) -> list[Finding]:

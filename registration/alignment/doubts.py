@@ -78,12 +78,25 @@ def rival_words(rival: Rival, limit: float) -> str:
         )
     x, y, z = rival.place_mm
     where = f"most (by {rival.apart_um:.0f} µm) at x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
-    how = (
-        "which was seen but doesn't decide; scan it more sharply"
-        if rival.seen
-        else "which wasn't seen; scan it too"
-    )
     return (
-        f"The part may lie otherwise, by {rival.motion}: that pose deviates only {rival.lead:.2f} "
-        f"times as much where the two differ (limit {limit:g}). They differ {where}, {how}."
+        f"The part may lie otherwise, {_by(rival.motion)}: that pose deviates only "
+        f"{rival.lead:.2f} times as much where the two differ (limit {limit:g}). They differ "
+        f"{where}, {_remedy(rival)}."
     )
+
+
+def _by(motion: str) -> str:
+    """Put "by" before each part of a motion that takes it: turns and shifts, no mirroring."""
+    parts = motion.split(" and ")
+    return " and ".join(part if part.startswith("mirrored") else f"by {part}" for part in parts)
+
+
+def _remedy(rival: Rival) -> str:
+    if rival.seen:
+        return "which was seen but doesn't decide; scan it more sharply"
+    if rival.amid:
+        return (
+            "where the design has a surface and the scan found none, though it did around it: the "
+            "print lacks it, or light failed there"
+        )
+    return "which wasn't seen; scan it too"

@@ -45,6 +45,8 @@ class Rival:
         Where that is, in the part's frame.
     seen : bool
         Whether the scan shows that place.
+    amid : bool
+        Whether scanned surface lies to all sides of that place, along each axis of the part.
     """
 
     motion: str
@@ -53,6 +55,7 @@ class Rival:
     apart_um: float
     place_mm: FloatArray
     seen: bool
+    amid: bool = False
 
     @property
     def same(self) -> bool:
@@ -109,6 +112,7 @@ def describe(
         apart_um=1e3 * float(apart[worst]),
         place_mm=place,
         seen=away < BESIDE_MM,
+        amid=bool(((seen.min(axis=0) < place) & (place < seen.max(axis=0))).all()),
     )
 
 

@@ -10,6 +10,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.geometry.characteristic import Characteristic
     from registration.geometry.datum import Datum, read_datums
+    from registration.geometry.designed import check_designed
     from registration.geometry.faces import Face, outer_faces
     from registration.geometry.frame import Frame, best_fit
     from registration.geometry.lay import Cut, Scene, lay_on_datums
@@ -24,6 +25,7 @@ __all__ = [
     "Scene",
     "best_fit",
     "characteristics",
+    "check_designed",
     "cuts_of",
     "lay_on_datums",
     "outer_faces",

@@ -14,6 +14,7 @@ from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.gauging.outlines import Outlines
 from registration.geometry.datum import Datum
+from registration.geometry.designed import designed_mouth, designed_mouths, straight_axis
 from registration.geometry.faces import Face
 from registration.geometry.features import (
     Setting,
@@ -93,8 +94,7 @@ class Scene:
 
     def mouths(self) -> list[tuple[int, bool]]:
         """Vessel and whether its last node, of each end that opens."""
-        degree = self.network.degree()[self.network.vessel_nodes]
-        return [(int(v), bool(last)) for v, last in np.argwhere(degree == 1)]
+        return designed_mouths(self.network)
 
 
 def lay_on_datums(datums: Sequence[Datum], start: Fit, scene: Scene) -> Frame:
@@ -136,10 +136,8 @@ def _rows(datum: Datum, scene: Scene, setting: Setting) -> Rows:
                 "scan more of the part, or name faces"
             )
         return stacked(found)
-    last = datum.kind == "outlet"
-    if (datum.vessel, last) not in scene.mouths():
-        raise DatumError(f"datum {datum}: no such mouth in the design; it has {_ends(scene)}")
-    rows = _mouth(datum.vessel, last, scene, setting)
+    vessel, last = designed_mouth(datum, scene.network)
+    rows = _mouth(vessel, last, scene, setting)
     if rows is None:
         raise DatumError(
             f"datum {datum} isn't seen: no section was measured within a diameter of it; scan that "
@@ -176,17 +174,7 @@ def named_face(datum: Datum, faces: Sequence[Face]) -> Face:
 
 
 def _axis(datum: Datum, scene: Scene, fit: Fit) -> Lumen:
-    count = scene.network.vessel_count
-    if datum.vessel >= count:
-        raise DatumError(
-            f"datum {datum}: the design has vessels 0 to {count - 1}; name one of those"
-        )
-    line = Line.of(scene.network, datum.vessel)
-    if not line.straight:
-        raise DatumError(
-            f"datum {datum}: vessel {datum.vessel} is curved by design and has no one axis; name "
-            "a straight vessel, or its mouths"
-        )
+    straight_axis(datum, scene.network)
     found = scene.lumen(datum.vessel, fit)
     if found is None:
         raise DatumError(
@@ -200,11 +188,6 @@ def _mouth(vessel: int, last: bool, scene: Scene, setting: Setting) -> Rows | No
     found = scene.lumen(vessel, setting.fit)
     there = None if found is None else mouth(found, last)
     return None if there is None else mouth_rows(there, scene.face_at(there.node), setting)
-
-
-def _ends(scene: Scene) -> str:
-    said = [f"{'outlet' if last else 'inlet'} {v}" for v, last in scene.mouths()]
-    return ", ".join(said[:12]) + (" ..." if len(said) > 12 else "")
 
 
 def _refuse_free(datums: Sequence[Datum], held: Held) -> None:

@@ -10,6 +10,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst
     from registration.judging.judged import RULE, judge, judge_plain, listed
+    from registration.judging.pose import as_if_pose_sure, pose_in_doubt
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -27,9 +28,11 @@ __all__ = [
     "ToleranceError",
     "Tolerances",
     "VesselLimits",
+    "as_if_pose_sure",
     "judge",
     "judge_plain",
     "listed",
+    "pose_in_doubt",
     "reason",
     "worst",
 ]

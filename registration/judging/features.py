@@ -53,7 +53,8 @@ class Feature:
     other : int or None
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
-        ``shade``: of ``leak``, where gel in a shadow would look alike; undecided.
+        ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``pose``: a fail
+        if the pose, which is in doubt, is right; undecided.
     words, of : str
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
@@ -73,7 +74,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade"] = ""
+    doubt: Literal["", "shade", "pose"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()

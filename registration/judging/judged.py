@@ -26,6 +26,7 @@ from registration.judging.features import (
     section_feature,
 )
 from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst
+from registration.judging.pose import fails_withdrawn, pose_in_doubt
 from registration.judging.runs import apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
@@ -57,6 +58,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
         pass; ``defects``: those of them that stand out or are measured beyond their limits; each
         vessel with ``decision``, and along it ``decision_along``, ``interval_95_um``,
         ``lower_um`` and ``upper_um`` (limits of the diameter); ``judging`` with the features.
+        Of a pose in doubt nothing fails (`pose_in_doubt`).
 
     Raises
     ------
@@ -104,7 +106,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
         }
     )
     out["defects"] = [finding for finding in out["findings"] if is_defect(finding)]
-    return out
+    return fails_withdrawn(out) if pose_in_doubt(numbers.get("ambiguity") or {}) else out
 
 
 def is_defect(finding: Record) -> bool:

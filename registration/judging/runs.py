@@ -36,9 +36,16 @@ def findings(
         Of their diameters.
     found : sequence of mapping
         Its bulges, stenoses and closures that were found without a tolerance. A run of sections
-        that mostly lies in a change of its sign is part of it; a longer run stands beside it.
+        that mostly lies in a change of its sign is part of it; a longer run stands beside it. A
+        change whose own interval includes zero isn't listed (`denied`).
     """
-    changes = [judged_change(row, band, limit, one) for one in found if one["kind"] in _SIGN]
+    changes = [
+        change
+        for change in (
+            judged_change(row, band, limit, one) for one in found if one["kind"] in _SIGN
+        )
+        if not denied(band, change)
+    ]
     runs = []
     for run in _runs(row, band, _closed(band, found)):
         finding = _finding(row, band, limit, run)
@@ -151,6 +158,18 @@ def judged_change(row: Record, band: Band, limit: Limit, change: Record) -> dict
     if inside.any():
         return own | _judged(band, limit, inside)
     return own | _alone(row, limit, own)
+
+
+def denied(band: Band, change: Record) -> bool:
+    """Return whether a judged change is no change by its own 95 % interval.
+
+    Its sections that aren't a pass are listed as runs. Where none counts, as within a junction,
+    the change stays unless it is a pass: nothing else would tell of it.
+    """
+    half = change["error_um"]
+    if half is None or abs(float(change["size_um"])) > float(half):
+        return False
+    return change["decision"] == "pass" or not apart_from_sections(band, change)
 
 
 def apart_from_sections(band: Band, finding: Record) -> bool:

@@ -19,6 +19,8 @@ _NAMES = {
 def reason(feature: Record) -> str:
     """Say of a feature of ``judging.features`` what was measured, its limit, and the decision."""
     name = feature["name"]
+    if feature.get("doubt") == "pose":
+        return f"{reason({**feature, 'decision': 'fail', 'doubt': ''})}, if the pose is right"
     if name in _NAMES:
         return _diameter(feature)
     if name == "offset":

@@ -31,6 +31,8 @@ _HIGH_IN: Final = 2.3
 _WIDE_IN: Final = 8.9
 _AROUND: Final = {"left": 0.7, "right": 0.25, "top": 0.3, "bottom": 0.75, "between": 0.75}
 """Inch."""
+_TITLE_IN: Final = 2.5
+"""Inch; the longest title."""
 
 
 def finding_figures(
@@ -118,6 +120,8 @@ def _laid_out(ratios: list[float]) -> tuple[Figure, list[Axes]]:
     high = min(_HIGH_IN, spare / sum(ratios))
     whole = high + a["top"] + a["bottom"]
     wide = a["left"] + a["right"] + a["between"] * (len(ratios) - 1) + high * sum(ratios)
+    # The last title has no neighbour whose margin it could run into.
+    wide += max(0.0, _TITLE_IN - high * ratios[-1] - a["right"])
     figure, at, axes = Figure(figsize=(wide, whole)), a["left"], []
     for ratio in ratios:
         box = (at / wide, a["bottom"] / whole, high * ratio / wide, high / whole)

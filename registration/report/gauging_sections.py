@@ -87,6 +87,8 @@ def _defect(row: Record) -> dict[str, Any]:
         "to": to,
         "deviation": _off(row),
         "extent": _span(row.get("from_mm"), row.get("to_mm")),
+        # Of a missing vessel the designed diameter is given, which nobody measured.
+        "error_um": None if row.get("kind") == "missing" else row.get("error_um"),
         "place": ", ".join(f"{v:.2f}" for v in place) if isinstance(place, list | tuple) else None,
         "source": _source(made),
         "lines": f"{made.get('first_line')} – {made.get('last_line')}"

@@ -79,7 +79,8 @@ def write_report_html(
     data : dict
         What report.json holds. Every section and every number may be missing; a share
         (``within``, ``seen_fraction``) is a fraction of 1. ``registration.sign_convention``, a
-        few words on which side is positive, is shown where it is given.
+        few words on which side is positive, is shown where it is given. ``numbers_file``: the
+        file's name where it isn't report.json.
     surfaces : sequence of ReportSurface
         For the 3D view, in the part's frame. The first one with a scalar is shown at first.
         Above 400,000 triangles together they are simplified for the page, which says so. They may

@@ -1,21 +1,60 @@
-"""Reasons to doubt a pose that are known only after the fit."""
+"""Doubts of a pose in words."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import manifold3d
+import numpy as np
 import pytest
 
-from registration.alignment import later_doubts
+from registration.alignment import Fit
+from registration.alignment.doubts import rival_words
+from registration.alignment.rivals import Rival, describe
+from registration.distance import ModelSurface
+from tests.registration.parts import solid
 
-
-def test_two_programs_that_agree_in_good_light_raise_no_doubt():
-    assert later_doubts(11.0, 0.54) == ()
-    assert later_doubts(None, 1.0) == ()
+RIVAL = Rival("mirrored along x", True, 1.1, 849.0, np.array([7.8, 7.0, 1.1]), seen=False)
 
 
 @pytest.mark.parametrize(
-    ("cross_um", "seen", "said"),
-    [(29.0, 0.9, "29 µm from ours (limit 20 µm)"), (5.0, 0.37, "37 % of the scanned surface")],
+    ("motion", "said"),
+    [
+        ("mirrored along x", "may lie otherwise, mirrored along x: that"),
+        ("a half turn about z", "may lie otherwise, by a half turn about z: that"),
+        (
+            "mirrored along x and a shift of 0.38 mm along x",
+            "may lie otherwise, mirrored along x and by a shift of 0.38 mm along x: that",
+        ),
+    ],
 )
-def test_a_clean_part_at_low_contrast_was_failed_by_walls_that_were_not_there(cross_um, seen, said):
-    (doubt,) = later_doubts(cross_um, seen)
-    assert said in doubt
+def test_motions_are_told_in_grammar(motion: str, said: str) -> None:
+    assert said in rival_words(replace(RIVAL, motion=motion), 1.5)
+
+
+def test_what_the_print_lacks_isnt_asked_for_again() -> None:
+    assert "wasn't seen; scan it too" in rival_words(RIVAL, 1.5)
+    said = rival_words(replace(RIVAL, amid=True), 1.5)
+    assert "scan it too" not in said
+    assert "the print lacks it" in said
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_missing_hole_is_amid_what_was_scanned(whole: bool) -> None:
+    # A hole beside the middle, which the print lacks; or the scan ends before it.
+    block = manifold3d.Manifold.cube((8.0, 8.0, 3.0))
+    hole = manifold3d.Manifold.cube((0.6, 0.6, 0.6)).translate((5.5, 4.0, 1.2))
+    surface = ModelSurface.of(solid(block - hole))
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 1, (4000, 3)) * (8.0, 8.0, 3.0)
+    side = rng.integers(0, 3, 4000)
+    high = rng.random(4000) < 0.5
+    ends = np.array([8.0, 8.0, 3.0])
+    points[np.arange(4000), side] = np.where(high, ends[side], 0.0)
+    if not whole:
+        points = points[points[:, 0] < 4.0]
+    best = Fit(np.eye(3), np.zeros(3), np.ones(3), ends / 2)
+    turned = np.diag([-1.0, -1.0, 1.0])
+    other = Fit(turned, np.array([8.0, 8.0, 0.0]), np.ones(3), ends / 2)
+    found = describe(surface, points, best, other, 1.1, False)
+    assert found.amid == whole

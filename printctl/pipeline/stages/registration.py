@@ -38,7 +38,7 @@ from registration import (
     register_scan,
     report_dict,
 )
-from registration.geometry import read_datums
+from registration.geometry import check_designed, read_datums
 from registration.judging import judge
 from registration.optics import relaid
 from registration.result import SIGN
@@ -66,8 +66,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Register; trace what is off to what wrote it; hold a simulated scan against the truth."""
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
+    options = _options(context)
     scan = load_scan(context)
-    found = register_scan(scan, model, context.network, _options(context))
+    found = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {
         **judge(report_dict(found), context.recipe.registration.all_tolerances()),
@@ -97,6 +98,7 @@ def _options(context: RunContext) -> RegistrationOptions:
     """What the recipe says of the scan and of what flows."""
     flow, part = context.conditions, context.scan_part
     datums = read_datums(context.recipe.registration.datums)
+    check_designed(datums, context.network)
     if not isinstance(part, FileScan):
         return RegistrationOptions(flow=flow, datums=datums)
     walls = None if part.walls is None else read_walls(context.recipe_folder / part.walls)

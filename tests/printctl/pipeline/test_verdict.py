@@ -145,7 +145,32 @@ def test_starved_vessel_fails() -> None:
     rows = [dict(FLOW["vessels"][0], fed=False), FLOW["vessels"][1]]  # type: ignore[index]
     result = judged(perfusion=FLOW | {"vessels": rows})
     assert not result["passed"]
-    assert any("carry no flow as printed: 0" in reason for reason in result["reasons"])
+    assert result["reasons"][0] == "1 vessel carries no flow as printed: 0"
+    both = [dict(row, fed=False) for row in FLOW["vessels"]]  # type: ignore[attr-defined]
+    result = judged(perfusion=FLOW | {"vessels": both})
+    assert result["reasons"][0] == "2 vessels carry no flow as printed: 0, 1"
+
+
+def test_flow_through_a_vessel_that_is_neither_open_nor_closed_isnt_claimed() -> None:
+    result = judged(good(0), good(1, open=None))
+    assert result["undecided"]
+    assert not any("Every vessel is fed" in reason for reason in result["reasons"])
+    (said,) = [reason for reason in result["reasons"] if "is fed isn't known" in reason]
+    assert said.startswith("Vessel 1 is neither open nor closed")
+    assert "1.20 (interval not known) times the designed pressure" in said
+
+
+def test_pose_and_flow_are_told_however_many_vessels_are_undecided() -> None:
+    rows = [vessel(n, np.full(20, -40.0), u_um=20.0) for n in range(MOST_REASONS + 3)]
+    rows[0]["open"] = None
+    reasons = judged(*rows, ambiguity={"flag": True})["reasons"]
+    assert any(reason.startswith("The pose is ambiguous") for reason in reasons)
+    assert any("is fed isn't known" in reason for reason in reasons)
+
+
+def test_one_reason_left_out_is_counted_in_the_singular() -> None:
+    result = judged(*(good(n, open=False) for n in range(MOST_REASONS + 1)))
+    assert any(reason.startswith("1 more fails") for reason in result["reasons"])
 
 
 def test_many_reasons_are_counted() -> None:

@@ -144,6 +144,34 @@ def test_a_change_within_tolerance_stays_in_the_list_as_a_pass() -> None:
     assert found["judging"]["decision"] == "pass"
 
 
+DENIED = {"kind": "stenosis", "size_um": -20.0, "error_um": 23.0, "percent": -4.0}
+
+
+def test_a_change_that_its_own_interval_denies_isnt_listed() -> None:
+    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), -20.0, 0.0)
+    row = vessel(0, errors, u_um=23.0)
+    found = judged(row, defects=[change(0, 1.9, 2.4, **DENIED)])
+    assert found["findings"] == found["defects"] == []
+    assert judge_plain(found, 100.0, 10.0) == found
+
+
+def test_sections_outside_their_band_stay_listed_without_the_denied_change() -> None:
+    errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), -45.0, 0.0)
+    row = vessel(0, errors, u_um=23.0)
+    found = judged(row, defects=[change(0, 1.9, 2.4, **DENIED)])
+    (finding,) = found["findings"]
+    assert (finding["decision"], finding["local"]) == ("undecided", False)
+    assert abs(finding["size_um"]) > finding["error_um"]
+
+
+def test_a_denied_change_that_no_section_shows_is_listed_unless_it_passes() -> None:
+    row = vessel(0, np.zeros(20), u_um=SURE)
+    wide = change(0, 3.0, 3.4, **DENIED | {"error_um": 60.0})
+    (finding,) = judged(row, defects=[wide])["findings"]
+    assert finding["decision"] == "undecided"
+    assert judged(row, defects=[change(0, 3.0, 3.4, **DENIED)])["findings"] == []
+
+
 def test_a_run_within_a_change_is_the_same_finding() -> None:
     errors = np.where((np.arange(40) > 15) & (np.arange(40) < 20), 80.0, 0.0)
     found = judged(vessel(0, errors, u_um=SURE), defects=[change(0, 1.7, 2.5)])

@@ -1,0 +1,48 @@
+"""`printctl register --datums`: what is wrong with them is wrong use, told before any scan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from design.network_csv import write_network_csv
+from design.solids import write_stl
+from tests.printctl.cli.shell import Shell
+from tests.registration.geometry.shapes import construct, network
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys, "register")
+
+
+@pytest.fixture
+def design(tmp_path: Path) -> Path:
+    write_stl(tmp_path / "part.stl", construct())
+    write_network_csv(tmp_path / "network.csv", network())
+    return tmp_path / "part.stl"
+
+
+@pytest.mark.parametrize(
+    ("datums", "said"),
+    [
+        ("", "--datums is empty"),
+        (" , ", "--datums is empty"),
+        ("face up", "'face up' isn't known"),
+        ("face -z, face -z", "is given twice"),
+        ("face -z, axis 7", "the design has vessels 0 to 2"),
+        ("face -z, outlet 9", "no such mouth in the design"),
+    ],
+)
+def test_wrong_datums_are_wrong_use_and_no_scan_is_read(
+    run: Shell, design: Path, tmp_path: Path, datums: str, said: str
+) -> None:
+    # A file that is no scan: reading it would be refused in other words.
+    scan = tmp_path / "scan.tif"
+    scan.write_bytes(b"no scan")
+    code, _, err = run(
+        str(scan), "--model", str(design), "--out", str(tmp_path / "out"), "--datums", datums
+    )
+    assert code == 2, err
+    assert said in " ".join(err.split())
