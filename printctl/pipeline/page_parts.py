@@ -1,4 +1,4 @@
-"""What the pages of `printctl register` show, as it goes to the process that writes them."""
+"""Contents of the pages of `printctl register`, as they go to the process that writes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which points of a scanned surface are a vessel's wall, and whose."""
+"""Points of a scanned surface that are a vessel's wall, and the vessel of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says of findings, of its file of numbers, and above its pictures."""
+"""Words of the page: of findings, of its file of numbers, above its pictures."""
 
 from __future__ import annotations
 
