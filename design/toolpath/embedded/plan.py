@@ -122,9 +122,10 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    planned = scene.needle.planned()
+    found = find_rules(scene.elements, scene.squares, scene.meetings, planned)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, planned)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
     joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)
