@@ -75,7 +75,7 @@ def check_clearance(
     _check(motion, network, needles, overlap_radii, look_mm)
     pieces, heads = Pieces.of(motion.length_mm), heads_of(motion, network)
     ink, radius = ink_of(motion, network, heads, pieces)
-    tips, row, head = tips_of(motion, network, heads, pieces, radius)
+    tips, row, head = tips_of(motion, heads, pieces, radius)
     tip = min(needle.tip_mm for needle in needles)
     clearance = max(needle.clearance_mm for needle in needles)
     joints, overlaps = joints_of(network, tip, overlap_radii)

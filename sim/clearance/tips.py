@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sim.clearance.bodies import Tips
 from sim.clearance.heads import Head
 from sim.clearance.motion import NONE, Motion
-from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
 
 FloatArray = NDArray[np.float64]
@@ -18,7 +17,7 @@ IntArray = NDArray[np.int64]
 
 
 def tips_of(
-    motion: Motion, network: WrittenNetwork, heads: list[Head], pieces: Pieces, radius: FloatArray
+    motion: Motion, heads: list[Head], pieces: Pieces, radius: FloatArray
 ) -> tuple[Tips, IntArray, IntArray]:
     """Every head's motion, with the rows and heads that its moves are of.
 
@@ -32,7 +31,7 @@ def tips_of(
     for k, head in enumerate(heads):
         kept = _kept(head.tips)
         chosen = np.flatnonzero(kept[pieces.row])
-        parts.append(_fields(motion, network, k, head, pieces.of_rows(chosen), radius))
+        parts.append(_fields(motion, k, head, pieces.of_rows(chosen), radius))
         move = np.cumsum(kept) - 1 + moves
         parts[-1] |= {"move": move[pieces.row[chosen]], "when": chosen}
         parts[-1]["run"][parts[-1]["run"] >= 0] += runs
@@ -46,7 +45,7 @@ def tips_of(
 
 
 def _fields(
-    motion: Motion, network: WrittenNetwork, k: int, head: Head, part: Pieces, radius: FloatArray
+    motion: Motion, k: int, head: Head, part: Pieces, radius: FloatArray
 ) -> dict[str, NDArray[Any]]:
     """Of `Tips`, what one head alone says."""
     row, found = part.row, head.passes
@@ -54,9 +53,7 @@ def _fields(
     vessel, thick, along = _roles(motion, head, radius)
     along_of = np.repeat(along[row][:, :, None], 2, axis=2)
     written = (motion.writes & (motion.tool == k))[row]
-    # Of each piece by itself: a row may go on beyond its vessel's end, where nothing adds up.
-    own = motion.vessel[row][written]
-    along_of[written, 0] = network.spans(own, start[written], end[written])[0]
+    along_of[written, 0] = part.values(head.along)[written]
     return {
         "start": start,
         "end": end,

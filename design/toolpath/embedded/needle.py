@@ -11,9 +11,6 @@ JOINT: Final = math.sqrt(2.0)
 """Ink so many times tip and filament radius away along a vessel is a joint's: slopes of up to
 45 degrees may join, and be written downward."""
 
-BORDER_MM: Final = 0.04
-"""By so much less a joint reaches for the rules than for the account."""
-
 
 class Needle(NamedTuple):
     """A vertical needle.
@@ -44,13 +41,6 @@ class Needle(NamedTuple):
         return self._replace(
             tip_mm=self.bare_mm, shaft_mm=self.shaft_mm - self.tip_mm + self.bare_mm
         )
-
-    def planned(self) -> Needle:
-        """With joints that reach less far: rules look at few places of the tip near their borders.
-
-        What is ordered by it holds for every place between.
-        """
-        return self._replace(joint_mm=self.joint_mm - BORDER_MM / JOINT)
 
 
 @jit

@@ -15,7 +15,7 @@ from design.toolpath.embedded.improve import broken, ordered
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.lumens import Lumens
-from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
+from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.recovery import waited
@@ -23,7 +23,6 @@ from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import Rules, entered, find_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares, squares_of
-from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.write import FilamentWriter
 from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
 
@@ -68,24 +67,22 @@ class Scene:
         squares = squares_of(elements, needle.shaft_mm)
         nodes = at_nodes(network, elements)
         lumens = Lumens(bundles, elements, needle)
-        collisions = touches(elements, needle)
+        collisions = touches(elements, squares, nodes, needle)
         meetings = with_touches(nodes, collisions)
         return Scene(elements, squares, meetings, collisions, needle, lumens)
 
     def met(self, rules: Rules, passes: list[Pass], joined: Joined, network: VesselNetwork) -> Met:
         """What the shaft meets: elements written out of turn, and overlaps."""
         first, second = broken(rules, passes)
-        near = entered(first, second, self.elements, self.meetings, self.needle)
-        first, second = first[near], second[near]
-        bare = entered(first, second, self.elements, self.meetings, self.needle.bare())
+        bare = entered(first, second, self.elements, self.meetings, self.needle)
         brushed = np.array(joined.brushed, dtype=np.int64).reshape(-1, 3)
         first, second = np.append(first, brushed[:, 0]), np.append(second, brushed[:, 1])
         bare = np.append(bare, brushed[:, 2] > 0)
         apart = ~self.lumens.one_body(first, second)
-        deep, grazed = bare & apart, ~bare & apart
+        deep, near = bare & apart, ~bare & apart
         return Met(
             crossings=_by_vessels(self.elements, first[deep], second[deep]),
-            grazes=_by_vessels(self.elements, first[grazed], second[grazed]),
+            grazes=_by_vessels(self.elements, first[near], second[near]),
             merged=_merged(network, self.collisions),
         )
 
@@ -122,10 +119,9 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    planned = scene.needle.planned()
-    found = find_rules(scene.elements, scene.squares, scene.meetings, planned)
+    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, planned)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
     joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)

@@ -29,11 +29,7 @@ TIPS = 3
 """Places of the tip along an element. Elements are no longer than half the shaft's radius R, so
 that a touch between two places is missed by at most R/128, which the clearance covers."""
 
-FINE_TIPS = 17
-"""The same for the account, which tells what is entered."""
-
 THIRDS = 10
-"""Thirds of a stretch left out, one after another, in the search for its nearest place."""
 
 GRAZE = 0.01
 """Harm where the needle itself passes by, against that of a crossing: where two elements bar each
@@ -145,11 +141,9 @@ def _places(keys: IntArray, known: IntArray) -> IntArray:
 def entered(
     first: IntArray, after: IntArray, elements: Elements, meetings: Meetings, needle: Needle
 ) -> NDArray[np.bool_]:
-    """Which of these pairs (k,) the needle enters: `Needle.bare` without its clearance."""
-    depth = (
-        _pair_depth(i, j, FINE_TIPS, elements, meetings, needle)
-        for i, j in zip(first, after, strict=True)
-    )
+    """Which of these pairs (k,) the needle itself enters, its clearance apart."""
+    bare = needle.bare()
+    depth = (_pair_depth(i, j, elements, meetings, bare) for i, j in zip(first, after, strict=True))
     return np.fromiter(depth, dtype=np.float64, count=len(first)) > 0.0
 
 
@@ -242,15 +236,13 @@ def _off_at(tip: FloatArray, a: FloatArray, b: FloatArray, t: float, needle: Nee
 
 
 @jit
-def _pair_depth(
-    i: int, j: int, tips: int, elements: Elements, meetings: Meetings, needle: Needle
-) -> float:
+def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
     """Most harm that the shaft does to element j while i is written, mm."""
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     radius = max(elements.radius[i, 0], elements.radius[i, 1])
     most = 0.0
-    for k in range(tips):
-        share = k / (tips - 1.0)
+    for k in range(TIPS):
+        share = k / (TIPS - 1.0)
         tip = tail + share * (head - tail)
         at = elements.arc[i] + share * elements.length[i]
         vessel = elements.vessel[i]
@@ -283,7 +275,7 @@ def _all_pairs(
                 j = squares.member[m]
                 if j == i:
                     continue
-                harm = _pair_depth(i, j, TIPS, elements, meetings, needle)
+                harm = _pair_depth(i, j, elements, meetings, needle)
                 if harm > 0.0:
                     if total == size:
                         size *= 2
