@@ -9,7 +9,6 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
-from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.travel import with_shorter_ways
@@ -52,10 +51,9 @@ def _best_round(
     elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, *, shorten: bool
 ) -> _Order:
     best: _Order | None = None
-    since, random = 0, np.random.default_rng(0)
+    since = 0
     for _ in range(_rounds(elements)):
         passes = Scheduler(elements, asked, head).run()
-        passes = fewest(passes, elements, asked, head, random)
         if shorten:
             passes = with_shorter_ways(passes, elements, asked, head)
         one = _judged(passes, rules, joiner)
