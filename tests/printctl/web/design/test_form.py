@@ -64,6 +64,7 @@ def test_every_key_of_the_model_is_in_the_form() -> None:
     free = {path for path, field in FORM.walk() if field.node.sort == "free"}
     limits = {path for path in free if path[0] == "registration"}  # a number, or text: +10/-5
     assert limits == {
+        ("registration", "datums"),  # a text, or a list of names
         ("registration", "diameter_tolerance_percent"),
         *(("registration", "tolerances", f"{what}_{unit}") for what in ("diameter", "mean")
           for unit in ("um", "percent")),
