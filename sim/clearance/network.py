@@ -106,9 +106,13 @@ class WrittenNetwork:
     ) -> tuple[FloatArray, FloatArray]:
         """Way along their vessels, and radius there, (n, 2) mm, of straight rows' two ends.
 
-        Where a vessel comes back to its first point a row has the side on which it lies.
+        A row that goes on past its vessel's end counts on: below 0, or above the vessel's length.
+        Else what lies between its ends, found by their share, would be as far off. Where a vessel
+        comes back to its first point a row has the side on which it lies.
         """
-        both = self.project(np.concatenate([vessel, vessel]), np.concatenate([start, end]))
+        twice, ends = np.concatenate([vessel, vessel]), np.concatenate([start, end])
+        both = self.project(twice, ends)
+        both = both[0] + self._past_end(twice, ends, both[0]), both[1]
         along, radius = (np.column_stack(np.split(one, 2)) for one in both)
         whole = np.where(vessel >= 0, self.lengths[vessel], 0.0) if len(self.lengths) else 0.0
         for k in (0, 1):
@@ -117,6 +121,26 @@ class WrittenNetwork:
             turned = closing & self._closed[vessel] & (np.abs(along[:, k] - at) > whole / 2)
             along[:, k] = np.where(turned & (at != other), other, along[:, k])
         return along, radius
+
+    def _past_end(self, vessel: IntArray, place: FloatArray, along: FloatArray) -> FloatArray:
+        """How far places (n, 3) lie past the end of their vessel that they project on, (n,), mm.
+
+        Below 0 past the first end. Vessel -1 is none.
+        """
+        past = np.zeros(len(vessel))
+        if not self.vessel_count:
+            return past
+        own = np.where(vessel >= 0, vessel, 0)
+        for end, step, here in (
+            (self.offset[:-1], 1, along <= 0.0),
+            (self.offset[1:] - 1, -1, along >= self.lengths[own]),
+        ):
+            rows = np.flatnonzero(here & (vessel >= 0))
+            at = end[own[rows]]
+            out = self.points[at] - self.points[at + step]
+            out /= np.linalg.norm(out, axis=1, keepdims=True)
+            past[rows] = -step * np.maximum(((place[rows] - self.points[at]) * out).sum(axis=1), 0)
+        return past
 
     @cached_property
     def _closed(self) -> NDArray[np.bool_]:
