@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from firmware_profiles.families.grammar import ERule
 from kernels import jit
-from sim.errors import GcodeError
 from sim.gcode_modal import (
     ARC,
     BAD,
@@ -37,6 +36,7 @@ from sim.gcode_modal import (
     new_modal,
     speed,
 )
+from sim.gcode_text import check_text
 from sim.gcode_words import WORDS, split_words
 from sim.planner_state import Record, Records
 
@@ -242,13 +242,9 @@ def read_gcode(
     Raises
     ------
     GcodeError
-        When the bytes hold a NUL, as no text does.
+        For bytes that aren't text, such as a NUL.
     """
-    if b"\0" in gcode:
-        at = gcode.index(b"\0")
-        raise GcodeError(
-            f"byte {at} of the G-code is NUL; this is a binary file, not text: give a .gcode file"
-        )
+    check_text(gcode)
     room = gcode.count(b"\n") + gcode.count(b"\r") + 1
     while True:
         columns = Columns.of(room)

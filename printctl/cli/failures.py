@@ -19,6 +19,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "DesignError", 1),
     ("registration.errors", "RegistrationError", 1),
+    ("sim.errors", "GcodeError", 2),
     ("sim.errors", "SimError", 1),
 )
 """Module, error and exit code; the first that fits counts."""

@@ -8,21 +8,16 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from sim.errors import GcodeError, LineError
+from sim.errors import LineError
 from sim.families.translators import translator_of
 from sim.gcode_extended import Named, plain_command
+from sim.gcode_text import check_text
 from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import is_name, read_line, read_words
 
 _REMEMBERED: Final = 10_000
-_MARKS: Final = {
-    b"\xef\xbb\xbf": "an invisible mark (UTF-8 BOM)",
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
-}
-"""What some editors write before a text."""
 LineReader = Callable[[bytes, Printer], GcodeLine]
 
 
@@ -121,21 +116,6 @@ def _read(text: bytes, printer: Printer, reader: LineReader) -> GcodeLine | Line
         return reader(text, printer)
     except LineError as error:
         return error
-
-
-def check_text(gcode: bytes) -> None:
-    """Raise `GcodeError` for a binary file, and for text that no printer reads."""
-    for mark, name in _MARKS.items():
-        if gcode.startswith(mark):
-            raise GcodeError(
-                f"the G-code begins with {name}, which no printer reads; save it as plain text "
-                "(UTF-8 without BOM) in the editor"
-            )
-    at = gcode.find(b"\0")
-    if at >= 0:
-        raise GcodeError(
-            f"byte {at} of the G-code is NUL; this is a binary file, not text: give a .gcode file"
-        )
 
 
 def kinds_of(refused: tuple[tuple[int, LineError], ...]) -> Iterator[tuple[int, LineError, int]]:

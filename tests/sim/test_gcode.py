@@ -184,7 +184,7 @@ def test_codes_have_names():
 
 
 def test_a_binary_file_is_refused():
-    with pytest.raises(GcodeError, match="byte 2 of the G-code is NUL"):
+    with pytest.raises(GcodeError, match=r"line 1 of the G-code has a NUL \(byte 2\)"):
         read_gcode(b"G1\0")
 
 

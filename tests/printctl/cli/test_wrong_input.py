@@ -44,6 +44,13 @@ from printctl.cli.main import main
         ("lumens pipe.gcode --printer generic_marlin --line-um 400", 2, "it is a pipe and no"),
         ("view pipe.gcode --printer generic_marlin", 2, "it is a pipe and no regular file"),
         ("print pipe.gcode --printer generic_marlin --port simulated", 2, "it is a pipe and no"),
+        ("simulate nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
+        (
+            "print nul.gcode --printer generic_marlin --port simulated",
+            2,
+            "line 2 of the G-code has",
+        ),
+        ("view nul.gcode --printer generic_marlin", 2, "line 2 of the G-code has a NUL"),
         ("ports --printer nope", 2, "no printer profile 'nope'"),
     ],
 )
@@ -56,6 +63,7 @@ def test_one_message_and_the_right_exit_code(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "bin.yaml").write_bytes(bytes(range(128, 256)))
+    (tmp_path / "nul.gcode").write_bytes(b"G1 X1\nG1 X\0 Y2\n")
     (tmp_path / "foreign.yaml").write_text("foo: 1\n")
     (tmp_path / "list.yaml").write_text("- 1\n")
     (tmp_path / "needle.yaml").write_text("inner_mm: 0.2\nouter_mm: 0.4\n")
