@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from printctl.link.errors import LinkError
@@ -23,7 +23,8 @@ class Renaming:
     Attributes
     ----------
     index : int
-        Of the command line.
+        Of the command line; -1 for the place that checks took the tip to stand at.
+    line : bytes
     declared : dict of str to float
         Axes that nothing before it has told, mm.
     moved : dict of str to float
@@ -32,6 +33,7 @@ class Renaming:
     """
 
     index: int
+    line: bytes
     declared: dict[str, float]
     moved: dict[str, float]
 
@@ -43,7 +45,8 @@ class JobFrame:
     Attributes
     ----------
     start : (x, y, z) or None, mm
-        Where the first lines tell that the tip stands; None where the machine is homed.
+        Where the first lines, or else the checks, tell that the tip stands; None where the machine
+        is homed.
     shift : (x, y, z), mm
         What later lines have added to what a place is called.
     lines : tuple of bytes
@@ -70,25 +73,50 @@ def renamings(lines: Sequence[bytes]) -> list[Renaming]:
         moved = {axis: told[axis] - mm for axis, mm in before.items()}
         declared = {axis: mm for axis, mm in told.items() if axis not in before}
         changed = {axis: mm for axis, mm in moved.items() if abs(mm) > _SAME_MM}
-        found.append(Renaming(index, declared, changed))
+        found.append(Renaming(index, line, declared, changed))
     return found
 
 
-def frame_at(job: Job, begin: int) -> JobFrame:
+def frame_at(job: Job, begin: int, start_mm: tuple[float, float, float] | None = None) -> JobFrame:
     """Return the frame before command line ``begin``.
+
+    Parameters
+    ----------
+    job : Job
+    begin : int
+    start_mm : (x, y, z) or None, mm
+        Where the checks took the tip to stand before the first line; it counts for a job that tells
+        some of X, Y and Z alone, or tells them late.
 
     Raises
     ------
     LinkError
         Where a line says where the tip stands that nobody can follow.
     """
-    named = renamings(job.lines)
+    named = _named(job, start_mm)
     start, lines = _declared(job, named)
     shift = _shift(job, [one for one in named if one.index < begin], start)
     if any(shift) and start is not None:
         renamed = (mm + by for mm, by in zip(start, shift, strict=True))
         lines = (*lines, b"G92 X%.5f Y%.5f Z%.5f" % tuple(renamed))
     return JobFrame(start, shift, lines, _top(job, named))
+
+
+def _named(job: Job, start_mm: tuple[float, float, float] | None) -> list[Renaming]:
+    """Return the job's renamings, behind the place of its checks where the job needs that."""
+    named = renamings(job.lines)
+    early = range(_first_move(job))
+    told = {axis for one in named if one.index in early for axis in one.declared}
+    places = any(one.declared or one.moved for one in named)
+    homes = any(code_of(line) == b"G28" for line in job.lines)
+    if start_mm is None or homes or told == set(_AXES) or not places:
+        return named
+    checked = b"G92 X%.5f Y%.5f Z%.5f" % start_mm
+    return [replace(one, index=one.index - 1) for one in renamings((checked, *job.lines))]
+
+
+def _first_move(job: Job) -> int:
+    return next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))
 
 
 def _declared(
@@ -98,15 +126,14 @@ def _declared(
     declaring = [one for one in named if one.declared]
     if not declaring:
         return None, ()
-    first = next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))
-    found: dict[str, float] = {}
+    first, found = _first_move(job), dict[str, float]()
     for one in declaring:
         found |= one.declared
         if one.index > first:
             _refuse(job, one, "tells where the tip stands, behind a move")
     if set(found) != set(_AXES):
         _refuse(job, declaring[-1], "tells where the tip stands, and not in all of X, Y and Z")
-    words = (job.lines[one.index].split(b" ") for one in declaring)
+    words = (one.line.split(b" ") for one in declaring)
     lines = tuple(b" ".join(word for word in line if word[:1] != b"E") for line in words)
     return (found["X"], found["Y"], found["Z"]), lines
 
@@ -116,7 +143,7 @@ def _shift(
 ) -> tuple[float, float, float]:
     total = dict.fromkeys(_AXES, 0.0)
     for one in named:
-        if one.moved and (start is None or code_of(job.lines[one.index]) != b"G92"):
+        if one.moved and (start is None or code_of(one.line) != b"G92"):
             _refuse(job, one, "calls a place otherwise that no line before the first move tells")
         for axis, mm in one.moved.items():
             total[axis] += mm
@@ -137,7 +164,7 @@ def _top(job: Job, named: Sequence[Renaming]) -> float:
 
 
 def _refuse(job: Job, one: Renaming, what: str) -> None:
-    text = job.lines[one.index].decode("ascii")
+    text = one.line.decode("ascii")
     raise LinkError(
         f"line {job.file_lines[one.index]} ({text}) {what}: nobody can tell after a loss of "
         "position where the rest of the job belongs; print the part anew, with a job whose first "

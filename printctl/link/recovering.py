@@ -68,6 +68,7 @@ def plan_recovery(
     retreat: Retreat,
     from_line: int | None = None,
     ul_per_mm: float | None = None,
+    start_mm: tuple[float, float, float] | None = None,
 ) -> Recovery:
     """Plan how to go on after the position was lost.
 
@@ -87,6 +88,8 @@ def plan_recovery(
         Line of the file to begin with instead.
     ul_per_mm : float, µL/mm, optional
         Ink of the plunger's travel; None where nobody knows the syringe.
+    start_mm : (x, y, z) or None, mm
+        Where the checks took the tip to stand before the first line (`Care.start_mm`).
 
     Raises
     ------
@@ -102,7 +105,7 @@ def plan_recovery(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
-    frame = frame_at(job, begin)
+    frame = frame_at(job, begin, start_mm)
     gcode = _way_in(job, found, printer, retreat, frame) + _rest(job, data, begin)
     steps = (
         *_by_hand(job, printer, frame.start),

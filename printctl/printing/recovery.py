@@ -64,8 +64,9 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
         raise PrintctlError(f"the print in {folder} was done; there is nothing to recover")
     retreat = Retreat(**record.retreat)
     try:
-        ink = _ul_per_mm(Care.from_dict(record.care))
-        return plan_recovery(job, path.read_bytes(), history, printer, retreat, from_line, ink)
+        care = Care.from_dict(record.care)
+        ink, data = _ul_per_mm(care), path.read_bytes()
+        return plan_recovery(job, data, history, printer, retreat, from_line, ink, care.start_mm)
     except NoCheckpoint:
         raise
     except LinkError as exc:  # nothing was sent, so it isn't the printer that failed

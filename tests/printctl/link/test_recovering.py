@@ -218,6 +218,26 @@ def test_a_homed_machines_job_may_name_the_place_it_is_at():
     assert plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line).start is None
 
 
+@pytest.mark.parametrize(
+    ("told", "late"),
+    [("G92 Z10 E0", ""), ("G92 X50 Y50 E0", ""), ("G92 E0", "G92 X12.5\n"), ("G92 Z7 E0", "")],
+)
+def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_checked(told, late):
+    data = DATA.replace(b"G92 X50 Y50 Z10 E0", told.encode())
+    data = data.replace(b";LAYER_END:0\n", b";LAYER_END:0\n" + late.encode())
+    job = parse_job(data, "test.gcode")
+    line = job.file_lines[job.marks.of(MarkKind.LAYER)[2].index]
+    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line, start_mm=START)
+    assert plan.start == START
+    whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    rest = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
+    before = len(parse_job(plan.gcode, "rest")) - (len(job) - plan.begin)
+    ours, foreseen = rows(rest, rest.line >= before), rows(whole, whole.line >= plan.begin)
+    np.testing.assert_allclose(ours, foreseen, atol=1e-4)
+    with pytest.raises(LinkError, match="nobody can tell after a loss of position"):
+        plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+
+
 @pytest.mark.parametrize("line", [1, 10_000])
 def test_line_outside_the_job_is_refused(line):
     with pytest.raises(LinkError, match="isn't between"):
