@@ -66,7 +66,8 @@ class PrintLoop:
                 parts.pauses.at_mark()
         others = self._progress.foreign_words()
         look = f"; {others}: look at the part" if others else ""
-        raise PrintEnded(LinkState.DONE, f"all {len(self._job)} lines done{look}")
+        message = f"all {len(self._job)} lines done{look}"
+        raise PrintEnded(LinkState.DONE, message, known=not others)
 
     def _begin(self) -> None:
         connect(self._channel)

@@ -67,7 +67,7 @@ class Standby:
         queue = RequestQueue()
         nothing = Interruption(wiring, self._logbook, queue, self._kill)
         as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)
-        self._events = StandbyEvents(self._logbook, self._halt, as_print)
+        self._events = StandbyEvents(self._logbook, self._halt, self._kill.asked, as_print)
         self._channel = Channel(wiring, self._logbook, self._kill, self._events, heard)
         self._gauges = Gauges(self._channel, [Gauge(one) for one in wiring.printer.watch])
         self._firmware = FirmwareCheck(self._channel, self._gauges)

@@ -20,6 +20,8 @@ class StandbyEvents:
     logbook : Logbook
     halt : threading.Event
         Set to end the move that goes on.
+    killed : threading.Event
+        Set once a halt of the firmware was asked for: what is written then has answers of its own.
     otherwise : EventHandler
         Handles the rest: a print's.
 
@@ -29,8 +31,15 @@ class StandbyEvents:
         What was read above its limit last, or what the printer complained of unasked.
     """
 
-    def __init__(self, logbook: Logbook, halt: threading.Event, otherwise: EventHandler) -> None:
-        self._logbook, self._halt, self._otherwise = logbook, halt, otherwise
+    def __init__(
+        self,
+        logbook: Logbook,
+        halt: threading.Event,
+        killed: threading.Event,
+        otherwise: EventHandler,
+    ) -> None:
+        self._logbook, self._halt, self._killed = logbook, halt, killed
+        self._otherwise = otherwise
         self._found = False
         self.trouble = ""
         self._always: dict[type, Callable[[Any], None]] = {
@@ -43,6 +52,7 @@ class StandbyEvents:
         self._once_found: dict[type, Callable[[Any], None]] = {
             said.Booted: self._on_booted,
             said.WasReset: self._on_reset,
+            said.Stray: self._on_stray,
             said.Silent: self._on_silent,
         }
 
@@ -110,6 +120,18 @@ class StandbyEvents:
             LinkState.POSITION_UNKNOWN,
             "the printer was reset: its position and its heaters' targets are gone; see what it "
             "stands in, then reconnect",
+            known=False,
+        )
+
+    def _on_stray(self, event: said.Stray) -> None:
+        if not event.foreign or self._killed.is_set():
+            self._otherwise.handle(event)
+            return
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"the printer gave {event.foreign} more answers than lines: another program or noise "
+            "wrote to it, and may have moved or renamed its place; see that nothing else "
+            "is connected and where the tip stands, then reconnect",
             known=False,
         )
 

@@ -1,0 +1,52 @@
+"""Lines that another program writes to a station's printer: its place is no longer known."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from printctl.link import LinkState
+from printctl.link.retreat import Retreat
+from printctl.printing.find import Order
+from printctl.station import StationState, connect
+from tests.printctl.link.fake_marlin import FakeMarlin, PtyPrinter, pty_printer, write_job
+from tests.printctl.station.test_kill import until
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def write_as_another(served: PtyPrinter, data: bytes) -> None:
+    port = os.open(served.name, os.O_RDWR | os.O_NOCTTY)
+    os.write(port, data)
+    os.close(port)
+
+
+def test_line_of_another_program_takes_a_standing_printers_place(folder, profile):
+    with pty_printer(FakeMarlin()) as served:
+        station = connect(profile, served.name, folder)
+        station.set_position(100, 100, 50)
+        assert station.status.position_trusted
+        write_as_another(served, b"G92 X0 Y0\n")
+        assert "another program or noise wrote to it" in until(station, StationState.HALTED)
+        assert not station.status.position_trusted
+        assert station.reconnect().state is StationState.READY
+        assert not station.status.position_trusted
+        station.close()
+
+
+def test_line_of_another_program_in_a_print_takes_the_place_too(folder, profile, tmp_path):
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        station = connect(profile, served.name, folder)
+        station.set_position(0, 0, 0)
+        job = tmp_path / "job.gcode"
+        write_job(job, 120)
+        order = Order(job, profile, "", tmp_path / "run", Retreat())
+        client = station.print(order)
+        assert served.held.wait(20)
+        write_as_another(served, b"G92 X0 Y0\n")
+        served.gate.set()
+        assert client.wait(60).state is LinkState.DONE
+        assert "another program" in until(station, StationState.HALTED)
+        assert not station.status.position_trusted
+        station.close()
