@@ -77,7 +77,8 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Job]]:
         (115200, first, "--marlin"),
         (250000, asked.marlin_fast, "--marlin-fast"),
     ):
-        yield f"speed {baud}", marlin_job(speed_rows, path, option, folder / str(baud), baud, moves)
+        more = (folder / str(baud), baud, moves, asked.repeats or 3, asked.board_speed)
+        yield f"speed {baud}", marlin_job(speed_rows, path, option, *more)
     for baud, path, option in (
         (115200, first, "--marlin"),
         (250000, asked.marlin_fast, "--marlin-fast"),
@@ -100,7 +101,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--marlin-fast", type=Path, help="ELF file, 250000 Bd")
     parser.add_argument("--klipper", type=Path, help="folder: klipper.elf, klippy/, python")
     parser.add_argument("--part", type=Path, help="G-code of a sliced part, for the dry run")
-    parser.add_argument("--board-speed", type=float, default=1.0, help="for the dry run's rows")
+    parser.add_argument("--board-speed", type=float, default=1.0, help="for dry run and lines/s")
     parser.add_argument("--quick", action="store_true", help="fewer runs, tries and files")
     parser.add_argument("--repeats", type=int, help="prints, tries or files of each row")
     parser.add_argument("--only", help="only jobs whose name contains this")
