@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -38,6 +38,10 @@ class Axes(BaseModel):
     y: Positive
     z: Positive
     e: Positive
+
+
+_MOVE_BYTES: Final = 26
+"""Of a short move, as it is sent, less the end that is withheld."""
 
 
 class Printer(Facts):
@@ -82,15 +86,17 @@ class Printer(Facts):
     advanced_ok: bool = False
     lines_in_flight: Literal[1, 2] = Field(
         default=1,
-        description="2: moves leave in pairs, where a slow adapter starves the planner. Only for "
-        "Marlin and its fork, which count lines.",
+        description="2: of two moves the second follows before the first is answered, where the "
+        "wire or a slow adapter starves the planner; whole, or but for its end where answers come "
+        "back sooner than a move takes to leave (host_turnaround_s). Only for Marlin and its fork, "
+        "which count lines.",
     )
     host_turnaround_s: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] = Field(
         default=0.001,
         description="From an answer's last byte to the next line's first: adapter, its driver and "
-        "the host. Only the dry run takes it. Measured: M400 sent many times to the standing "
-        "machine, the mean time to its ok, less 10 bits a byte both ways, less 0.2 ms for the "
-        "board. 1 ms is a Mega's own USB chip; an FTDI chip's latency timer is 16 ms where "
+        "the host. The dry run takes it, and lines_in_flight. Measured: M400 sent many times to "
+        "the standing machine, the mean time to its ok, less 10 bits a byte both ways, less 0.2 ms "
+        "for the board. 1 ms is a Mega's own USB chip; an FTDI chip's latency timer is 16 ms where "
         "nobody has set it.",
     )
     usb_ids: tuple[Annotated[str, Field(pattern="^[0-9a-f]{4}:[0-9a-f]{4}(:.+)?$")], ...] = Field(
@@ -175,6 +181,12 @@ class Printer(Facts):
     def streamed(self) -> bool:
         """Whether a host sends it a job's lines; else its own software loads the file."""
         return family_of(self).link is not None
+
+    @property
+    def withholds(self) -> bool:
+        """Whether the second of two lines in flight leaves but for its end (`marlin.pairing`)."""
+        line_s = _MOVE_BYTES * 10 / self.baud
+        return self.lines_in_flight == 2 and self.host_turnaround_s < line_s
 
     @property
     def pneumatic(self) -> Pneumatic | None:

@@ -77,7 +77,7 @@ def run_program(
         times.ok_s,
         times.board_s,
         times.pairs,
-        np.array([times.turnaround_s, 2 * times.byte_s]),
+        np.array([times.turnaround_s, 2 * times.byte_s, times.withheld_s]),
         extrudes,
         plan_s,
         Board().costs(),
@@ -157,8 +157,9 @@ def _feed(
     ----------
     out_s, ok_s, board_s, pairs
         As in `LineTimes`.
-    host_s : (2,) float64, s
-        The host's turnaround; two bytes, which the board's transmitter takes at once.
+    host_s : (3,) float64, s
+        The host's turnaround; two bytes, which the board's transmitter takes at once; the end of a
+        second line that is withheld.
     plan_s : (3,) float64, s
         For a block, its corner, and each trapezoid.
     costs : (5,) float64
@@ -171,7 +172,10 @@ def _feed(
         if out_s[i] > 0.0:
             answered = max(answered, now + answer)
             now = max(now, answered - host_s[1])
-            if along and pairs[i]:
+            if along and pairs[i] and host_s[2] > 0.0:
+                text = arrival + out_s[i] - host_s[2]
+                arrival = max(text, answered + host_s[0]) + host_s[2]
+            elif along and pairs[i]:
                 arrival += out_s[i]
                 along = False
             else:

@@ -36,6 +36,7 @@ _FINE_BAUD: Final = 57_600
 _LINE_S: Final = 0.06e-3
 _BYTE_S: Final = 15.5e-6
 _MOVE_S: Final = 0.34e-3
+WITHHELD_BYTES: Final = 2
 _BESIDE_PAIR_BYTES: Final = 60
 """Receive buffer kept free beside a pair, at the least (`families.marlin.pairing`)."""
 
@@ -58,6 +59,9 @@ class LineTimes:
     board_s : the processor's, without the planner's.
     pairs : (n,) bool
         Rows whose line may leave together with the next or the last.
+    withheld_s : float, s
+        Of the second of two lines, the end that leaves once the first is answered; 0 where both
+        leave whole, and the next with the answer to both.
     byte_s : float, s
     turnaround_s : float, s
         From an answer's last byte to the next line's first.
@@ -69,6 +73,7 @@ class LineTimes:
     pairs: NDArray[np.bool_]
     byte_s: float
     turnaround_s: float
+    withheld_s: float = 0.0
 
 
 def byte_seconds(printer: Printer) -> float:
@@ -108,6 +113,7 @@ def line_times(program: Program, gcode: bytes, printer: Printer, in_flight: int)
         pairs=plain & fits & (in_flight > 1),
         byte_s=byte_s,
         turnaround_s=printer.host_turnaround_s,
+        withheld_s=WITHHELD_BYTES * byte_s if printer.withholds and in_flight > 1 else 0.0,
     )
 
 

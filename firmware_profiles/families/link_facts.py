@@ -18,6 +18,8 @@ class LinkSetup:
     timing : Timing
     lines_in_flight : int
         1, or 2 where two lines may leave together.
+    withholds : bool
+        Whether the second of them leaves but for its end.
     receive_buffer_bytes : int
         Of the board.
     places : callable
@@ -28,6 +30,7 @@ class LinkSetup:
     lines_in_flight: int
     receive_buffer_bytes: int
     places: Places
+    withholds: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -68,7 +68,9 @@ def protocol_for(printer: Printer, quiet_s: float, care: Care | None = None) -> 
             timing = replace(timing, silent_limit_s=seconds)
         else:
             timing = replace(timing, busy_limit_s=seconds)
-    setup = LinkSetup(timing, printer.lines_in_flight, printer.receive_buffer_bytes, places)
+    setup = LinkSetup(
+        timing, printer.lines_in_flight, printer.receive_buffer_bytes, places, printer.withholds
+    )
     return facts.make_protocol(setup)
 
 

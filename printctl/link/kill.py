@@ -13,6 +13,8 @@ from printctl.link.halting import Halting, halting_of
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
+KILL_AGAIN_S: Final = 0.02
+"""A line that was cut short or lacks its end is refused, and the first M112 behind it dropped."""
 KILL_REPEAT_S: Final = 0.2
 KILL_ATTEMPTS: Final = 10
 KILL_WAIT_S: Final = 4.0
@@ -71,8 +73,8 @@ class Kill:
         asked = self._left = wiring.clock.now()
         self.asked.set()
         halting = self.halting
-        halts = ((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS
-        for attempt, (data, wait_s) in enumerate(halting.first + halts):
+        halts = ((halting.last, KILL_AGAIN_S), *((halting.last, KILL_REPEAT_S),) * KILL_ATTEMPTS)
+        for attempt, (data, wait_s) in enumerate((*halting.first, *halts)):
             with contextlib.suppress(PortLost):  # it may be full: the wire's end is found elsewhere
                 wiring.transport.write_urgent(data)
                 self._sent |= data == halting.last

@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import RENUMBER, Doubt, Goal, Phase
+from firmware_profiles.families.marlin.doubt import RENUMBER, Goal, Phase
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
@@ -30,17 +30,6 @@ class Doubting:
 
     def __init__(self, state: LineState, sender: Sender) -> None:
         self._state, self._sender = state, sender
-
-    def begin(self, goal: Goal, now: float) -> None:
-        """Believe no ok, and wait until nothing is under way."""
-        state = self._state
-        state.fast = False
-        state.tokens.doubt()
-        state.alone_until = state.number + state.timing.calm_lines
-        state.goal, state.phase = goal, Phase.DRAIN
-        flights = (state.flight,) if state.second is None else (state.flight, state.second)
-        state.doubt = Doubt(now, state.number + 1, flights, state.wording.two_resends)
-        state.deadline = now + state.timing.quiet_s
 
     def hear(self, reply: Reply, now: float) -> None:
         """Take one line from the printer while in doubt."""
@@ -124,6 +113,8 @@ class Doubting:
             state.end(said.WasReset(), events)
         elif taken == 0 and not flying:
             self.arrive(events)
+            if state.controls or not state.held:
+                self._sender.send_next(now)
         elif taken == 0:
             self._send_again(now, events)
         elif 0 < taken <= flying:
@@ -230,6 +221,6 @@ class Doubting:
     def silence(self, now: float, events: list[Event]) -> None:
         """Doubt the line in flight, and ask at once."""
         state = self._state
-        self.begin(Goal.GO_ON, now)
+        state.begin_doubt(Goal.GO_ON, now)
         state.doubt.by_silence = True
         self.ask_now(now, events)

@@ -39,8 +39,8 @@ TIMEOUT: Final = IdleTimeout("M85", "", "M85 S600")
 
 def make_protocol(setup: LinkSetup) -> LinkProtocol:
     """Make the state machine, with one line in flight or two."""
-    two = setup.lines_in_flight == 2
-    return MarlinProtocol(setup.timing, Pairing(setup.receive_buffer_bytes) if two else None)
+    pairing = Pairing(setup.receive_buffer_bytes, setup.withholds)
+    return MarlinProtocol(setup.timing, pairing if setup.lines_in_flight == 2 else None)
 
 
 def _m302(words: Mapping[str, float]) -> int:

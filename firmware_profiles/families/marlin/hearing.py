@@ -35,7 +35,8 @@ class Hearing:
             self.hear(reply, now, events)
         if (waited or forbidden) and not state.rest:
             state.waits = False
-            if state.phase is Phase.READY and (state.controls or not state.held):
+            kept = state.second is not None or state.controls or not state.held
+            if state.phase is Phase.READY and kept:
                 self._sender.send_next(now)
 
     def hear(self, reply: Reply, now: float, events: list[Event]) -> None:
@@ -98,7 +99,7 @@ class Hearing:
     def _hold_at_surplus(self, foreign: int, events: list[Event]) -> None:
         """Hold the job: an ok came that answers none of the host's lines."""
         events.append(said.Stray(self._state.number, foreign))
-        self._state.held = True
+        self._state.hold()
 
     def _is_foreign(self, reply: Reply) -> bool:
         """Whether an ok answers a line without a number; the host's have one (ADVANCED_OK)."""
@@ -158,7 +159,7 @@ class Hearing:
         state = self._state
         if reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
-        self._doubting.begin(Goal.GO_ON, now)
+        state.begin_doubt(Goal.GO_ON, now)
         if reply.kind is Kind.ERROR and reply.number < 0:
             state.doubt.error = reply.words
         self._doubting.hear(reply, now)

@@ -70,7 +70,7 @@ class MarlinProtocol:
         self._doubting = Doubting(self.state, self._sender)
         self._hearing = Hearing(self.state, self._sender, self._doubting)
         self._on_time = {
-            Phase.READY: self._sender.send_token,
+            Phase.READY: self._sender.prove,
             Phase.FLIGHT: self._doubting.silence,
             Phase.DRAIN: self._doubting.ask_now,
             Phase.ASK: self._doubting.unanswered,
@@ -134,7 +134,7 @@ class MarlinProtocol:
     @property
     def idle(self) -> bool:
         """Nothing is in flight and nothing is being asked."""
-        return self.state.phase is Phase.READY
+        return self.state.phase is Phase.READY and self.state.second is None
 
     @property
     def line_errors(self) -> int:
@@ -156,11 +156,11 @@ class MarlinProtocol:
     def renumber(self, now: float) -> None:
         """Set the printer's last line to 0; `InStep` follows, or an error event."""
         self.state.out.append(RENUMBER)
-        self._doubting.begin(Goal.RENUMBER, now)
+        self.state.begin_doubt(Goal.RENUMBER, now)
 
     def ask(self, now: float) -> None:
         """Ask which line was taken last; `InStep` follows, or an error event."""
-        self._doubting.begin(Goal.GO_ON if self.state.numbered else Goal.NUMBER, now)
+        self.state.begin_doubt(Goal.GO_ON if self.state.numbered else Goal.NUMBER, now)
 
     def confirm(self, now: float) -> None:
         """Have a token come back from behind all that was sent; `InStep` follows."""
@@ -180,6 +180,7 @@ class MarlinProtocol:
         if any(line and _ARC.match(line) for line in (state.flight, state.second)):
             state.held, state.fast = True, False
             return False
+        self._sender.let_second_go()
         state.out.append(b"\n%b\n" % b"\n".join(commands))
         state.tokens.expect(len(commands))
         state.behind_moves = b"\n%b\n" % commands[-1] if again else b""

@@ -6,7 +6,7 @@ import math
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import Phase
+from firmware_profiles.families.marlin.doubt import Goal, Phase
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.marlin.state import LineState
@@ -30,19 +30,14 @@ class Sender:
         state.said, state.complaint = [], ""
         state.fast = False
         if state.second is not None:  # it is in flight already
-            state.flight, state.flight_frame = state.second, state.second_frame
-            state.second = None
-            self._await_ok(now)
-            state.fast = not (state.rest or state.tokens.suspect)
+            self._go_on_with_second(now)
             return
         if state.controls and not state.waits:
             state.flight, state.flight_control = state.controls.popleft(), True
         elif not state.held and not state.waits and state.lines_done < state.limit:
             state.flight, state.flight_control = state.lines[state.lines_done], False
         else:
-            state.flight, state.phase = None, Phase.READY
-            # whatever comes behind a token ends the line that a read has cut
-            state.deadline = now + state.timing.whole_s if self._is_kept else math.inf
+            self._rest(now)
             return
         state.behind_job = not state.flight_control
         state.flight_frame = frame(state.number + 1, state.flight)
@@ -52,11 +47,50 @@ class Sender:
         self.fly(now)
         state.fast = clear and not state.rest
 
+    def _rest(self, now: float) -> None:
+        """Send nothing for now."""
+        state = self._state
+        state.flight, state.phase = None, Phase.READY
+        # whatever comes behind a token ends the line that a read has cut
+        state.deadline = now + state.timing.whole_s if self._is_kept else math.inf
+
+    def _go_on_with_second(self, now: float) -> None:
+        """Let the second line be the one in flight, and another follow where that is allowed."""
+        state = self._state
+        if state.refusing:
+            state.flight = None
+            state.begin_doubt(Goal.GO_ON, now)
+            return
+        if state.withheld and state.waits:
+            self._rest(now)
+            return
+        state.flight, state.flight_frame = state.second, state.second_frame
+        state.second = None
+        if state.withheld:
+            state.out.append(state.withheld)
+            state.withheld, state.flight_control, state.behind_job = b"", False, True
+            may = not (state.controls or state.held or state.tokens.suspect)
+            if state.pairing is not None and state.flight is not None and may:
+                self._take_along(state.pairing, state.flight)
+                self._write_second()
+        self._await_ok(now)
+        state.fast = not (state.rest or state.tokens.suspect)
+
+    def let_second_go(self) -> None:
+        """Write the rest of the second line, unless it is to be refused."""
+        state = self._state
+        if state.refusing:
+            state.refuse_second()
+        elif state.withheld:
+            state.out.append(state.withheld)
+            state.withheld = b""
+
     @property
     def _is_kept(self) -> bool:
         """Whether something would leave, were a line from the printer not cut by a read."""
         state = self._state
-        more = bool(state.controls) or (not state.held and state.lines_done < state.limit)
+        more = state.second is not None or bool(state.controls)
+        more = more or (not state.held and state.lines_done < state.limit)
         return more and bool(state.rest)
 
     def _take_along(self, pairing: Pairing, first: bytes) -> None:
@@ -68,14 +102,20 @@ class Sender:
             framed = frame(state.number + 2, second)
             if pairing.allows(first, second, len(state.flight_frame) + len(framed)):
                 state.second, state.second_frame = second, framed
+                count = pairing.withheld(framed)
+                state.withheld = framed[-count:] if count else b""
 
     def fly(self, now: float) -> None:
         """Write what is in flight, in one piece."""
         state = self._state
         state.out.append(state.flight_frame)
-        if state.second is not None:
-            state.out.append(state.second_frame)
+        self._write_second()
         self._await_ok(now)
+
+    def _write_second(self) -> None:
+        state = self._state
+        if state.second is not None:
+            state.out.append(state.second_frame.removesuffix(state.withheld))
 
     def _await_ok(self, now: float) -> None:
         state = self._state
@@ -130,6 +170,11 @@ class Sender:
             self.send_next(now)
         else:
             self.send_token(now, events)
+
+    def prove(self, now: float, events: list[Event]) -> None:
+        """Send a token with nothing in flight; a line without its end goes again later."""
+        self._state.refuse_second()
+        self.send_token(now, events)
 
     def send_token(self, now: float, events: list[Event]) -> None:
         """Send a token, unless so many were lost that the firmware can't know them."""

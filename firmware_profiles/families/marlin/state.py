@@ -74,6 +74,10 @@ class LineState:
         Whether the line that left last is the job's.
     second, second_frame : bytes or None, bytes
         In flight behind it.
+    withheld : bytes
+        End of the second's frame that hasn't left yet; without it the printer refuses the line.
+    refusing : bool
+        Whether the second is to be refused, not run: an error came that answers a line before it.
     awaiting : (int, bytes) or None
         A control command that was taken; its answer is still to come.
     fast : bool
@@ -121,6 +125,8 @@ class LineState:
     behind_job: bool = False
     second: bytes | None = None
     second_frame: bytes = b""
+    withheld: bytes = b""
+    refusing: bool = False
     awaiting: tuple[int, bytes] | None = None
     fast: bool = False
     waits: bool = False
@@ -136,10 +142,31 @@ class LineState:
 
     def fault(self, text: str) -> Fault:
         """Hold the job: nothing more of it leaves until somebody has looked at the fault."""
-        self.held = True
+        self.hold()
         in_job = self.flight is not None and not self.flight_control
         answers = in_job or (self.flight is None and self.waits and self.behind_job)
         return Fault(text, self.lines_done + in_job, answers)
+
+    def hold(self) -> None:
+        """Let no line of the job go on, nor one whose end hasn't left yet."""
+        self.held, self.refusing = True, bool(self.withheld)
+
+    def refuse_second(self) -> None:
+        """Have the printer refuse a line whose end hasn't left yet: end it, its checksum wrong."""
+        if self.withheld:
+            self.out.append(b"\n")
+            self.second, self.withheld, self.refusing = None, b"", False
+
+    def begin_doubt(self, goal: Goal, now: float) -> None:
+        """Believe no ok, and wait until nothing is under way."""
+        self.refuse_second()
+        self.fast = False
+        self.tokens.doubt()
+        self.alone_until = self.number + self.timing.calm_lines
+        self.goal, self.phase = goal, Phase.DRAIN
+        flights = (self.flight,) if self.second is None else (self.flight, self.second)
+        self.doubt = Doubt(now, self.number + 1, flights, self.wording.two_resends)
+        self.deadline = now + self.timing.quiet_s
 
     def end(self, event: Event, events: list[Event]) -> None:
         """Take no further part."""

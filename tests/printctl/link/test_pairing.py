@@ -195,7 +195,8 @@ def test_control_command_flies_alone_after_both():
 def test_profile_chooses_and_families_without_a_count_refuse(tmp_path):
     facts = load(Printer, "generic_marlin")
     assert protocol_for(facts, 0.05).state.pairing is None
-    two = protocol_for(facts.model_copy(update={"lines_in_flight": 2}), 0.25)
+    slow = {"lines_in_flight": 2, "host_turnaround_s": 0.016}
+    two = protocol_for(facts.model_copy(update=slow), 0.25)
     assert (two.state.pairing, two.timing.quiet_s) == (Pairing(128), 0.25)
     klipper = load(Printer, "klipper_bioprinter")
     assert isinstance(protocol_for(klipper, 0.05), KlipperProtocol)
