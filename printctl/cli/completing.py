@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any, Final, NamedTuple
 
-PROFILES: Final = {
+PROFILES: Final[dict[str, str]] = {
     "--bath": "Bath",
     "--dish": "Dish",
     "--ink": "Ink",
@@ -20,7 +20,7 @@ PROFILES: Final = {
     "--profile": "Printer",
     "--syringe": "Syringe",
 }
-"""Kind of profile in `firmware_profiles`, by the option that names one; loaded when completing."""
+"""Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""
 
 OTHERWISE: Final = {("flow", "--profile")}
 """Command and option that means another thing there: of the pulse, in this case."""
