@@ -18,7 +18,7 @@ from printctl.link.job import load_job
 from printctl.link.ports import SIMULATED
 from printctl.link.reach import alive
 from printctl.link.record import JOURNAL, RECORD, load_record
-from printctl.link.recovering import NoCheckpoint
+from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState, Status
 from printctl.printing.print_words import state_words

@@ -15,7 +15,8 @@ from printctl.link.job import load_job
 from printctl.link.journal import read_journal
 from printctl.link.reach import stays_alive
 from printctl.link.record import JOURNAL, load_record
-from printctl.link.recovering import NoCheckpoint, Recovery, plan_recovery
+from printctl.link.recovering import Recovery, plan_recovery
+from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 

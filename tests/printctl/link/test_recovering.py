@@ -10,8 +10,9 @@ from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
 from printctl.link.journal import History, read_journal
+from printctl.link.made import surely_moved
 from printctl.link.marks import MarkKind
-from printctl.link.recovering import Recovery, plan_recovery, surely_moved
+from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from sim.dryrun import dry_run

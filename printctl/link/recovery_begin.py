@@ -1,0 +1,119 @@
+"""Line of a job at which its rest begins, after the printer has lost its position."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+
+from firmware_profiles import Printer
+from printctl.link.errors import LinkError
+from printctl.link.job import Job
+from printctl.link.journal import History, Record
+from printctl.link.made import surely_moved
+from printctl.link.modal import Modal, modal_state, relieved_mm
+
+
+class NoCheckpoint(LinkError):  # noqa: N818
+    """The journal doesn't tell where to begin: a person must."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Where the rest begins.
+
+    Attributes
+    ----------
+    index : int
+        Command lines left out.
+    why : str
+    at : Modal
+        Where needle and plunger were.
+    relieved_mm : float
+        How far the job itself had drawn the plunger back there.
+    stood : str
+        What is told of a stop whose place in the job was found; else empty.
+    """
+
+    index: int
+    why: str
+    at: Modal
+    relieved_mm: float
+    stood: str = ""
+
+
+def _where_it_stood(job: Job, stood: Record) -> Beginning:
+    """Go on with the line in whose middle a printer was stopped, or with one that is surely open.
+
+    Raises
+    ------
+    LinkError
+        Where no line is left.
+    """
+    index = int(stood["line"])
+    if index >= len(job):
+        raise LinkError("every line of the job was made before the print was stopped")
+    at, relieved = modal_state(job.lines, index), relieved_mm(job.lines, index)
+    line = job.file_lines[index]
+    if stood["dropped"]:
+        relieved = 0.0
+    if stood["begin_at"] is not None:
+        at = Modal(**stood["begin_at"])
+    if stood["certain"] and stood["begin_at"] is None:
+        told = f"All lines before line {line} were made, and none after: nothing is written twice."
+    elif stood["certain"]:
+        told = (
+            f"The printer was stopped at X{at.x:g} Y{at.y:g} Z{at.z:g}, on its way of line {line}: "
+            "the file goes on with the rest of that line, so nothing is left out or written twice."
+        )
+    else:
+        told = (
+            f"The printer was stopped where more than one line passes, or at a place that the "
+            f"journal can't tell exactly; line {line} is the first that may not have been made. "
+            "Nothing is left out, but what follows may be written already: look at the part."
+        )
+    return Beginning(index, "where it was stopped", at, relieved, told)
+
+
+def beginning(job: Job, history: History, printer: Printer, from_line: int | None) -> Beginning:
+    """Find where the rest begins: as asked, where the printer stood, or behind a sure checkpoint.
+
+    Raises
+    ------
+    NoCheckpoint
+        When there is none, and no line was given.
+    LinkError
+        When no line is left, or the one that was given isn't the job's.
+    """
+    if from_line is None and history.stood is not None:
+        return _where_it_stood(job, history.stood)
+    index, why = _line_to_begin(job, history, printer, from_line)
+    return Beginning(index, why, modal_state(job.lines, index), relieved_mm(job.lines, index))
+
+
+def _line_to_begin(
+    job: Job, history: History, printer: Printer, from_line: int | None
+) -> tuple[int, str]:
+    if from_line is not None:
+        begin = bisect_left(job.file_lines, from_line)
+        if not 0 < begin < len(job):
+            raise LinkError(f"line {from_line} isn't between the job's first line and its last")
+        return begin, "as asked"
+    refused = _refused(history)
+    if refused is not None:
+        return refused, "the printer refused it"
+    queued = printer.planner_blocks + printer.command_queue
+    sure = surely_moved(job.lines, history.done, queued)
+    for record in reversed(history.checkpoints):
+        if record["done"] <= sure and record["done"] < len(job):
+            return record["done"], f"checkpoint, {record['mark']}"
+    raise NoCheckpoint(
+        f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
+        "were surely made; look at the part and give --from-line"
+    )
+
+
+def _refused(history: History) -> int | None:
+    """Lines before the one that the printer refused, if all of those were surely made."""
+    end = history.end or {}
+    refused = end.get("refused")
+    return refused if refused and refused == end.get("made") else None
