@@ -72,16 +72,24 @@ def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
         sigma = min(1.4 * sigma, SOFTEST)
 
 
-def liquid_is_dark(signal: FloatVolume, light: FloatVolume, noise: float) -> bool:
+def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) -> bool:
     """Whether blocks of the share are of two classes, the lower darker than `BRIGHT`.
 
     Half of the gel's brightness is a threshold then.
+
+    Parameters
+    ----------
+    signal, light : (nz, ny, nx) float32
+        Without noise floor and glare, and what gel would send back.
+    floor : (nz, 1, 1) float32
+        The noise floor that was taken off, in the signal's measure.
     """
     size = blocks_of(signal)
-    ratio = bin_mean(np.clip(signal / light, -GLARE, GLARE), size, False, 0.0)
-    beam = bin_mean(light, size, False, 0.0)
-    lit = beam > max(LIT * float(np.percentile(beam, 99)), 4 * noise)
-    levels = split(ratio[lit].astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
+    back, beam = (bin_mean(one, size, False, 0.0) for one in (signal, light))
+    noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False, 0.0)
+    lit = beam > np.maximum(LIT * np.float32(np.percentile(beam, 99)), 4 * noise)
+    share = (back + noise)[lit] / beam[lit]
+    levels = split(share.astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
     return levels.two and levels.low < BRIGHT * levels.high
 
 

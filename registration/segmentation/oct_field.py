@@ -30,6 +30,7 @@ from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
+from registration.segmentation.response import depth_response
 from registration.segmentation.speckle_cap import cap_shift, looks_of
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
@@ -85,18 +86,23 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
     dull = without_glare(signal, step)
+    response = depth_response(dull, noise, working, scan.depth_down)[:, None, None]
+    signal /= response
+    dull /= response
     light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
     light = evened(dull, light, working)
     both = None
-    if not liquid_is_dark(dull + np.float32(noise), light, noise):
-        both = _two_media(dull + np.float32(noise), working, scan.depth_down)
+    if not liquid_is_dark(dull, light, noise / response):
+        both = _two_media(dull * response + np.float32(noise), working, scan.depth_down)
     if both is None:
         sides, bright, looks = _sides(dull, light), 0.0, 1.0
         _, fy, fx = _coarse(working, signal)
         share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+        signal *= response  # as it came back, to be held against the noise
     else:
         sides, bright = both.sides, both.liquid
+        signal *= response
         signal += np.float32(noise)
         noise = 0.0
         looks = looks_of(signal / both.light, sides.gel)

@@ -111,7 +111,9 @@ def scan_errors(
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
     cut = CUT_PART * field.cut_mm
     # A reflection as bright as gel is more than the step from bright liquid.
-    faint, facing = (rectangular(one) / step for one in (field.faint_mm, field.facing_mm))
+    faint, facing = (
+        rectangular(one) / max(step, LEAST_STEP) for one in (field.faint_mm, field.facing_mm)
+    )
     if walls is not None:
         level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
         cut = 0.0
