@@ -110,10 +110,10 @@ def scan_errors(
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
     cut = CUT_PART * field.cut_mm
-    # A reflection as bright as gel is more than the step from bright liquid.
-    faint, facing = (
-        rectangular(one) / max(step, LEAST_STEP) for one in (field.faint_mm, field.facing_mm)
-    )
+    # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
+    # 2 / step times the correction.
+    reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1
+    faint, facing = (reach * rectangular(one) for one in (field.faint_mm, field.facing_mm))
     if walls is not None:
         level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
         cut = 0.0
