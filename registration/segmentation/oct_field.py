@@ -21,6 +21,7 @@ from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.bright_liquid import (
     TwoMedia,
+    floor_of,
     liquid_is_dark,
     sides_of,
     two_media,
@@ -103,8 +104,8 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     else:
         sides, bright = both.sides, both.liquid
         signal *= response
-        signal += np.float32(noise)
-        noise = 0.0
+        signal += np.float32(noise)  # which isn't noise
+        noise = floor_of(signal, both)
         looks = looks_of(signal / both.light, sides.gel)
         share, known = _share_of_step(signal, both), np.ones(signal.shape, dtype=np.bool_)
     del dull, light, both
