@@ -17,7 +17,7 @@ from registration.gauging.deviation import (
     within_curve,
 )
 from registration.geometry import Characteristic, Frame
-from registration.notes import contrast_notes, pose_notes, sight_notes, wall_notes
+from registration.notes import contrast_notes, pose_notes, sight_notes, step_notes, wall_notes
 from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -118,6 +118,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
             *pose_notes(scan, alignment),
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
+            *([] if options.walls else step_notes(segmentation.strength)),
             *wall_notes(options.walls, findings.vessels),
         ),
     )

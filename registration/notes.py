@@ -5,6 +5,8 @@ from __future__ import annotations
 from registration.alignment import AXES, Alignment
 from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
+from registration.segmentation import Strength
+from registration.uncertainty import LEAST_STEP
 from registration.walls_file import WallCalibration
 
 LEAST_EXAMINED = 0.98
@@ -80,6 +82,17 @@ def contrast_notes(contrast: ContrastGauge) -> list[str]:
             f"{level}; in the rest of it none could be told from chance."
         )
     return notes
+
+
+def step_notes(strength: Strength | None) -> list[str]:
+    """Whether liquid is too bright for diameters to have intervals."""
+    if strength is None or 1 - strength.dark >= LEAST_STEP:
+        return []
+    return [
+        f"Gel is {1 / strength.dark:.1f} times as bright as the liquid (needed: "
+        f"{1 / (1 - LEAST_STEP):g}), noise and haze included: errors of walls aren't known, so no "
+        "diameter has an interval and none is proven. A liquid that scatters less tells more."
+    ]
 
 
 def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) -> list[str]:

@@ -19,12 +19,20 @@ from numpy.typing import NDArray
 
 from registration.errors import SegmentationError
 from registration.scan import Scan
+from registration.segmentation.bright_liquid import (
+    TwoMedia,
+    floor_of,
+    liquid_is_dark,
+    sides_of,
+    two_media,
+)
 from registration.segmentation.even_light import evened, without_glare
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
+from registration.segmentation.speckle_cap import cap_shift, looks_of
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -56,6 +64,11 @@ CUT = 2.25
 filled in part lose less to the cap than gel does. Taken from the difference that the cap makes in
 nine scans of the shared generator (2.0 to 2.6; truth unused); the spectral one has 1.7 to 2.3, a
 third 2.1 to 2.5, in haze and noise 4.3."""
+QUIET = 6.0
+"""Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
+helps: half of it is 3, by which no speckle of a section's middle passes for gel."""
+SOFTEST = 2.0
+"""Times the usual smoothing, at most: more leaves nothing of a lumen."""
 DAZZLE = 1.15
 """Nor is it brighter than this, once its speckle is smoothed."""
 
@@ -80,29 +93,88 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
     light = evened(dull, light, working)
-    sides = _sides(dull, light)
-    del dull
-    _, fy, fx = _coarse(working, signal)
-    share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
-    share = without_lines(share, sides.gel, BRIGHTEST)
-    np.minimum(share, np.float32(BRIGHTEST), out=share)
+    both = None
+    if not liquid_is_dark(dull, light, noise / response):
+        both = _two_media(dull * response + np.float32(noise), working, scan.depth_down)
+    if both is None:
+        sides, bright, looks = _sides(dull, light), 0.0, 1.0
+        _, fy, fx = _coarse(working, signal)
+        share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+        signal *= response  # as it came back, to be held against the noise
+    else:
+        sides, bright = both.sides, both.liquid
+        signal *= response
+        signal += np.float32(noise)  # which isn't noise
+        noise = floor_of(signal, both)
+        looks = looks_of(signal / both.light, sides.gel)
+        share, known = _share_of_step(signal, both), np.ones(signal.shape, dtype=np.bool_)
+    del dull, light, both
+    most, dazzling = (np.float32((b - bright) / (1 - bright)) for b in (BRIGHTEST, DAZZLE))
+    share = without_lines(share, sides.gel, float(most))
+    np.minimum(share, most, out=share)
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.
-    values = np.minimum(working.smoothed(share, 0.6), np.float32(DAZZLE))
+    values = working.smoothed(share, 0.6)
+    if not bright:
+        np.minimum(values, dazzling, out=values)
     values = working.smoothed(values, 0.8)
-    del share, light
-    liquid, gel, factor = _levels(values, sides, known, working)
-    normalise(values, liquid, gel, factor)
-    contrast = _contrast(values, sides)
-    field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, working.blur_mm)
+    del share
+    dark = _normalised(values, sides, known, working)
+    contrast, blur_mm = _contrast(values, sides), working.blur_mm
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
     facing = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
-    field = replace(
-        field, faint_mm=facing, facing_mm=facing, cut_mm=cut_mm(working.blur_mm, contrast)
-    )
-    dark = float(np.median(liquid) / np.median(gel))
-    signal *= response  # as it came back, to be held against the noise
-    return field, contrast, Strength(signal, noise, dark)
+    cut = cut_mm(blur_mm, contrast)
+    if bright:
+        cut = float(cap_shift(looks, bright, BRIGHTEST) * np.cbrt(working.voxel_mm.prod()))
+        values, contrast, blur_mm = _softened(values, sides, contrast, working)
+    _refuse_flat(contrast)
+    field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)
+    field = replace(field, faint_mm=facing, facing_mm=facing, cut_mm=cut)
+    return field, contrast, Strength(signal, noise, bright or dark)
+
+
+def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMedia | None:
+    if depth_down:
+        return two_media(signal, working)
+    found = two_media(np.ascontiguousarray(signal[::-1]), working)
+    if found is None:
+        return None
+    sides = Sides(found.sides.gel[::-1], found.sides.liquid[::-1])
+    return replace(found, light=found.light[::-1], sides=sides)
+
+
+def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:
+    """Share of gel by the step from liquid to gel."""
+    share = signal / both.light
+    share -= np.float32(both.liquid)
+    share /= np.float32(1 - both.liquid)
+    return share
+
+
+def _normalised(values: FloatVolume, sides: Sides, known: Mask, working: Working) -> float:
+    """Map liquid to 0 and gel to 1, in place, by their local levels; return liquid over gel."""
+    liquid, gel, factor = _levels(values, sides, known, working)
+    normalise(values, liquid, gel, factor)
+    return float(np.median(liquid) / np.median(gel))
+
+
+def _softened(
+    values: FloatVolume, sides: Sides, contrast: float, working: Working
+) -> tuple[FloatVolume, float, float]:
+    """Smooth further until speckle leaves `QUIET`; return values, contrast and blur, mm.
+
+    Speckle falls as the 1.5th power of the blur. Levels are told anew from what is gel and liquid
+    then: what passes for either where speckle is strong is brighter, or darker, than all of it.
+    """
+    wanted = float(np.clip((QUIET / contrast) ** (2 / 3), 1.0, SOFTEST))
+    part = float(np.sqrt(wanted**2 - 1))
+    soft = working.smoothed(values, part)
+    for _ in range(2):
+        sides = sides_of(soft > 0.5)
+        _normalised(values, sides, np.ones(values.shape, dtype=np.bool_), working)
+        soft = working.smoothed(values, part)
+    blur = float(np.hypot(working.blur_mm, part * working.smoothing_mm))
+    return soft, _contrast(soft, sides), blur
 
 
 def cut_mm(blur_mm: float, contrast: float) -> float:
@@ -164,14 +236,16 @@ def _contrast(values: FloatVolume, sides: Sides) -> float:
     gel = chosen[sides.gel.ravel()[::every]].astype(np.float64)
     spread = 1.4826 * float(np.median(np.abs(gel - np.median(gel)))) if len(gel) else np.inf
     dark = float(np.median(probe(values)[probe(values) < 0.5])) if len(gel) else 1.0
-    contrast = (1.0 - dark) / max(spread, 1e-9)
+    return (1.0 - dark) / max(spread, 1e-9)
+
+
+def _refuse_flat(contrast: float) -> None:
     if not contrast >= LEAST_CONTRAST:
         raise SegmentationError(
             f"gel and liquid can't be told apart: their grey values differ by {contrast:.1f} "
             f"standard deviations of the gel (needed: {LEAST_CONTRAST:g}); check that the gel is "
             "the brighter, that scale is right, and the exposure"
         )
-    return contrast
 
 
 def _coarse(working: Working, values: FloatVolume) -> tuple[int, int, int]:

@@ -48,6 +48,11 @@ class Working:
         blur = float(np.sqrt(smoothing_mm**2 + np.mean(size**2) / 12))
         return Working(counts, smoothing_mm / size, size[::-1], origin, blur)
 
+    @property
+    def smoothing_mm(self) -> float:
+        """Standard deviation of the Gaussian, mm."""
+        return float(self.sigma[0] * self.voxel_mm[2])
+
     def binned(self, scan: Scan) -> FloatVolume:
         """Mean linear intensity on the working grid, read slab by slab."""
         return binned(scan, self.bins)

@@ -2,12 +2,13 @@
 
 from registration.uncertainty.budget import Budget, Term, coverage_factor, rectangular
 from registration.uncertainty.flow import pressure_interval
-from registration.uncertainty.scan_errors import BLUR_PART, ScanErrors, scan_errors
+from registration.uncertainty.scan_errors import BLUR_PART, LEAST_STEP, ScanErrors, scan_errors
 from registration.uncertainty.sections import SectionErrors, section_errors
 from registration.uncertainty.table import quantity, terms
 
 __all__ = [
     "BLUR_PART",
+    "LEAST_STEP",
     "Budget",
     "ScanErrors",
     "SectionErrors",

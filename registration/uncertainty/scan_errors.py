@@ -31,8 +31,9 @@ third generator with such a beam; the spectral one's upright faces show 0.043)."
 CUT_PART = 0.5
 """Relative standard uncertainty of what the cap on bright voxels moves walls by (`oct_field.CUT`):
 haze and noise double it (a third generator), real scatterers make it a tenth less."""
-LEAST_STEP = 0.25
-"""Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval)."""
+LEAST_STEP = 0.5
+"""Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval):
+lumens come out up to a tenth too wide there (shared generator, contrast 2)."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
 ROOT_TWO_PI = 2.5066
@@ -102,14 +103,17 @@ def scan_errors(
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
     bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
     from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that, GUM
-    4.3.7). A calibration of walls replaces all.
+    4.3.7), and more where the step is small. A calibration of walls replaces all.
     """
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
     cut = CUT_PART * field.cut_mm
-    faint, facing = rectangular(field.faint_mm), rectangular(field.facing_mm)
+    # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
+    # 2 / step times the correction.
+    reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1
+    faint, facing = (reach * rectangular(one) for one in (field.faint_mm, field.facing_mm))
     if walls is not None:
         level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
         cut = 0.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from registration.notes import step_notes
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import GelField, Strength
@@ -36,6 +37,19 @@ def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.0).facing_mm == pytest.approx(rectangular(0.006))
     assert shared(0.0).faint_mm == pytest.approx(rectangular(0.004))
     assert shared(0.0).cut_mm == pytest.approx(CUT_PART * 0.005)
+
+
+def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
+    assert shared(0.4).faint_mm == pytest.approx((2 / 0.6 - 1) * rectangular(0.004))
+    assert shared(0.4).facing_mm == pytest.approx((2 / 0.6 - 1) * rectangular(0.006))
+
+
+def test_a_note_tells_the_contrast_and_the_one_needed():
+    values = np.zeros((8, 8, 8), np.float32)
+    assert step_notes(None) == []
+    assert step_notes(Strength(values, 0.0, 0.4)) == []
+    (note,) = step_notes(Strength(values, 0.0, 0.625))
+    assert "1.6 times as bright as the liquid (needed: 2)" in note
 
 
 def test_without_contrast_no_wall_has_an_interval():

@@ -1,0 +1,57 @@
+"""Two classes of values, as of gel and liquid: the split by the middle of their means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+APART = 2.9
+"""Classes whose means lie so many of their standard deviations apart are two: one normal class
+split at its mean has halves 2.65 apart."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Two classes of an averaged share.
+
+    Attributes
+    ----------
+    low, high : float
+        Their means.
+    apart : float
+        Distance of the means over the classes' standard deviation.
+    """
+
+    low: float
+    high: float
+    apart: float
+
+    @property
+    def two(self) -> bool:
+        """Whether there are two classes at all."""
+        return self.apart >= APART
+
+    @property
+    def middle(self) -> float:
+        """Threshold between them."""
+        return (self.low + self.high) / 2
+
+
+def split(values: FloatArray) -> Levels:
+    """Split values into two classes at the middle of their means."""
+    level = float(values.mean())
+    for _ in range(100):
+        above = values > level
+        if above.all() or not above.any():
+            return Levels(level, level, 0.0)
+        low, high = float(values[~above].mean()), float(values[above].mean())
+        if abs((low + high) / 2 - level) < 1e-4 * high:
+            break
+        level = (low + high) / 2
+    spread = float(np.sqrt((values[~above].var() * (~above).sum() + values[above].var()
+                            * above.sum()) / len(values)))  # fmt: skip
+    return Levels(low, high, (high - low) / max(spread, 1e-9))

@@ -1,0 +1,77 @@
+"""Lumens whose liquid is nearly as bright as the gel around."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from registration.scan import Scan
+from registration.segmentation import segment
+from registration.segmentation.classes import split
+
+VOXEL_MM = (0.02, 0.035, 0.035)
+RADIUS_MM = 0.3
+MIDDLE_MM = np.array([1.0, 1.2])
+
+
+def scan(liquid: float, noise: float = 0.004, seed: int = 1) -> Scan:
+    """Return a block of gel with a round lumen along x, speckle of two looks, fading with depth."""
+    rng = np.random.default_rng(seed)
+    nz, ny, nx = 110, 70, 70
+    z = (np.arange(nz) * VOXEL_MM[0])[:, None, None]
+    y = (np.arange(ny) * VOXEL_MM[1])[None, :, None]
+    x = (np.arange(nx) * VOXEL_MM[2])[None, None, :]
+    aside = np.hypot(z - MIDDLE_MM[0], y - MIDDLE_MM[1])
+    gel = (aside > RADIUS_MM) & (z > 0.2) & (z < 1.9) & (abs(y - 1.2) < 1.0) & (abs(x - 1.2) < 1.0)
+    light = np.exp(-2 * np.cumsum(np.where(gel, 0.3, 0.03), axis=0) * VOXEL_MM[0])
+    power = np.where(gel, 1.0, liquid) * light + noise
+    volume = (power * rng.gamma(2.0, 0.5, power.shape)).astype(np.float32)
+    return Scan(
+        volume=volume,
+        voxel_mm=VOXEL_MM,
+        modality="oct",
+        scale="linear",
+        refractive_index=1.34,
+        optical_depth=False,
+        depth_down=True,
+        came_from=Path("made"),
+    )
+
+
+@pytest.mark.parametrize("liquid", [0.02, 0.33, 0.4, 0.5])
+def test_a_lumen_of_bright_liquid_has_its_diameter(liquid: float) -> None:
+    found = segment(scan(liquid))
+    z, y = found.vertices[:, 2] - MIDDLE_MM[0], found.vertices[:, 1] - MIDDLE_MM[1]
+    aside, along = np.hypot(z, y), np.abs(found.vertices[:, 0] - 1.2)
+    wall = (aside < 2 * RADIUS_MM) & (along < 0.8)
+    blur = found.field.blur_mm
+    measured = aside[wall].mean() + blur**2 / (2 * RADIUS_MM)
+    assert measured == pytest.approx(RADIUS_MM, abs=0.012)
+    assert np.abs(aside[wall] - np.median(aside[wall])).max() < 0.15
+
+
+def test_the_noise_floor_is_not_the_darkest_liquid() -> None:
+    found = segment(scan(0.4)).strength
+    assert found is not None
+    assert found.noise < 0.03
+    assert found.dark == pytest.approx(0.4, abs=0.05)
+
+
+def test_one_class_of_values_is_not_split_into_two() -> None:
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(1.0, 0.1, 10_000), rng.normal(0.4, 0.1, 10_000)
+    assert not split(one).two
+    assert split(np.concatenate([one, other])).two
+    assert split(np.concatenate([one, other])).middle == pytest.approx(0.7, abs=0.01)
+
+
+def test_a_scan_from_below_is_the_same_turned_round() -> None:
+    down = scan(0.4)
+    up = replace(down, volume=down.volume[::-1].copy(), depth_down=False)
+    one, other = segment(down).field, segment(up).field
+    assert one.blur_mm == pytest.approx(other.blur_mm, rel=0.05)
+    inside = np.s_[8:-8, 8:-8, 8:-8]
+    assert np.abs(one.values[inside] - other.values[::-1][inside]).mean() < 0.03
