@@ -55,12 +55,14 @@ FRESH = fresh_toolpath(DRILLED, FreshOptions(joint_mm=0))  # as for a pneumatic 
 
 
 def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
-    air, plunger = by_air(FRESH, 0.02), by_plunger(fresh_toolpath(DRILLED, FreshOptions()))
+    air, plunger = by_air(FRESH, 0.02), by_plunger(FRESH)
+    joined = by_plunger(fresh_toolpath(DRILLED, FreshOptions()))
     assert air.written_ul == pytest.approx(FRESH.written_ul, rel=0.02)
     assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.02)
     at = grid((60.2, 70.2, 20.06), (63.8, 72.8, 20.25))
     away = np.hypot(at[:, 0] - 62, at[:, 1] - 71.5)
-    for ink in (air, plunger):
+    assert filled(plunger, at[away < 0.42]).max() == 0
+    for ink in (air, joined):
         assert filled(ink, at[away < 0.42]).max() == 0
         assert filled(ink, at[away > 0.58]).mean() > 0.97
 
