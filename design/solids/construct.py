@@ -51,12 +51,13 @@ def solid_from_surface(vertices: NDArray[np.floating], faces: NDArray[np.integer
     triangles = index[np.asarray(faces)]
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
-    volume = to_manifold(merged, triangles, "the tissue's surface").volume()
+    manifold = to_manifold(merged, triangles, "the tissue's surface")
+    volume = manifold.volume()
     if volume <= 0:
         raise SolidError(
             f"the tissue's surface encloses {volume:g} mm³: it is inside out; reverse its faces"
         )
-    return solid_from_mesh(merged, triangles, "the tissue's surface")
+    return solid_from_mesh(merged, triangles, "the tissue's surface", manifold)
 
 
 def construct_solid(

@@ -59,8 +59,12 @@ def solid_from_manifold(manifold: Manifold, what: str) -> Solid:
     )
 
 
-def solid_from_mesh(vertices: FloatArray, faces: FaceArray, what: str) -> Solid:
+def solid_from_mesh(
+    vertices: FloatArray, faces: FaceArray, what: str, manifold: Manifold | None = None
+) -> Solid:
     """Round a closed mesh to float32; as it is where that leaves it closed.
+
+    ``manifold`` is the same mesh where it has been made already.
 
     Raises
     ------
@@ -70,6 +74,8 @@ def solid_from_mesh(vertices: FloatArray, faces: FaceArray, what: str) -> Solid:
     snapped, kept = snap_mesh(vertices, faces)
     if len(kept) and is_closed(kept):
         return Solid(snapped, kept.astype(np.int32))
+    if manifold is not None:
+        return solid_from_manifold(manifold, what)
     used, renumbered = np.unique(faces, return_inverse=True)
     return solid_from_manifold(to_manifold(vertices[used], renumbered.reshape(-1, 3), what), what)
 

@@ -27,6 +27,8 @@ from design.toolpath.toolpath import FloatArray
 #: Vertices nearer than this to the line through their neighbours are dropped, mm. Triangulated
 #: straight walls are cut into many collinear pieces.
 COLLINEAR_MM = 1e-4
+#: The same of sections: a fine mesh has points that no motor step of 12.5 µm could tell apart.
+SECTION_MM = 5e-4
 #: Sections beside the one at mid-layer, in layer heights: 0.56 of a round side's radius.
 BESIDE = 0.28
 #: By how much these are made smaller, over what a bead is wider than its rectangle, one side.
@@ -80,7 +82,7 @@ def layers(solid: Solid, layer_height_mm: float, inset_mm: float = 0.0) -> Itera
         )
     for index in range(count):
         middle = low + (index + 0.5) * layer_height_mm
-        material = body.slice(middle).simplify(COLLINEAR_MM)
+        material = body.slice(middle).simplify(SECTION_MM)
         if not material.is_empty():
             carved = _carved(body, material, middle, layer_height_mm, inset_mm)
             yield Layer(index, low + (index + 1) * layer_height_mm, material, carved, middle)
@@ -94,7 +96,7 @@ def _carved(
         hollow = _hollow(body.slice(middle + side * height))
         if not hollow.is_empty():
             material = material - hollow.offset(-BEHIND * inset, JoinType.Miter, 2.0)
-    return material.simplify(COLLINEAR_MM)
+    return material.simplify(SECTION_MM)
 
 
 def _hollow(section: CrossSection) -> CrossSection:

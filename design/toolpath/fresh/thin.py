@@ -23,6 +23,8 @@ BoolArray = NDArray[np.bool_]
 FINENESS = 4
 #: A line's width may differ by this part from one sample to the next before a point is spent on it.
 STEP = 0.02
+#: Lines in thin places shorter than so many widths aren't worth a start and a stop.
+SHORTEST = 0.75
 #: A place between walls no longer than so many widths gets a straight line,
 SHORT = 3.0
 #: if it fills so much of the narrowest box round it, and is no wider than so many widths.
@@ -126,13 +128,38 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
             continue
         rows = np.arange(fine.contours.offset[k], fine.contours.offset[k + 1])
         closed = bool(here[rows].all()) and len(rows) > 2
-        for run in [np.append(rows, rows[0])] if closed else _runs(rows, here[rows]):
-            for part in _unbroken(points[run], run, width_mm):
-                if len(part) > 1 and _length(points[part]) >= width_mm:
-                    keep = part[thinned(points[part], 2 * room[part], width_mm, closed=False)]
-                    lines.append(points[keep])
-                    widths.append(2 * room[keep])
+        runs = [np.append(rows, rows[0])] if closed else _runs(rows, here[rows])
+        parts = [part for run in runs for part in _unbroken(points[run], run, width_mm)]
+        for part in _linked(parts, points, width_mm):
+            if _length(points[part]) >= SHORTEST * width_mm:
+                keep = part[thinned(points[part], 2 * room[part], width_mm, closed=False)]
+                lines.append(points[keep])
+                widths.append(2 * room[keep])
     return gather(lines, widths, closed=False, role=Role.GAP)
+
+
+def _linked(parts: list[IntArray], points: FloatArray, width: float) -> list[IntArray]:
+    """Runs joined where one goes on as another.
+
+    The side that comes first changes where the ring begins, and the middle goes on from the other.
+    """
+    left, made = [part for part in parts if len(part)], []
+    while left:
+        run = left.pop()
+        for _ in range(2):  # at its end, then, turned round, at what was its begin
+            near = [
+                (float(np.hypot(*(points[other[end]] - points[run[-1]]))), k, end)
+                for k, other in enumerate(left)
+                for end in (0, -1)
+            ]
+            if near and min(near)[0] <= 0.5 * width:
+                _, k, end = min(near)
+                other = left.pop(k)
+                run = np.concatenate([run, other if end == 0 else other[::-1]])
+            run = run[::-1]
+        if len(run) > 1:
+            made.append(run)
+    return made
 
 
 def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray, FloatArray] | None:

@@ -84,8 +84,10 @@ def _gaps(
     region: CrossSection, covered: CrossSection, width_mm: float, least: float, *, between: bool
 ) -> Paths:
     """Lines in the places of ``region`` that are thinner than a line: those not ``covered``."""
-    left = region - covered
     half = 0.5 * least * width_mm
+    if region.area() - covered.area() < half * width_mm:
+        return join([])  # not even the shortest line that is worth it
+    left = region - covered
     core = left.offset(-0.98 * half, JoinType.Miter, 2.0)
     if core.is_empty():
         return join([])
